@@ -53,17 +53,14 @@ def check_joint_name(name: str) -> None:
 
 
 class FrameSpec(Spec):
-    """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``.
-
-    Args:
-        xyz: (3,) origin [m]: of ``base`` in the world, of ``tool`` in the flange.
-        rpy: (3,) roll, pitch, yaw [rad], about fixed axes.
-        free: whether it is to be found from the data; the word ``free`` alone starts at the identity.
-    """
+    """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``; ``free``: to be found from the data."""
 
     xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """(3,) origin [m]: of ``base`` in the world, of ``tool`` in the flange."""
     rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """(3,) roll, pitch, yaw [rad], about fixed axes in this order."""
     free: bool = False
+    """Whether the data decide; the numbers are then where a fit starts."""
 
     @model_validator(mode="before")
     @classmethod
@@ -92,27 +89,26 @@ class FrameSpec(Spec):
 class JointSpec(Spec):
     """One row of a Denavit-Hartenberg table, with the limits and the rigid link behind the joint.
 
-    Args:
-        a, d: lengths [m] of the convention of the robot's kind.
-        alpha, theta: angles [rad]; ``theta`` is added to the variable of a revolute joint, ``d`` to that of a
-            prismatic.
-        limits: (2,) lower and upper; angles of a revolute and lengths of a prismatic joint. A revolute joint may leave
-            them out (a turn either way).
-        mass: of the link behind the joint [kg]; NaN where it is left out.
-        com: (3,) centre of mass [m], frame behind the joint.
-        gear_ratio: motor turns per turn of the joint, not zero; NaN where it is left out.
+    ``limits`` are angles of a revolute and lengths of a prismatic joint; a revolute joint may leave them out
+    (a turn either way). ``com`` [m] is given in the frame behind the joint.
     """
 
     name: str
     type: Literal["revolute", "prismatic"] = "revolute"
     a: Length = 0.0
+    """Length along x [m]; where in the row it comes is the convention of the robot's kind, as of the next three."""
     alpha: Angle = 0.0
     d: Length = 0.0
     theta: Angle = 0.0
+    """Angle about z [rad], added to the variable of a revolute joint; ``d`` likewise to that of a prismatic one."""
     limits: Annotated[tuple[float, float], _LIMITS_SCHEMA] = Field(FULL_TURN, validate_default=True)
+    """(2,) lower and upper limit of the joint variable [rad or m]."""
     mass: Mass = math.nan
+    """Of the link behind the joint [kg]; NaN where it is left out, and gravity then says nothing of it."""
     com: tuple[Length, Length, Length] = (math.nan, math.nan, math.nan)
+    """(3,) centre of mass of that link [m], frame behind the joint."""
     gear_ratio: float = math.nan
+    """Motor turns per turn of the joint, not zero; NaN where it is left out."""
 
     @field_validator("name")
     @classmethod
@@ -172,19 +168,12 @@ class JointSpec(Spec):
 
 
 class RobotFormat(Spec):
-    """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``.
-
-    Args:
-        base, tool: ``T_world_base`` and ``T_flange_tool``.
-        payload: mass at the tool point [kg].
-        gravity: (3,) [m/s²], world.
-        corrections: parameter -> what is added to its nominal value.
-        shape: capsules for collision checks, in place of those of the format.
-    """
+    """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``."""
 
     base: FrameSpec = Field(FrameSpec(), description="base in the world; `free`: found from measurements")
     tool: FrameSpec = Field(FrameSpec(), description="tool point in the flange; `free`: found from measurements")
     payload: Mass = 0.0
+    """Mass at the tool point [kg]."""
     gravity: tuple[float, float, float] = Field((0.0, 0.0, -9.81), description="m/s², world")
     corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
     shape: ShapeSpec | None = Field(None, description="capsules that base, links and tool lie in, for collision checks")

@@ -21,16 +21,13 @@ class CapsuleSpec(Spec):
     """All points within ``radius`` of the segment from ``from`` to ``to``, in the frame behind ``joint``.
 
     That is the DH or MDH frame, or the child link of a URDF joint; ``base`` is at rest, ``tool`` is the tool frame.
-
-    Args:
-        joint: name of a joint, ``base`` or ``tool``.
-        start, end: (3,) [m], keys ``from`` and ``to``.
-        radius: [m], greater than zero.
     """
 
     joint: str
     start: tuple[Length, Length, Length] = Field(alias="from")
+    """(3,) [m], the key ``from``."""
     end: tuple[Length, Length, Length] = Field(alias="to")
+    """(3,) [m], the key ``to``."""
     radius: _Radius
 
     def capsule(self) -> Capsule:
