@@ -9,7 +9,7 @@
     └── SolverError            the solver failed, which is no proof  exit code 1
                                that the problem has no solution
 
-``BadValueError`` never leaves the program: what one entry cannot be, before its key and file are known.
+``BadValueError`` never leaves the program: it says what is wrong with one entry before its key and file are known.
 """
 
 from __future__ import annotations
@@ -20,14 +20,23 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 KeyPath = tuple[str | int, ...]
+"""Keys and list indices from the root of a file to an entry."""
 
 
 @dataclass(frozen=True)
 class Issue:
     """One thing wrong with the input, with everything that is known about its place.
 
-    ``key`` is the path of the entry in the file, e.g. ``("task", "direction")`` or
-    ``("robot", "joints", 0, "a")``; ``hint`` says what to write instead.
+    Args:
+        message: what is wrong, without the place.
+        key: path of the entry in the file, e.g. ``("task", "direction")`` or ``("robot", "joints", 0, "a")``.
+        value: what was given.
+        hint: what to write instead.
+        file: name of the file; ``line`` counts from 1, 0 where no line is known.
+
+    Example:
+        >>> print(Issue("the angle has no unit", ("joints", 0, "alpha"), 90, "write 90 deg", "arm.yaml", 7))
+        arm.yaml:7: joints[0].alpha: the angle has no unit – write 90 deg
     """
 
     message: str
@@ -38,10 +47,11 @@ class Issue:
     line: int = 0
 
     def __str__(self) -> str:
+        """``file:line: key: message – hint``, without the parts that are not known."""
         place = f"{self.file}:{self.line}: " if self.file and self.line else f"{self.file}: " if self.file else ""
         key = f"{key_text(self.key)}: " if self.key else ""
         hint = f" – {self.hint}" if self.hint else ""
-        return _printable(f"{place}{key}{self.message}{hint}")
+        return _escaped(f"{place}{key}{self.message}{hint}")
 
     def at(self, *prefix: str | int) -> Issue:
         """The same issue with ``prefix`` put before its key path."""
@@ -52,13 +62,18 @@ class Issue:
         return replace(self, file=file, line=self.line or line)
 
 
-def _printable(text: str) -> str:
-    """The text with ``\\x1b`` in place of what a terminal would obey, and of what it could not show."""
+def _escaped(text: str) -> str:
+    r"""The text with escapes such as ``\x1b`` in place of control characters, which terminals obey or hide."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def key_text(key: KeyPath) -> str:
-    """A key path as people write it: ``robot.joints[0].a``."""
+    """A key path as people write it.
+
+    Example:
+        >>> key_text(("robot", "joints", 0, "a"))
+        'robot.joints[0].a'
+    """
     text = ""
     for part in key:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
@@ -66,7 +81,9 @@ def key_text(key: KeyPath) -> str:
 
 
 def as_given(value: Any) -> str:
-    """A value of a file as people know it from there: ``'text'``, ``true``, ``a list of 3``."""
+    """A value of a file in the words of the file: ``'text'``, ``true``, ``a list of 3``; long texts are cut at 40
+    characters.
+    """
     if isinstance(value, list | tuple | Mapping):
         return "a mapping" if isinstance(value, Mapping) else f"a list of {len(value)}"
     if value is None or isinstance(value, bool):
@@ -79,6 +96,10 @@ class BadValueError(ValueError):
     """A value that an entry cannot have: what is wrong and how to fix it, as two fields.
 
     A ValueError, because validators have to raise one; it becomes an ``Issue`` where the key of the entry is known.
+
+    Args:
+        message: what is wrong.
+        hint: what to write instead; may be empty.
     """
 
     def __init__(self, message: str, hint: str = "") -> None:
@@ -92,13 +113,26 @@ class BadValueError(ValueError):
 
 
 class PostureOptError(Exception):
-    """Base of all errors raised on purpose; ``exit_code`` is what the command line returns."""
+    """Base of all errors raised on purpose; ``exit_code`` is what the command line returns.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> try:
+        ...     load_problem("insert_planar_2x")
+        ... except PostureOptError as error:
+        ...     print(error.exit_code)
+        2
+    """
 
     exit_code = 1
 
 
 class InputError(PostureOptError):
-    """Input that cannot be used; ``issues`` lists everything wrong with it, not only the first thing."""
+    """Input that cannot be used.
+
+    Args:
+        issues: everything wrong with it, not only the first thing; a plain text is one issue without a place.
+    """
 
     exit_code = 2
 
@@ -110,7 +144,12 @@ class InputError(PostureOptError):
 
 
 class NoSolutionError(PostureOptError):
-    """No posture meets the requirements; ``solution`` is the infeasible result with the reasons in words."""
+    """No posture meets the requirements.
+
+    Args:
+        message: which requirement fails, and by how much.
+        solution: the infeasible result with the reasons in words.
+    """
 
     exit_code = 3
 
@@ -126,11 +165,14 @@ class InsufficientDataError(PostureOptError):
 
 
 class SolverError(PostureOptError):
-    """The solver gave up although a feasible posture is known."""
+    """The solver failed although a feasible posture is known: no proof that the problem has no solution."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The known name written most like ``word``, case aside; empty where none is like it."""
+    """The known name written most like ``word``, case ignored; empty where none is like it.
+
+    Likeness is difflib's ratio, at least 0.6, its own default.
+    """
     by_lower = {name.lower(): name for name in known}
     found = difflib.get_close_matches(word.lower(), by_lower, 1, 0.6)
     return by_lower[found[0]] if found else ""
@@ -146,19 +188,29 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def either(names: Iterable[str]) -> str:
-    """``'a'``, or ``'a', 'b' or 'c'``."""
+    """Names as alternatives.
+
+    Example:
+        >>> either(["a", "b", "c"])
+        "'a', 'b' or 'c'"
+    """
     *others, last = [f"'{name}'" for name in names]
     return f"{', '.join(others)} or {last}" if others else last
 
 
 def one_of(word: str, known: Iterable[str], what: str = "one of") -> str:
-    """``did you mean 'x'? one of: x, y``: the nearest name where one is like ``word``, and all that are known."""
+    """The nearest name where one is like ``word``, and all that are known.
+
+    Example:
+        >>> one_of("elbo", ["shoulder", "elbow"])
+        "did you mean 'elbow'? one of: shoulder, elbow"
+    """
     names = list(known)
     name = nearest(word, names)
     return (f"did you mean '{name}'? " if name else "") + f"{what}: {listed(names)}"
 
 
 def listed(names: Iterable[str], most: int = 40) -> str:
-    """The first names of a list, as text."""
+    """The first ``most`` names of a list, as text, and how many there are where that is not all."""
     every = list(names)
     return ", ".join(every[:most]) + (f", … ({len(every)} in all)" if len(every) > most else "")

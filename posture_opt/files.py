@@ -1,5 +1,5 @@
 """Every file that is read is opened here: those that users name are found, or refused with a hint, and never read
-beyond a limit; those that travel with the package are texts.
+beyond a limit; those that are part of the package are texts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from posture_opt.errors import InputError, Issue, nearest
 
 
 def located(folder: Path, name: str) -> Path:
-    """The path of ``name``, relative to ``folder``; ``~`` is the home folder.
+    """The path of ``name``, relative to ``folder``; ``~`` is the home folder. Whether there is a file is not asked.
 
     Raises:
         InputError: no path can have this name.
@@ -31,7 +31,11 @@ def located(folder: Path, name: str) -> Path:
 
 
 def _check_name(name: str) -> None:
-    """Refuses what no file can be called, and names that reports could not write down."""
+    """Refuses a name that no file can have, or that a report could not write as UTF-8.
+
+    Raises:
+        InputError: a zero character, or bytes that are not UTF-8.
+    """
     if "\0" in name:
         raise InputError(Issue("the file name holds a character that no file name has", value=name))
     try:
@@ -41,17 +45,18 @@ def _check_name(name: str) -> None:
 
 
 def is_there(path: Path) -> bool:
-    """Whether something has this path; nothing has a path that none can be."""
-    return _status(path) is not None
+    """Whether something has this path; False also for names that no file can have."""
+    return _status_or_none(path) is not None
 
 
 def is_file(path: Path) -> bool:
-    """Whether this is the path of a regular file."""
-    status = _status(path)
+    """Whether this is the path of a regular file; links are followed."""
+    status = _status_or_none(path)
     return status is not None and stat.S_ISREG(status.st_mode)
 
 
-def _status(path: Path) -> os.stat_result | None:
+def _status_or_none(path: Path) -> os.stat_result | None:
+    """What the system says of a path; None where it cannot be asked."""
     try:
         return path.stat()
     except (OSError, ValueError):
@@ -68,7 +73,7 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
     """
     _check_name(str(path))
     try:
-        _check(path.stat(), most)
+        _check_file(path.stat(), most)
         with path.open("rb") as stream:
             yield stream
     except FileNotFoundError:
@@ -79,7 +84,12 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
         raise InputError(Issue(f"the file cannot be read ({error.strerror or error})")) from None
 
 
-def _check(status: os.stat_result, most: int) -> None:
+def _check_file(status: os.stat_result, most: int) -> None:
+    """Refuses what is not a regular file of at most ``most`` bytes.
+
+    Raises:
+        InputError: a folder, a device or a pipe, or a file that is too large.
+    """
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
         raise InputError(Issue(f"this is {kind}, not a file", hint="name a file"))
@@ -95,7 +105,7 @@ def content(path: Path, most: int) -> bytes:
     """
     with opened(path, most) as stream:
         found = stream.read(most + 1)
-    if len(found) > most:  # files of /proc tell no size
+    if len(found) > most:  # files of /proc have size 0
         raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
     return found
 
@@ -106,7 +116,7 @@ def naming(path: Path, error: InputError) -> InputError:
 
 
 def nearest_file(path: Path) -> str:
-    """The path beside ``path`` whose name is written most like its name; empty where none is like it."""
+    """The path in the folder of ``path`` whose name is written most like its name; empty where none is like it."""
     try:
         names = {entry.stem: entry.name for entry in path.parent.iterdir()}
     except (OSError, ValueError):
@@ -117,5 +127,10 @@ def nearest_file(path: Path) -> str:
 
 
 def packaged(package: str, *parts: str) -> str:
-    """A text that travels with the package: ``packaged("posture_opt.robot", "presets", "ur10.yaml")``."""
+    """A text that is part of the package: ``packaged("posture_opt.robot", "presets", "ur10.yaml")``.
+
+    Args:
+        package: dotted name of the package that has the file.
+        parts: folders below it, and the file.
+    """
     return files(package).joinpath(*parts).read_text(encoding="utf-8")

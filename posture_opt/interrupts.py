@@ -13,8 +13,10 @@ from contextlib import ContextDecorator, contextmanager
 from types import TracebackType
 from typing import Any
 
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
-_AGAIN = 0.05  # s; so soon an exception that was swallowed is raised again
+_SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
+"""Signals whose handlers may raise; those that a system lacks are skipped."""
+_RAISE_AGAIN_S = 0.05
+"""Period [s] after which an exception that was swallowed is raised again: unnoticed, yet time to clean up."""
 
 
 class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes of a function
@@ -28,6 +30,11 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
 
     Raises:
         KeyboardInterrupt: or whatever a handler raises.
+
+    Example:
+        >>> with interruptible():
+        ...     print("IPOPT runs here")
+        IPOPT runs here
     """
 
     def __init__(self) -> None:
@@ -37,18 +44,19 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
         self._sending = threading.Lock()
 
     def _recreate_cm(self) -> interruptible:
+        """A new one for each call of a decorated function: it holds the state of one body."""
         return interruptible()
 
     def __enter__(self) -> None:
         if threading.current_thread() is not threading.main_thread():
             return
-        handlers = {number: signal.getsignal(number) for number in _numbers()}
+        handlers = {number: signal.getsignal(number) for number in _signal_numbers()}
         if any(isinstance(getattr(handler, "__self__", None), interruptible) for handler in handlers.values()):
             return
         self._stderr = sys.stderr
         self._former = {number: handler for number, handler in handlers.items() if callable(handler)}
         for number in self._former:
-            signal.signal(number, self._handle)
+            signal.signal(number, self._handle_signal)
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._over = True  # first of all: from here on, no handler raises
@@ -61,8 +69,8 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
             if error is not self._raised:
                 raise self._raised from None  # swallowed, or another error that follows from it
 
-    def _handle(self, number: int, frame: Any) -> None:
-        """In place of the former handlers."""
+    def _handle_signal(self, number: int, frame: Any) -> None:
+        """In place of the former handlers: calls the former one, and keeps raising what that has raised."""
         if self._raised is not None:
             if not (self._over or self._on_its_way()):
                 raise self._raised
@@ -79,17 +87,18 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
             raise
 
     def _on_its_way(self) -> bool:
-        """Whether what was interrupted is handling the exception: in a ``finally``, say, which is to have its time."""
+        """Whether the interrupted code is handling the exception, in a ``finally`` say, and must have time to end."""
         error = sys.exception()
         while error is not None and error is not self._raised:
             error = error.__context__
         return error is not None
 
     def _send_again(self, number: int) -> None:
+        """Sends the signal to the main thread again and again until the body is over; runs in a thread of its own."""
         main = threading.main_thread().ident
         assert main is not None
         while True:
-            time.sleep(_AGAIN)
+            time.sleep(_RAISE_AGAIN_S)
             with self._sending:
                 if self._over:
                     return
@@ -101,7 +110,7 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Handlers of signals wait until the block, a short one, has ended.
+    """Handlers of signals wait until the block, a short one, has ended; what arrived meanwhile is handled then.
 
     A mask of the main thread would not do: another thread takes the signal then, and the main one runs its handler.
     """
@@ -109,7 +118,7 @@ def undisturbed() -> Iterator[None]:
         yield
         return
     waiting: list[int] = []
-    handlers = {number: signal.getsignal(number) for number in _numbers()}
+    handlers = {number: signal.getsignal(number) for number in _signal_numbers()}
     former = {number: handler for number, handler in handlers.items() if callable(handler)}
     for number in former:
         signal.signal(number, lambda number, frame: waiting.append(number))
@@ -122,5 +131,6 @@ def undisturbed() -> Iterator[None]:
             former[number](number, None)
 
 
-def _numbers() -> list[int]:
-    return [int(getattr(signal, name)) for name in _SIGNALS if hasattr(signal, name)]
+def _signal_numbers() -> list[int]:
+    """Numbers of the signals in ``_SIGNAL_NAMES`` that this system has."""
+    return [int(getattr(signal, name)) for name in _SIGNAL_NAMES if hasattr(signal, name)]

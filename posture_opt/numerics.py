@@ -11,30 +11,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-"""Real numbers; the docstring of a function says which shape and unit."""
+"""Real numbers; the docstring of a function states which shape and unit."""
 Codes = NDArray[np.intp]
 """Whole numbers that index rows or name groups of them."""
 Mask = NDArray[np.bool_]
 """True where something holds."""
+TURN = 2 * math.pi
+"""One full turn [rad]."""
 Progress = Callable[[int, int], None]
-"""Is told how many of how many parts of a computation are done."""
+"""Receives ``(done, total)``: how many of how many parts of a computation are done."""
 
 
 def finite_or_none(value: float) -> float | None:
-    """The number, or None, which JSON writes as null, where it is infinite or NaN."""
+    """The number, or None, which JSON writes as null, where it is infinite or NaN.
+
+    Example:
+        >>> finite_or_none(0.5), finite_or_none(math.inf)
+        (0.5, None)
+    """
     return value if math.isfinite(value) else None
 
 
 class DerivedAgain:
     """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand.
 
-    CasADi's symbols do not travel: a process that gets one knows nothing of the others that it stands among.
+    CasADi's symbols cannot be sent to another process: there they would be unrelated to the symbols made there.
     """
 
     def __getstate__(self) -> dict[str, Any]:
+        """The attributes without those that a ``cached_property`` has filled."""
         kind = type(self)
         return {name: value for name, value in vars(self).items() if not _is_cached(kind, name)}
 
 
 def _is_cached(kind: type[Any], name: str) -> bool:
+    """Whether an attribute of a class is a ``cached_property``."""
     return isinstance(getattr(kind, name, None), cached_property)

@@ -1,4 +1,4 @@
-"""What leaves the program: JSON text, and folders whose files appear whole or not at all."""
+"""What is written for the user: JSON text, and folders whose files appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -21,12 +21,17 @@ from posture_opt.staging import PREFIX, clear_leftovers, exchanged, settle, stag
 
 
 def json_text(document: dict[str, Any]) -> str:
-    """A document as JSON text with the version of the program in front; numbers that JSON lacks become null."""
+    """A document as JSON text with the version of the program in front; numbers that JSON lacks become null.
+
+    Example:
+        >>> json_text({"sigma": math.nan}).splitlines()[-2]
+        '  "sigma": null'
+    """
     return json.dumps({"posture_opt": __version__, **finite(document)}, indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def finite(value: Any) -> Any:
-    """The same nested data with null in place of NaN and infinity."""
+    """The same nested data with null in place of NaN and infinity; keys become texts, tuples lists."""
     if isinstance(value, dict):
         return {str(key): finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -37,16 +42,22 @@ def finite(value: Any) -> Any:
 def write_folder(
     out: Path, files: Mapping[str, bytes], key: KeyPath = (), replaces: Collection[str] = frozenset()
 ) -> tuple[Path, ...]:
-    """Writes files, by name, into a folder: all of them in one step, or none. Their paths.
+    """Writes files, by name, into a folder: all of them in one step, or none.
 
-    The whole folder is prepared beside ``out`` and takes its place at once, other files of the folder included: who
-    looks finds what was there before or what is there now, also after a power cut. Where a folder cannot be exchanged
+    The whole folder is prepared next to ``out`` and takes its place at once, other files of the folder included: a
+    reader
+    finds what was there before or what is there now, also after a power cut. Where a folder cannot be exchanged
     (it has folders inside, is the working folder, a mount point or another user's; another system than Linux), the
-    files of ``replaces`` go first and the new ones come then, so that at no time two reports stand side by side.
+    files of ``replaces`` go first and the new ones come then, so that at no time two reports are there together.
 
     Args:
+        out: the folder; it and its parents are made where they are missing.
+        files: name -> content.
         key: what the user calls ``out``, for the message.
         replaces: names that, written by an earlier call and not changed since, are removed.
+
+    Returns:
+        The paths of the files, in their order.
 
     Raises:
         InputError: ``out`` cannot be written to, or has a file of such a name that this program did not write, or
@@ -54,18 +65,18 @@ def write_folder(
     """
     made = _missing_parents(out)
     try:
-        with _writing(out, key):
-            _check(out, key, files)
+        with _os_errors_as_issues(out, key):
+            _check_foreign(out, key, files)
             place = Path(os.path.realpath(out))
             place.parent.mkdir(parents=True, exist_ok=True)
             known = Manifest.of(place)
             gone = {name for name in known.names & {*files, *replaces} if known.lists(place / name)}
             listed = known.of_names(known.names - gone).joined(Manifest.listing(files))
-            whole = not place.exists() or _exchangeable(place)
+            whole = not place.exists() or _can_exchange(place)
             with staging(place.parent if whole else place) as prepared:
                 write_through(prepared, {**files, MANIFEST: listed.text.encode()})
                 with undisturbed():
-                    if not (whole and _put(prepared, place, gone)):
+                    if not (whole and _put_in_place(prepared, place, gone)):
                         _move_in(prepared, place, gone, known.joined(listed))
                     settle(place.parent)
     finally:
@@ -76,12 +87,17 @@ def write_folder(
 def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:
     """Writes one file, whole or not at all; one of this name is replaced.
 
+    Args:
+        path: of the file; its folder is made where it is missing.
+        content: all of it.
+        key: what the user calls ``path``, for the message.
+
     Raises:
         InputError: it cannot be written.
     """
     folder, made = path.absolute().parent, _missing_parents(path)
     try:
-        with _writing(path, key):
+        with _os_errors_as_issues(path, key):
             folder.mkdir(parents=True, exist_ok=True)
             with staging(folder) as prepared:
                 write_through(prepared, {"file": content})
@@ -107,13 +123,13 @@ def writable_folder(out: Path, key: KeyPath = (), names: Collection[str] = froze
     """
     made = _missing_parents(out)
     try:
-        with _writing(out, key):
-            _check(out, key, names)
+        with _os_errors_as_issues(out, key):
+            _check_foreign(out, key, names)
             place = Path(os.path.realpath(out))
             place.parent.mkdir(parents=True, exist_ok=True)
             if place.exists():
                 clear_leftovers(place)
-            with staging(place.parent if not place.exists() or _exchangeable(place) else place):
+            with staging(place.parent if not place.exists() or _can_exchange(place) else place):
                 pass
         yield
     finally:
@@ -121,8 +137,12 @@ def writable_folder(out: Path, key: KeyPath = (), names: Collection[str] = froze
 
 
 @contextmanager
-def _writing(out: Path, key: KeyPath) -> Iterator[None]:
-    """Whatever the system refuses is told as what it means for the user."""
+def _os_errors_as_issues(out: Path, key: KeyPath) -> Iterator[None]:
+    """Whatever the system refuses is reported as what it means for the user.
+
+    Raises:
+        InputError: for every OSError of the body.
+    """
     try:
         yield
     except OSError as error:
@@ -130,7 +150,13 @@ def _writing(out: Path, key: KeyPath) -> Iterator[None]:
         raise InputError(Issue(message, key, str(out), "name a place with room that you may write to")) from None
 
 
-def _check(out: Path, key: KeyPath, names: Collection[str]) -> None:
+def _check_foreign(out: Path, key: KeyPath, names: Collection[str]) -> None:
+    """Refuses a folder that has files of these names that are not ours.
+
+    Raises:
+        NotADirectoryError: ``out`` is a file.
+        InputError: files that this program did not write, or that were changed since.
+    """
     if os.path.lexists(out) and not out.is_dir():
         raise NotADirectoryError(20, "this is a file, not a folder")
     foreign = Manifest.of(out).foreign(out, names)
@@ -147,8 +173,8 @@ def _check(out: Path, key: KeyPath, names: Collection[str]) -> None:
         )
 
 
-def _exchangeable(place: Path) -> bool:
-    """Whether another folder may take the place of this one without anybody being left in the old one."""
+def _can_exchange(place: Path) -> bool:
+    """Whether another folder may take the place of this one without any process being left in the old one."""
     status = place.stat()
     mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
     apart = not os.path.ismount(place) and not os.path.samestat(status, os.stat(os.curdir))
@@ -156,8 +182,16 @@ def _exchangeable(place: Path) -> bool:
     return mine and apart and may and not any(path.is_dir() and not path.is_symlink() for path in place.iterdir())
 
 
-def _put(prepared: Path, place: Path, gone: Collection[str]) -> bool:
-    """Put the prepared folder into its place, with what the place has besides; whether this could be done."""
+def _put_in_place(prepared: Path, place: Path, gone: Collection[str]) -> bool:
+    """Put the prepared folder into its place, with the other files of the place.
+
+    Args:
+        prepared: the new folder; place: where it belongs.
+        gone: names that are not taken over.
+
+    Returns:
+        Whether it was done; False where links or the exchange are not possible, with nothing changed.
+    """
     if not place.exists():
         umask = os.umask(0)
         os.umask(umask)
@@ -191,11 +225,12 @@ def _move_in(prepared: Path, place: Path, gone: Collection[str], either: Manifes
 
 
 def _missing_parents(out: Path) -> list[Path]:
+    """The folders above a path that do not exist yet, the nearest first."""
     return [folder for folder in out.absolute().parents if not folder.exists()]
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Folders that were made on the way are removed where nothing came of it."""
+    """Remove folders that were made on the way where nothing was written into them, the innermost first."""
     for folder in folders:
         try:
             folder.rmdir()

@@ -10,41 +10,54 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from posture_opt.errors import BadValueError
 
-_SMALLEST, _LARGEST = 1e-30, 1e12
+_MIN_MAGNITUDE, _MAX_MAGNITUDE = 1e-30, 1e12
+"""SI values beyond which a number is a slip of the exponent; squares of smaller or larger ones lose all digits."""
 
 
 class Spec(BaseModel):
-    """A section of the problem file: its fields are the YAML keys, unknown keys are errors, values never change."""
+    """A section of the problem file: its fields are the YAML keys, unknown keys are errors, values never change.
+
+    Lengths, angles and the like are read by the types of `posture_opt.units` and held in SI units and radians.
+    """
 
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @field_validator("*", mode="after")
     @classmethod
-    def _plausible(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuses numbers that nobody can mean, and whose squares are soon no numbers."""
-        for number in _numbers(value) if info.field_name != "seed" else ():
-            if number and not _SMALLEST <= abs(number) <= _LARGEST:
+    def _refuse_implausible(cls, value: Any, info: ValidationInfo) -> Any:
+        """The value as it is, if all its numbers are zero or of a plausible magnitude; a seed may be any number.
+
+        Raises:
+            BadValueError: a number that nobody can mean, and whose square would lose all digits.
+        """
+        for number in _numbers_in(value) if info.field_name != "seed" else ():
+            if number and not _MIN_MAGNITUDE <= abs(number) <= _MAX_MAGNITUDE:
                 raise BadValueError(f"{number:.6g} is not plausible", "is the exponent right?")
         return value
 
 
-def _numbers(value: Any) -> Iterator[float]:
+def _numbers_in(value: Any) -> Iterator[float]:
     """The numbers that a field holds, those in its lists and mappings among them; infinite ones are defaults."""
     if isinstance(value, float | int):
         if math.isfinite(value):
             yield value
     elif isinstance(value, tuple | list):
         for entry in value:
-            yield from _numbers(entry)
+            yield from _numbers_in(entry)
     elif isinstance(value, dict):
-        yield from _numbers(list(value.values()))
+        yield from _numbers_in(list(value.values()))
 
 
 def one_of(kinds: tuple[type[Spec], ...]) -> Any:
-    """The type of a section that is one of several kinds, told apart by its key ``kind``."""
+    """The type of a section that is one of several kinds, discriminated by its key ``kind``."""
     return Annotated[Union[kinds], Field(discriminator="kind")] if len(kinds) > 1 else kinds[0]  # noqa: UP007 – of a tuple
 
 
 def class_name(kind: str) -> str:
-    """The class of a kind that has a file of its own: ``joint_scale`` -> ``JointScale``."""
+    """The class of a kind that has a file of its own.
+
+    Example:
+        >>> class_name("joint_scale")
+        'JointScale'
+    """
     return "".join(word.capitalize() for word in kind.split("_"))

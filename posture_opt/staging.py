@@ -1,4 +1,4 @@
-"""Folders that others see whole or not at all: prepared beside the place, put there in one step, cleared when left."""
+"""Folders that others see whole or not at all: prepared next to the target, put there in one step, cleared if left."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ if sys.platform != "win32":
     import fcntl
 
 PREFIX = ".posture_opt-"
-_DAY = 86_400.0  # s; where files cannot be locked, what is older was left behind
-_AT_FDCWD = -100  # of <fcntl.h>
-_RENAME_EXCHANGE = 2  # of <linux/fs.h>
+"""Beginning of the names of folders that are being prepared."""
+_LEFTOVER_AGE_S = 86_400.0
+"""Age [s] from which a folder counts as left behind where files cannot be locked: longer than any run writes."""
+_AT_FDCWD = -100
+"""Paths relative to the working folder, as of ``<fcntl.h>``."""
+_RENAME_EXCHANGE = 2
+"""Flag of ``renameat2``, as of ``<linux/fs.h>``."""
 
 
 @contextmanager
 def staging(beside: Path) -> Iterator[Path]:
-    """A new folder in ``beside``, removed at the end; a lock tells other processes that its owner lives.
+    """A new folder in ``beside``, removed at the end; a lock shows other processes that its owner is alive.
 
     What a killed process left in ``beside`` is cleared first.
 
@@ -49,17 +53,20 @@ def clear_leftovers(folder: Path) -> None:
     except OSError:
         return
     for path in found:
-        lock = _lock(path)
-        if lock is not None or _old(path):
+        lock = _lock_folder(path)
+        if lock is not None or _is_old(path):
             shutil.rmtree(path, ignore_errors=True)
         if lock is not None:
             os.close(lock)
 
 
 def exchanged(one: Path, other: Path) -> bool:
-    """Give two folders each other's name in one step, ``renameat2(…, RENAME_EXCHANGE)``; whether this could be done.
+    """Give two folders each other's name in one step, ``renameat2(…, RENAME_EXCHANGE)``.
 
     Linux has it since 3.15, on most file systems.
+
+    Returns:
+        Whether it was done; False on other systems and file systems, with nothing changed.
     """
     if sys.platform != "linux":
         return False
@@ -71,7 +78,7 @@ def exchanged(one: Path, other: Path) -> bool:
 
 
 def write_through(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files, by name, into a folder, down to the disk."""
+    """Write files, name -> content, into a folder, and wait until they are on the disk."""
     for name, content in files.items():
         (folder / name).write_bytes(content)
     # All at once: a file system that waits for each in turn takes forty times as long.
@@ -83,7 +90,7 @@ def write_through(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def settle(path: Path) -> None:
-    """Bring a file, or the names in a folder, down to the disk, where that can be asked for."""
+    """Wait until a file, or the names in a folder, are on the disk (``fsync``); errors are ignored."""
     with contextlib.suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY)
         try:
@@ -93,15 +100,16 @@ def settle(path: Path) -> None:
 
 
 def _locked_folder(beside: Path) -> tuple[Path, int | None]:
+    """A new folder and the descriptor of its lock; None for the lock where folders cannot be locked."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
-        lock = _lock(folder)
+        lock = _lock_folder(folder)
         if lock is not None or folder.exists():
             return folder, lock
         # Another process took it for a leftover before it was locked.
 
 
-def _lock(path: Path) -> int | None:
+def _lock_folder(path: Path) -> int | None:
     """The open, locked folder; None where its owner lives, it is gone, or nothing can be locked here."""
     if sys.platform == "win32":
         return None
@@ -118,14 +126,15 @@ def _lock(path: Path) -> int | None:
     return None
 
 
-def _old(path: Path) -> bool:
+def _is_old(path: Path) -> bool:
+    """Whether a folder was left behind, where no lock can show it: by its age."""
     try:
-        return not _locks(path.parent) and time.time() - path.stat().st_mtime > _DAY
+        return not _can_lock(path.parent) and time.time() - path.stat().st_mtime > _LEFTOVER_AGE_S
     except OSError:
         return False
 
 
-def _locks(folder: Path) -> bool:
+def _can_lock(folder: Path) -> bool:
     """Whether folders can be locked in this file system."""
     if sys.platform == "win32":
         return False

@@ -2,6 +2,7 @@
 
 A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``. Zero needs
 none: it is the same in every unit.
+
 The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
 `shown` goes the other way, with a standard error where there is one: ``0.261 ± 0.012 mrad``.
 """
@@ -46,8 +47,10 @@ LARGEST: dict[str, float] = {
     "temperature": 1e5,
     "time": 1e10,
 }
-_LARGEST_OTHER = 1e8
-_SMALLEST = 1e-30  # and of what is smaller, the square is no number any more
+_MAX_OTHER = 1e8
+"""SI value beyond which no quantity of a dimension without an entry in ``LARGEST`` is."""
+_MIN_MAGNITUDE = 1e-30
+"""Squares of smaller numbers lose their digits."""
 
 SHOWN: dict[str, tuple[float, str]] = {
     # dimension -> factor from SI and unit that reports use
@@ -65,8 +68,11 @@ SHOWN: dict[str, tuple[float, str]] = {
     "factor": (1.0, ""),
 }
 UNKNOWN = "not known"
-_FINER = 2  # decimals that a number may have more than a larger one beside it
-_SHORT = 1e-3  # m: below this an error of length is written in µm
+"""What reports write in place of NaN and infinity."""
+_EXTRA_DECIMALS = 2
+"""Decimals that a number may have in excess of a larger one next to it."""
+_MICROMETRES_BELOW_M = 1e-3
+"""Errors of length below this [m] are written in µm, others in mm."""
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
 # 'min', 'a' (year) or 'd' (day) where a typing error is far more likely.
@@ -92,12 +98,13 @@ _DEFINITIONS = [
 ]
 
 _UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°µμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
-_LONGEST_UNIT = 40
+_MAX_UNIT_LENGTH = 40
+"""Characters of a unit: what is longer is none, and costs pint time."""
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
 # What nearly every file uses, so that the usual command does not wait 0.2 s for pint to load.
-_COMMON: dict[tuple[str, str], float] = {
+_COMMON_FACTORS: dict[tuple[str, str], float] = {
     ("m", "length"): 1.0,
     ("mm", "length"): 1e-3,
     ("um", "length"): 1e-6,
@@ -110,7 +117,7 @@ _COMMON: dict[tuple[str, str], float] = {
 
 @cache
 def registry() -> UnitRegistry[float]:
-    """The units that files may use."""
+    """The units that files may use, as pint has them; made once, in 0.2 s."""
     from pint import UnitRegistry
 
     units: UnitRegistry[float] = UnitRegistry(None)
@@ -120,13 +127,17 @@ def registry() -> UnitRegistry[float]:
 
 
 @cache
-def _factor(unit: str, dimension: str) -> float:
-    """The factor from ``unit`` to the SI unit of ``dimension``; BadValueError where there is none."""
-    if (unit, dimension) in _COMMON:
-        return _COMMON[unit, dimension]
+def _unit_factor(unit: str, dimension: str) -> float:
+    """The factor from ``unit`` to the SI unit of ``dimension``.
+
+    Raises:
+        BadValueError: an unknown unit, or one of another dimension.
+    """
+    if (unit, dimension) in _COMMON_FACTORS:
+        return _COMMON_FACTORS[unit, dimension]
     si, example = DIMENSIONS[dimension]
-    if len(unit) > _LONGEST_UNIT or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
-        raise BadValueError(f"unknown unit '{unit[:_LONGEST_UNIT]}'", f"write for example {example}")
+    if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
+        raise BadValueError(f"unknown unit '{unit[:_MAX_UNIT_LENGTH]}'", f"write for example {example}")
     units = registry()
     # "N m" is how people write a product of units; pint wants an operator between them.
     text = re.sub(r"(?<=[A-Za-z°µμ)\d])\s+(?=[A-Za-z°µμ(])", "*", unit)
@@ -144,11 +155,16 @@ def parse_quantity(value: Any, dimension: str) -> float:
     """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit.
 
     Args:
-        value: what stands in the file.
+        value: what is in the file.
         dimension: a key of ``DIMENSIONS``.
 
     Raises:
         BadValueError: no text, no number, no unit though it is not zero, a wrong unit, or not finite.
+        ImplausibleError: a magnitude that no arm and no workpiece has, see ``LARGEST``.
+
+    Example:
+        >>> parse_quantity("0.05 mm", "length"), parse_quantity("180 deg", "angle")
+        (5e-05, 3.141592653589793)
     """
     si, example = DIMENSIONS[dimension]
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -168,10 +184,10 @@ def parse_quantity(value: Any, dimension: str) -> float:
     number, unit = match.groups()
     if not unit:
         return parse_quantity(float(number), dimension)
-    result = float(number) * _factor(unit, dimension)
+    result = float(number) * _unit_factor(unit, dimension)
     if not math.isfinite(result):
         raise BadValueError(f"{as_given(value)} is not a finite number", f"write for example {example}")
-    if result and not _SMALLEST <= abs(result) <= LARGEST.get(dimension, _LARGEST_OTHER):
+    if result and not _MIN_MAGNITUDE <= abs(result) <= LARGEST.get(dimension, _MAX_OTHER):
         raise ImplausibleError(f"{as_given(value)} is not plausible", "is the exponent right?")
     return result
 
@@ -184,7 +200,9 @@ _TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": 0, "ma
 """Schema of a text with a unit; the bounds are those of a bare number, which can only be zero."""
 
 
-def _quantity(dimension: str) -> Any:
+def _quantity_type(dimension: str) -> Any:
+    """The type of a field of this dimension: a float in SI units, read from a text, with its JSON Schema."""
+
     def read(value: Any) -> float:
         return parse_quantity(value, dimension)
 
@@ -207,14 +225,19 @@ Quantity = Annotated[Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["1 deg",
 
 @dataclass(frozen=True)
 class JointQuantity:
-    """An angle [rad] or a length [m], as the joint that it is meant for asks; a bare zero has no ``dimension``."""
+    """An angle [rad] or a length [m], whichever the text states; a bare zero has no ``dimension``.
+
+    Args:
+        value: [rad] or [m].
+        dimension: ``angle``, ``length``, or empty for a bare zero, which suits both.
+    """
 
     value: float
     dimension: str
 
     @property
     def unit(self) -> str:
-        """SI unit; none of a bare zero."""
+        """SI unit of the value; empty for a bare zero."""
         return {"angle": "rad", "length": "m"}.get(self.dimension, "")
 
     def suits(self, dimension: str) -> bool:
@@ -223,7 +246,7 @@ class JointQuantity:
 
 
 def is_bare_zero(text: Any) -> bool:
-    """Whether this is zero without a unit: an angle or a length alike."""
+    """Whether this is zero without a unit, which is an angle or a length alike."""
     try:
         return not isinstance(text, bool) and float(text) == 0
     except (TypeError, ValueError):
@@ -231,6 +254,11 @@ def is_bare_zero(text: Any) -> bool:
 
 
 def _joint_quantity(text: Any) -> JointQuantity:
+    """The angle or the length that a text states.
+
+    Raises:
+        BadValueError: neither, with the message of an angle; or a magnitude that is not plausible.
+    """
     if isinstance(text, JointQuantity):
         return text
     if is_bare_zero(text):
@@ -249,7 +277,16 @@ def _joint_quantity(text: Any) -> JointQuantity:
 
 
 def joint_text(value: float, unit: str) -> str:
-    """An angle [rad] or a length [m] as people write it, to four digits: 12.34 deg, 52.1 mm."""
+    """An angle [rad] or a length [m] in degrees or millimetres, to four digits.
+
+    Args:
+        value: [rad] or [m].
+        unit: ``rad`` or ``m``.
+
+    Example:
+        >>> joint_text(0.5, "rad"), joint_text(0.0521, "m")
+        ('28.65 deg', '52.1 mm')
+    """
     return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value * 1e3:.4g} mm"
 
 
@@ -272,7 +309,7 @@ def parse_celsius(value: Any) -> float:
     """The temperature [degC] of a text such as ``"23.5 degC"``.
 
     Raises:
-        BadValueError: no number, no unit or another one.
+        BadValueError: no number, no unit or another one, or a magnitude that is not plausible.
     """
     match = _NUMBER.match(value) if isinstance(value, str) else None
     if match is None or match[2] not in ("degC", "°C") or not abs(float(match[1])) <= LARGEST["temperature"]:
@@ -283,13 +320,20 @@ def parse_celsius(value: Any) -> float:
 def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
     """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234.
 
-    Where it stands ``beside`` a larger number it has no more than two decimals more than that one: 0.000003 beside
-    0.0690, and not 0.00000333; what is less than them is 0.
+    Args:
+        value: any number; NaN and infinity become ``UNKNOWN``.
+        digits: significant digits of a number below 10^digits.
+        beside: a larger number next to it, which limits the decimals: two more than that one has. 0.000003 next to
+            0.0690, and not 0.00000333; what is less is 0.
+
+    Example:
+        >>> number(0.012345), number(1234.5), number(3.33e-6, beside=0.069)
+        ('0.0123', '1234', '0.000003')
     """
     if not math.isfinite(value):
         return UNKNOWN
     decimals = _decimals(value, digits)
-    if value == 0 or decimals <= (most := _decimals(beside, digits) + _FINER) or beside == 0:
+    if value == 0 or decimals <= (most := _decimals(beside, digits) + _EXTRA_DECIMALS) or beside == 0:
         return f"{value:.{decimals}f}"
     text = f"{value:.{most}f}"
     return text if float(text) else "0"
@@ -304,7 +348,12 @@ def _decimals(value: float, digits: int) -> int:
 
 
 def fixed(value: float, decimals: int = 2) -> str:
-    """A fixed number of decimals and no negative zero."""
+    """The number with so many decimals, and no negative zero.
+
+    Example:
+        >>> fixed(-0.001), fixed(2.0, 1)
+        ('0.00', '2.0')
+    """
     if not math.isfinite(value):
         return UNKNOWN
     text = f"{value:.{decimals}f}"
@@ -312,7 +361,17 @@ def fixed(value: float, decimals: int = 2) -> str:
 
 
 def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") -> str:
-    """A number times ``factor`` with its standard error to two digits: 0.261 ± 0.012 mrad."""
+    """A number times ``factor`` with its standard error to two digits.
+
+    Args:
+        value, std: in one unit; a standard error that is not known, or zero, is left out.
+        factor: from that unit to the one that is written.
+        unit: behind the number.
+
+    Example:
+        >>> plus_minus(2.61e-4, 1.2e-5, 1e3, "mrad")
+        '0.261 ± 0.012 mrad'
+    """
     value, std = value * factor, std * factor
     gap = " " if unit else ""
     if not math.isfinite(std) or std <= 0:
@@ -322,9 +381,18 @@ def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") ->
 
 
 def shown(value: float, dimension: str, std: float = math.nan) -> str:
-    """A small quantity of a dimension in the unit that reports use: 0.261 ± 0.012 mrad, 8.00 µrad/(N m)."""
+    """A small quantity of a dimension in the unit that reports use.
+
+    Args:
+        value, std: [SI]; lengths below 1 mm are written in µm.
+        dimension: ``length`` or a key of ``SHOWN``.
+
+    Example:
+        >>> shown(8e-6, "angle per torque"), shown(2.61e-4, "angle", 1.2e-5)
+        ('8.00 µrad/(N m)', '0.261 ± 0.012 mrad')
+    """
     if dimension == "length":
-        return plus_minus(value, std, *((1e6, "µm") if abs(value) < _SHORT else (1e3, "mm")))
+        return plus_minus(value, std, *((1e6, "µm") if abs(value) < _MICROMETRES_BELOW_M else (1e3, "mm")))
     return plus_minus(value, std, *SHOWN[dimension])
 
 
@@ -340,9 +408,9 @@ else:
     Celsius = Annotated[
         float, BeforeValidator(parse_celsius), WithJsonSchema({"type": "string", "examples": ["23.5 degC"]})
     ]
-    Length = _quantity("length")
-    Angle = _quantity("angle")
-    Mass = _quantity("mass")
-    Time = _quantity("time")
-    Torque = _quantity("torque")
-    LengthPerLength = _quantity("length per length")
+    Length = _quantity_type("length")
+    Angle = _quantity_type("angle")
+    Mass = _quantity_type("mass")
+    Time = _quantity_type("time")
+    Torque = _quantity_type("torque")
+    LengthPerLength = _quantity_type("length per length")

@@ -351,7 +351,7 @@ def test_every_module_imports_alone(module: str) -> None:
 
 def test_the_common_units_are_pints() -> None:
     units = importlib.import_module("posture_opt.units")
-    for (unit, dimension), factor in units._COMMON.items():
+    for (unit, dimension), factor in units._COMMON_FACTORS.items():
         si, _ = units.DIMENSIONS[dimension]
         pint = units.registry().Quantity(1.0, unit).to(si).magnitude
         assert factor == pytest.approx(pint, rel=1e-15), unit

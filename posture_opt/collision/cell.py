@@ -1,4 +1,4 @@
-"""The ``cell`` section of the problem file: what stands around the arm, and how near it may come."""
+"""The ``cell`` section of the problem file: what is around the arm, and how near it may come."""
 
 from __future__ import annotations
 
@@ -16,15 +16,21 @@ from posture_opt.units import Length
 class CellSpec(Spec):
     """Obstacles in the world frame, and the least distance to keep; ``cell: none`` checks no collisions at all."""
 
-    obstacles: tuple[ObstacleSpec, ...] = Field((), description="what stands around the arm, world frame")
+    obstacles: tuple[ObstacleSpec, ...] = Field((), description="what is around the arm, world frame")
     clearance: Annotated[Length, Field(ge=0)] = Field(
         0.0, description="least distance of the arm to the obstacles, and of links that are not neighbours"
     )
+    """Least distance [m]; zero allows contact."""
     checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
 
     @model_validator(mode="before")
     @classmethod
-    def _word(cls, value: Any) -> Any:
+    def _expanded_word(cls, value: Any) -> Any:
+        """The word ``none`` as the section that it abbreviates.
+
+        Raises:
+            BadValueError: any other word.
+        """
         if isinstance(value, str):
             if value.strip() != "none":
                 raise BadValueError(f"'{value}' is no cell", "write none or {obstacles: [...], clearance: 20 mm}")
@@ -34,6 +40,11 @@ class CellSpec(Spec):
     @field_validator("obstacles")
     @classmethod
     def _named_once(cls, obstacles: tuple[Obstacle, ...]) -> tuple[Obstacle, ...]:
+        """The obstacles as they are, if their names differ: reports and solver rows are named after them.
+
+        Raises:
+            BadValueError: two of one name.
+        """
         names = [obstacle.name for obstacle in obstacles]
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
@@ -42,4 +53,5 @@ class CellSpec(Spec):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The schema of the section, or the word ``none``."""
         return {"anyOf": [handler(schema), {"const": "none"}]}

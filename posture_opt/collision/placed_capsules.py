@@ -16,54 +16,66 @@ from posture_opt.robot.robot import Factor, Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
 Placed = tuple[ca.SX, ca.SX]
-"""(3,) where the segment of a capsule starts, and the vector to its end [m]."""
+"""(3,) the start of the segment of a capsule, and the vector to its end [m]."""
 
 
 @dataclass(frozen=True)
 class PlacedCapsules:
-    """Capsules of a robot, each in one of the frames of its chain: 0 the base, k behind joint k, n + 1 the tool."""
+    """Capsules of a robot, each in one of the frames of its chain: 0 the base, k behind joint k, n + 1 the tool.
+
+    Args:
+        robot: the chain at its nominal values, without effects.
+        capsules: (c,) in the frames of their joints [m].
+    """
 
     robot: Robot
     capsules: tuple[Capsule, ...]
 
     @cached_property
     def frames(self) -> tuple[int, ...]:
-        """The frame of each capsule."""
+        """(c,) index of the frame of each capsule."""
         at = {BASE: 0, TOOL: self.robot.n + 1, **{name: k + 1 for k, name in enumerate(self.robot.joint_names)}}
         return tuple(at[capsule.joint] for capsule in self.capsules)
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
-        """The joints that move each capsule: 0 the base, k the link behind joint k; a tool moves with the last one."""
+        """(c,) the body of each capsule: 0 the base, k the link behind joint k; a tool moves with the last one."""
         return tuple(min(frame, self.robot.n) for frame in self.frames)
 
     @cached_property
     def radii(self) -> Array:
-        """(c,) [m]."""
+        """(c,) radii [m]."""
         return np.array([capsule.radius for capsule in self.capsules])
 
     def segments(self, Q: Array) -> tuple[Array, Array]:
-        """(N, c, 3) starts and ends of the segments at the postures (N, n), world [m]."""
+        """Starts and ends (N, c, 3), (N, c, 3) of the segments at the postures Q (N, n), world [m]."""
         starts, ends = self._function(Q)
         shape = len(starts), len(self.capsules), 3
         return starts.reshape(shape), ends.reshape(shape)
 
     @cached_property
     def _function(self) -> BatchFunction:
+        """Joint values (n,) -> starts and ends (3 c,), (3 c,) [m], world; interpreted, as it is called with many
+        rows at once.
+        """
         q = ca.SX.sym("q", self.robot.n)
         placed = self.symbols(q)
         points = [ca.vertcat(*ends) for ends in zip(*((start, start + along) for start, along in placed), strict=True)]
         return BatchFunction(ca.Function("segments", [q], [ca.densify(ca.SX(p)) for p in points]), compiled=False)
 
     def symbols(self, q: ca.SX, seen_from: int | None = None) -> tuple[Placed, ...]:
-        """All capsules at the joint values ``q`` (n,), in the world.
+        """All capsules at the joint values ``q``, in the world or in one of the frames.
 
-        Or in the frame ``seen_from``, those of it and behind it; a point at its origin stands for those before.
+        Args:
+            q: (n,) symbols [rad or m].
+            seen_from: index of a frame: then in that frame, those of it and behind it; capsules before it are points at
+                its
+                origin, which mean nothing. Joints in front of that frame do not appear in the expressions.
         """
         reached = self._frames(q, seen_from)
         placed = []
         for capsule, frame in zip(self.capsules, self.frames, strict=True):
-            start, end = (_point(reached[frame], point) for point in (capsule.start, capsule.end))
+            start, end = (_located_point(reached[frame], point) for point in (capsule.start, capsule.end))
             placed.append((start, end - start))
         return tuple(placed)
 
@@ -77,7 +89,8 @@ class PlacedCapsules:
         return reached[1:]
 
 
-def _point(reached: Walk, local: Sequence[float]) -> ca.SX:
+def _located_point(reached: Walk, local: Sequence[float]) -> ca.SX:
+    """(3,) a point of a frame [m], in the frame that the walk began in."""
     moved = reached.position
     for value, column in zip(local, reached.columns, strict=True):
         moved = add(moved, scale(value, column))

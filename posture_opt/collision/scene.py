@@ -1,4 +1,4 @@
-"""``Scene``: an arm with its shape and what stands around it; how near they come to each other."""
+"""``Scene``: an arm with its shape and what is around it; how near they come to each other."""
 
 from __future__ import annotations
 
@@ -28,10 +28,12 @@ from posture_opt.robot.robot import Robot
 
 ITSELF = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
-FAR = 0.1
-"""Beyond the margin [m]: pairs that keep so far apart need no row."""
-_POSTURES = 4000
-_TOLERANCE = 2e-6  # m: more than a solver may leave of a row that counts as met
+SEPARATION_M = 0.1
+"""Distance beyond the margin [m]: pairs that keep so far apart need no row."""
+_POSTURE_COUNT = 4000
+"""Random postures by which pairs are found to keep apart."""
+_ROW_TOLERANCE_M = 2e-6
+"""Taken off each row [m]: more than a solver may leave of a row that counts as met."""
 
 
 def row_name(obstacle: str) -> str:
@@ -40,7 +42,12 @@ def row_name(obstacle: str) -> str:
 
 
 class Clearance(NamedTuple):
-    """The least distance [m], negative where bodies overlap, and between which: joints, or a joint and an obstacle."""
+    """The least distance and where it is.
+
+    Args:
+        distance: [m]; zero or less where bodies overlap, but not how deep.
+        between: two joints, or a joint and an obstacle.
+    """
 
     distance: float
     between: tuple[str, str]
@@ -51,7 +58,12 @@ class Clearance(NamedTuple):
 
 
 class ClearanceRow(NamedTuple):
-    """A smooth lower bound of the least distance of one group of pairs [m], under a name that tells which."""
+    """A smooth lower bound of the least distance of one group of pairs.
+
+    Args:
+        name: what it keeps apart.
+        bound: scalar expression of the joint values [m].
+    """
 
     name: str
     bound: ca.SX
@@ -67,7 +79,7 @@ class Scene:
         margin: least distance to keep [m].
         own: pairs of capsules that are checked against each other.
         against: for each obstacle the capsules that are checked against it.
-        assumed: whether the shape is not known, and capsules along the links stand in for it.
+        assumed: whether the shape is not known, and capsules along the links are taken in its place.
         mounted: (joint, obstacle) with a part always near, as the shoulder above its table, which is not checked.
         switched_off: whether the problem file asks for no checks (``cell: none``).
     """
@@ -88,8 +100,10 @@ class Scene:
         Nothing is checked where the cell says so.
 
         Args:
+            robot: with its shape, if it is known.
+            cell: obstacles and clearance; None for neither.
             guessed: whether an arm of unknown shape is checked against itself too, with capsules along its links, and
-                every arm with its tool, the line from the flange to the tool point: for postures that nobody sees
+                every arm with its tool, the line from the flange to the tool point: for postures that no one sees
                 before the arm goes there.
         """
         asked = CellSpec() if cell is None else cell
@@ -110,12 +124,12 @@ class Scene:
 
     @property
     def robot(self) -> Robot:
-        """The arm."""
+        """The arm whose capsules are placed."""
         return self.placed.robot
 
     @property
     def explicit(self) -> bool:
-        """Whether there are obstacles: then the search keeps clear from the beginning."""
+        """Whether there are obstacles: then the search keeps clear of them from the beginning."""
         return any(self.against)
 
     @property
@@ -125,14 +139,14 @@ class Scene:
 
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """The two names of everything that `distances` holds, column by column."""
+        """(k,) the two names of everything that `distances` holds, column by column."""
         joints = [capsule.joint for capsule in self.placed.capsules]
         own = [(joints[i], joints[j]) for i, j in self.own]
         others = zip(self.obstacles, self.against, strict=True)
         return (*own, *((joints[k], obstacle.name) for obstacle, chosen in others for k in chosen))
 
     def distances(self, Q: Array) -> Array:
-        """(N, k) exact distance of every pair at the postures (N, n) [m].
+        """(N, k) exact distance of every pair at the postures Q (N, n) [m].
 
         Zero or less where they overlap, but not how deep.
         """
@@ -146,11 +160,11 @@ class Scene:
         return np.hstack([np.zeros((len(start), 0)), *parts])
 
     def least(self, Q: Array) -> Array:
-        """(N,) least distance at each of the postures (N, n) [m]; infinite where nothing is checked."""
+        """(N,) least distance at each of the postures Q (N, n) [m]; infinite where nothing is checked."""
         return np.asarray(np.min(self.distances(Q), axis=1, initial=np.inf)) if self.active else np.full(len(Q), np.inf)
 
     def clearance(self, Q: Array) -> Clearance | None:
-        """The least distance over the postures (N, n) or (n,), and between which; None where nothing is checked."""
+        """The least distance over the postures Q (N, n) or (n,), and between which; None where nothing is checked."""
         if not self.active:
             return None
         least = self.distances(Q).min(axis=0)
@@ -158,42 +172,48 @@ class Scene:
         return Clearance(float(least[k]), self.pairs[k])
 
     def rows(self, q: ca.SX) -> list[ClearanceRow]:
-        """A lower bound of the least distance to each obstacle, and of the arm to itself, at joint values ``q`` (n,).
+        """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
+        (n,).
 
         Each is to be at least ``margin``. Where it is below that it is at most `smooth_bounds.SLACK` below the true
         distance, and half of `smooth_bounds.ROUNDING` for each doubling of pairs that are equally near. Pairs that
-        thousands of random postures leave farther apart than the margin and `FAR` have no part in it, and it never
+        thousands of random postures leave farther apart than the margin and `SEPARATION_M` have no part in it, and it
+        never
         exceeds that.
         """
-        placed, near = self.placed.symbols(q), self._nearing
+        placed, near = self.placed.symbols(q), self._near_pairs
         found = []
         for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
             close = [k for k in chosen if near[k, obstacle.name]]
-            bounds = [bound for k in close for bound in self._to_obstacle(placed[k], obstacle, k)]
+            bounds = [bound for k in close for bound in self._obstacle_bounds(placed[k], obstacle, k)]
             if bounds:
-                found.append(self._row(f"clearance to {obstacle.name}", bounds))
+                found.append(self._clearance_row(f"clearance to {obstacle.name}", bounds))
         own = [pair for pair in self.own if near[pair]]
         if own:
-            found.append(self._row(ITSELF, self._between(q, own)))
+            found.append(self._clearance_row(ITSELF, self._own_bounds(q, own)))
         return found
 
-    def _to_obstacle(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
+    def _obstacle_bounds(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
+        """Lower bounds [m] of the distance of capsule k to an obstacle."""
         capsule = self.placed.capsules[k]
         return obstacle.bounds(*placed, capsule.length, capsule.radius)
 
-    def _row(self, name: str, bounds: list[ca.SX]) -> ClearanceRow:
-        return ClearanceRow(name, soft_minimum([*bounds, ca.SX(self.margin + FAR)]) - _TOLERANCE)
+    def _clearance_row(self, name: str, bounds: list[ca.SX]) -> ClearanceRow:
+        """The soft minimum of bounds [m], bounded above by the margin and `SEPARATION_M`."""
+        return ClearanceRow(name, soft_minimum([*bounds, ca.SX(self.margin + SEPARATION_M)]) - _ROW_TOLERANCE_M)
 
     @cached_property
-    def _nearing(self) -> dict[tuple[int, int | str], bool]:
-        """Which pairs of capsules, or of a capsule and an obstacle, random postures bring nearer than `FAR`."""
+    def _near_pairs(self) -> dict[tuple[int, int | str], bool]:
+        """Which pairs of capsules, or of a capsule and an obstacle, random postures bring nearer than
+        `SEPARATION_M`.
+        """
         others = zip(self.obstacles, self.against, strict=True)
         keys: list[tuple[int, int | str]] = [*self.own]
         keys += [(k, obstacle.name) for obstacle, chosen in others for k in chosen]
-        least = self.distances(random_postures(self.placed, _POSTURES)).min(axis=0)
-        return dict(zip(keys, (least < self.margin + FAR).tolist(), strict=True))
+        least = self.distances(random_postures(self.placed, _POSTURE_COUNT)).min(axis=0)
+        return dict(zip(keys, (least < self.margin + SEPARATION_M).tolist(), strict=True))
 
-    def _between(self, q: ca.SX, pairs: Sequence[Pair]) -> list[ca.SX]:
+    def _own_bounds(self, q: ca.SX, pairs: Sequence[Pair]) -> list[ca.SX]:
         """For every pair, seen from the frame of the first one: only joints between them take part."""
         frames, capsules = self.placed.frames, self.placed.capsules
         seen = {frame: self.placed.symbols(q, frame) for frame in {frames[i] for i, _ in pairs}}

@@ -1,7 +1,7 @@
 """Exact distances of segments to points, segments, boxes, cylinders and half-spaces, many at once.
 
-All of them are zero where the segment touches or enters the solid, but for the half-space, which knows how deep. The
-capsule around a segment is as much nearer as its radius.
+All of them are zero where the segment touches or enters the solid, but for the half-space, whose distance is then
+negative by the depth. The capsule around a segment is nearer by its radius.
 """
 
 from __future__ import annotations
@@ -12,21 +12,35 @@ import numpy as np
 
 from posture_opt.numerics import Array
 
-_TINY = 1e-200  # instead of zero: a point has no direction
-_SECANTS = 20  # to rounding
+_MIN_DIVISOR = 1e-200
+"""In place of zero in a division: a point has no direction."""
+_SECANT_STEPS = 20
+"""Steps of the false position that reach rounding between two corners."""
 
 
 def to_point(start: Array, end: Array, point: Array) -> Array:
-    """(...) distance of the segments from ``start`` to ``end`` (..., 3) to ``point`` (3,) or (..., 3) [m]."""
+    """(...) distance of segments to points [m].
+
+    Args:
+        start, end: (..., 3) ends of the segments [m].
+        point: (3,) or (..., 3) [m].
+
+    Example:
+        >>> to_point(np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.3, 0.0])).tolist()
+        0.3
+    """
     along, away = end - start, point - start
-    share = np.clip(_dot(away, along) / np.maximum(_dot(along, along), _TINY), 0.0, 1.0)
+    share = np.clip(_row_dot(away, along) / np.maximum(_row_dot(along, along), _MIN_DIVISOR), 0.0, 1.0)
     return np.asarray(np.linalg.norm(away - share[..., None] * along, axis=-1))
 
 
 def to_segment(start: Array, end: Array, other_start: Array, other_end: Array) -> Array:
-    """(...) distance of segments (..., 3) to other segments (..., 3) [m], parallel ones and points among them.
+    """(...) distance of segments to other segments [m], parallel ones and points among them.
 
     The least distance is reached at an end of one of the two, or in the interior of both (Lumelsky 1985).
+
+    Args:
+        start, end, other_start, other_end: (..., 3) ends of the segments [m], any frame.
     """
     ends = [
         to_point(other_start, other_end, start),
@@ -35,8 +49,8 @@ def to_segment(start: Array, end: Array, other_start: Array, other_end: Array) -
         to_point(start, end, other_end),
     ]
     u, v, w = end - start, other_end - other_start, start - other_start
-    a, b, c, d, e = _dot(u, u), _dot(u, v), _dot(v, v), _dot(u, w), _dot(v, w)
-    size = np.maximum(a * c - b * b, _TINY)
+    a, b, c, d, e = _row_dot(u, u), _row_dot(u, v), _row_dot(v, v), _row_dot(u, w), _row_dot(v, w)
+    size = np.maximum(a * c - b * b, _MIN_DIVISOR)
     s, t = (b * e - c * d) / size, (a * e - b * d) / size
     inside = (s > 0) & (s < 1) & (t > 0) & (t < 1)
     s, t = np.where(inside, s, 0.0), np.where(inside, t, 0.0)
@@ -45,51 +59,74 @@ def to_segment(start: Array, end: Array, other_start: Array, other_end: Array) -
 
 
 def to_half_space(start: Array, end: Array, normal: Array, offset: float) -> Array:
-    """(...) least height of the segments (..., 3) over the plane ``normal · x = offset``; negative below it [m]."""
+    """(...) least height of segments over the plane ``normal · x = offset`` [m]; negative below it.
+
+    Args:
+        start, end: (..., 3) ends of the segments [m].
+        normal: (3,) unit vector out of the solid.
+        offset: [m].
+    """
     return np.asarray(np.minimum(start @ normal, end @ normal) - offset)
 
 
 def to_box(start: Array, end: Array, half: Array) -> Array:
-    """(...) distance of segments (..., 3) to the box of half sides ``half`` (3,) about the origin [m]."""
+    """(...) distance of segments to a box about the origin [m].
+
+    Args:
+        start, end: (..., 3) ends of the segments [m], frame of the box.
+        half: (3,) half sides [m].
+    """
 
     def excess(points: Array) -> Array:
         return np.asarray(points - np.clip(points, -half, half))
 
-    along = _nonzero(end - start)
+    along = _away_from_zero(end - start)
     corners = np.concatenate([(half - start) / along, (-half - start) / along], axis=-1)
-    return _least(start, end, excess, corners, steps=1)  # linear between corners
+    return _least_distance(start, end, excess, corners, steps=1)  # linear between corners
 
 
 def to_cylinder(start: Array, end: Array, radius: float, half: float) -> Array:
-    """(...) distance of segments (..., 3) to the solid cylinder about the z axis from −half to half [m]."""
+    """(...) distance of segments to the solid cylinder about the z axis [m].
+
+    Args:
+        start, end: (..., 3) ends of the segments [m], frame of the cylinder.
+        radius: [m].
+        half: half its length [m].
+    """
 
     def excess(points: Array) -> Array:
         rho = np.linalg.norm(points[..., :2], axis=-1, keepdims=True)
-        sideways = points[..., :2] * (np.maximum(rho - radius, 0.0) / np.maximum(rho, _TINY))
+        sideways = points[..., :2] * (np.maximum(rho - radius, 0.0) / np.maximum(rho, _MIN_DIVISOR))
         return np.concatenate([sideways, points[..., 2:] - np.clip(points[..., 2:], -half, half)], axis=-1)
 
     along = end - start
-    flat, rise = np.maximum(_dot(along[..., :2], along[..., :2]), _TINY), _nonzero(along[..., 2])
-    middle = -_dot(start[..., :2], along[..., :2]) / flat
-    beside = start[..., :2] + middle[..., None] * along[..., :2]
-    wide = np.sqrt(np.maximum(radius**2 - _dot(beside, beside), 0.0) / flat)
+    flat, rise = np.maximum(_row_dot(along[..., :2], along[..., :2]), _MIN_DIVISOR), _away_from_zero(along[..., 2])
+    middle = -_row_dot(start[..., :2], along[..., :2]) / flat
+    foot = start[..., :2] + middle[..., None] * along[..., :2]
+    wide = np.sqrt(np.maximum(radius**2 - _row_dot(foot, foot), 0.0) / flat)
     level = [(side * half - start[..., 2]) / rise for side in (-1, 1)]
     corners = np.stack(np.broadcast_arrays(middle - wide, middle + wide, *level), axis=-1)
-    return _least(start, end, excess, corners, steps=_SECANTS)
+    return _least_distance(start, end, excess, corners, steps=_SECANT_STEPS)
 
 
-def _least(start: Array, end: Array, excess: Callable[[Array], Array], corners: Array, steps: int) -> Array:
-    """The least distance along the segments to a convex solid; ``excess`` leads from its nearest point to a point.
+def _least_distance(start: Array, end: Array, excess: Callable[[Array], Array], corners: Array, steps: int) -> Array:
+    """(...) the least distance along the segments to a convex solid [m].
 
     The squared distance is convex along the segment, and half its derivative is ``excess · (end − start)``, with
     corners at the shares ``corners`` (..., k). Where it changes its sign is found by secants between the two corners
-    beside it, by the Illinois variant of the false position (Dowell and Jarratt 1971).
+    next to it, by the Illinois variant of the false position (Dowell and Jarratt 1971).
+
+    Args:
+        start, end: (..., 3) [m].
+        excess: points (..., 3) -> vector from the nearest point of the solid [m].
+        corners: (..., k) shares of the segment, of any order, beyond 0 and 1 too.
+        steps: secants; 1 where the derivative is linear between corners.
     """
     start, end = np.broadcast_arrays(start, end)
     along = end - start
 
     def slope(share: Array) -> Array:
-        return _dot(excess(start + share[..., None] * along), along)
+        return _row_dot(excess(start + share[..., None] * along), along)
 
     shares = np.concatenate(
         [np.broadcast_to([0.0, 1.0], (*corners.shape[:-1], 2)), np.clip(corners, 0.0, 1.0)], axis=-1
@@ -99,7 +136,7 @@ def _least(start: Array, end: Array, excess: Callable[[Array], Array], corners: 
     low, high = np.max(np.where(slopes <= 0, shares, 0.0), axis=-1), np.min(np.where(slopes >= 0, shares, 1.0), axis=-1)
     below, above = slope(low), slope(high)
     for _ in range(steps):
-        share = np.clip(low - below * (high - low) / np.maximum(above - below, _TINY), low, high)
+        share = np.clip(low - below * (high - low) / np.maximum(above - below, _MIN_DIVISOR), low, high)
         found = slope(share)
         rising = found > 0
         # An end that stays twice running counts for half, so that it moves too.
@@ -109,9 +146,11 @@ def _least(start: Array, end: Array, excess: Callable[[Array], Array], corners: 
     return np.asarray(np.minimum(*ends))
 
 
-def _nonzero(values: Array) -> Array:
-    return np.where(np.abs(values) > _TINY, values, _TINY)
+def _away_from_zero(values: Array) -> Array:
+    """The values, with a tiny number in place of zero."""
+    return np.where(np.abs(values) > _MIN_DIVISOR, values, _MIN_DIVISOR)
 
 
-def _dot(u: Array, v: Array) -> Array:
+def _row_dot(u: Array, v: Array) -> Array:
+    """(...) scalar products of vectors (..., 3)."""
     return np.asarray(np.einsum("...i,...i->...", u, v))

@@ -65,7 +65,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     """
     table = open_table(source, column_kinds(robot))
     faults = table.faults
-    columns, meant = known_columns(table.heads, robot, table.line, faults)
+    columns, meant = known_columns(table.titles, robot, table.line, faults)
     _missing(columns, meant, robot, table.line, faults)
     blocks = list(table.blocks)
     cells = read_cells(blocks, columns.values(), faults)
@@ -78,7 +78,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     faults.refuse()
     texts = [[_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
     return Targets(
-        table.heads, tuple(map(tuple, texts)), columns, position,
+        table.titles, tuple(map(tuple, texts)), columns, position,
         None if rotation is None else rotation_matrices(rotation), near, _sides(cells, robot),
         cells.number("payload"), cells.number("temperature"), cells.number("time"), cells.line, faults.file,
     )  # fmt: skip

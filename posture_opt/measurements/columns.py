@@ -17,15 +17,27 @@ from posture_opt.measurements.table import RowBlock
 from posture_opt.numerics import Array, Codes
 
 AXES = ("x", "y", "z")
+"""Columns of the measured tool point."""
 LABELS = ("pose", "goal", "target", "robot", "point")
+"""Columns whose cells name groups of rows."""
 
 Kind = Literal["number", "label", "side"]
-_HUGE = 1e15  # in any unit; squares of larger numbers leave the range of floats sooner or later
+"""A number with a unit, a name, or a side of approach (−1, +1 or nothing)."""
+_MAX_MAGNITUDE = 1e15
+"""Largest number of a cell, in any unit; squares of larger ones leave the range of floats sooner or later."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: a value is ``factor * cell + offset``, in SI units, radians or degC."""
+    """One column: a value is ``factor * cell + offset``, in SI units, radians or degC.
+
+    Args:
+        name: the known name of the column, without its unit.
+        index: place in the row, from 0.
+        kind: how its cells are read.
+        factor, offset: from the unit of the column.
+        unit: as written.
+    """
 
     name: str
     index: int
@@ -37,7 +49,14 @@ class Column:
 
 @dataclass
 class Cells:
-    """The columns read so far: numbers (N,) in SI units, codes (N,) with the texts they stand for."""
+    """The columns read so far, block by block.
+
+    Args:
+        lines: of each block the line of every row.
+        numbers: column -> of each block (N,) values in SI units, radians or degC.
+        codes: column -> of each block (N,) codes, counted in the order of first appearance.
+        texts: column -> text -> its code.
+    """
 
     lines: list[Codes] = field(default_factory=list)
     numbers: dict[str, list[Array]] = field(default_factory=dict)
@@ -46,11 +65,11 @@ class Cells:
 
     @property
     def line(self) -> Codes:
-        """(N,) the line of each row."""
+        """(N,) the line of each row in the file."""
         return np.concatenate(self.lines) if self.lines else np.zeros(0, dtype=np.intp)
 
     def number(self, name: str) -> Array | None:
-        """(N,) the values of a column; ``None`` where there is none."""
+        """(N,) the values of a column in SI units; ``None`` where there is none."""
         return np.concatenate(self.numbers[name]) if name in self.numbers else None
 
     def code(self, name: str) -> tuple[Codes, tuple[str, ...]] | None:
@@ -64,25 +83,32 @@ def read_cells(
     """All rows of the known columns; cells that cannot be used join ``faults``, each with its line.
 
     Args:
-        spec: may state decimal mark and mark of thousands; else the first rows tell them.
+        blocks: the rows, run through once.
+        columns: which columns to read, and how.
+        faults: of the file.
+        spec: may state decimal mark and mark of thousands; else the first rows decide.
     """
     cells, known, marks = Cells(), list(columns), None
     for block in blocks:
-        marks = marks or _marks(block, known, faults, spec or DataSpec())
+        marks = marks or _number_marks(block, known, faults, spec or DataSpec())
         cells.lines.append(np.asarray(block.lines, dtype=np.intp))
         for column in known:
             texts = block.cells[column.index]
             if column.kind == "label":
                 names = cells.texts.setdefault(column.name, {})
-                cells.codes.setdefault(column.name, []).append(_labels(texts, block.lines, column, names, faults))
+                cells.codes.setdefault(column.name, []).append(_label_codes(texts, block.lines, column, names, faults))
                 continue
-            values = _numbers(texts, block.lines, column, marks, faults) * column.factor + column.offset
+            values = _column_numbers(texts, block.lines, column, marks, faults) * column.factor + column.offset
             cells.numbers.setdefault(column.name, []).append(values)
     return cells
 
 
-def _marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: DataSpec) -> NumberText:
-    """How numbers are written, by the cells of the first rows."""
+def _number_marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: DataSpec) -> NumberText:
+    """How numbers are written, by the cells of the first rows.
+
+    Raises:
+        InputError: they could be read in two ways.
+    """
 
     def texts() -> Iterator[str]:
         for column in columns:
@@ -96,15 +122,19 @@ def _marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: Dat
         faults.stop(error.message, error.hint)
 
 
-def _labels(texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults) -> Codes:
-    words = [_word(text) for text in texts]
+def _label_codes(
+    texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults
+) -> Codes:
+    """(N,) codes of the words of a column; an empty cell is a fault. ``names`` gains the words that are new."""
+    words = [_cell_text(text) for text in texts]
     for word, line in zip(words, lines, strict=True) if "" in words else ():
         if not word:
             faults.add("the cell is empty", column.name, hint="name it, or leave out the column", line=line)
     return np.fromiter((names.setdefault(word, len(names)) for word in words), dtype=np.intp, count=len(words))
 
 
-def _word(cell: Any) -> str:
+def _cell_text(cell: Any) -> str:
+    """A cell as text without blanks around it; a float that is whole without its ``.0``, NaN as an empty text."""
     if isinstance(cell, str):
         return cell.strip()
     if isinstance(cell, float | np.floating):
@@ -112,8 +142,13 @@ def _word(cell: Any) -> str:
     return "" if cell is None else str(cell)
 
 
-def _numbers(given: Sequence[Any], lines: Sequence[int], column: Column, marks: NumberText, faults: Faults) -> Array:
-    """(N,) floats; NaN in a column of sides means that the row does not say."""
+def _column_numbers(
+    given: Sequence[Any], lines: Sequence[int], column: Column, marks: NumberText, faults: Faults
+) -> Array:
+    """(N,) floats in the unit of the column; NaN in a column of sides means that the row does not say.
+
+    All cells are converted at once; only those that fail are looked at one by one.
+    """
     optional = column.kind == "side"
     texts = given if marks.plain or isinstance(given, np.ndarray) else [marks.to_plain(text) for text in given]
     try:
@@ -125,18 +160,18 @@ def _numbers(given: Sequence[Any], lines: Sequence[int], column: Column, marks: 
         values = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except (ValueError, TypeError):
         values = np.full(len(texts), math.nan)
-    bad = np.flatnonzero(~(np.abs(values) < _HUGE))
+    bad = np.flatnonzero(~(np.abs(values) < _MAX_MAGNITUDE))
     for row in map(int, bad):
-        values[row] = _number(given[row], int(lines[row]), column, optional, marks, faults)
+        values[row] = _cell_number(given[row], int(lines[row]), column, optional, marks, faults)
     if optional:
         for row in map(int, np.flatnonzero(~np.isin(values, (-1.0, 1.0)) & ~np.isnan(values))):
             faults.add(f"{texts[row]} is no side", column.name, texts[row], "write 1 or -1", int(lines[row]))
     return values
 
 
-def _number(cell: Any, line: int, column: Column, optional: bool, marks: NumberText, faults: Faults) -> float:
-    """The number in one cell, found the slow way; 0 with a fault where there is none."""
-    text = _word(cell)
+def _cell_number(cell: Any, line: int, column: Column, optional: bool, marks: NumberText, faults: Faults) -> float:
+    """The number in one cell, found the slow way; 0 with a fault where there is none, NaN in a column of sides."""
+    text = _cell_text(cell)
     if not text or (optional and text.lower() == "nan"):
         if not optional:
             said = "is NaN" if isinstance(cell, float | np.floating) else "is empty"
@@ -146,7 +181,7 @@ def _number(cell: Any, line: int, column: Column, optional: bool, marks: NumberT
         if "_" in text or isinstance(cell, bool | np.bool_):
             raise ValueError
         value = float(marks.to_plain(text))
-        if abs(value) < _HUGE:
+        if abs(value) < _MAX_MAGNITUDE:
             return value
         message = f"{text[:40]} is {'larger than anything measured' if math.isfinite(value) else 'not a finite number'}"
     except ValueError:
@@ -156,14 +191,15 @@ def _number(cell: Any, line: int, column: Column, optional: bool, marks: NumberT
         faults.add(f"'{text[:40]}' is no side", column.name, cell, "write 1 or -1", line)
         return math.nan
     if text[:1].isdigit() or text[:1] in "+-.":
-        hint = _hint(text, marks)
+        hint = _mark_hint(text, marks)
     faults.add(message, column.name, cell, hint, line)
     return 0.0
 
 
-def _hint(text: str, marks: NumberText) -> str:
+def _mark_hint(text: str, marks: NumberText) -> str:
+    """What to write in place of a text that begins like a number."""
     if "." in text and marks.decimal == ",":
         return "write a decimal comma as in the other rows, or say data: {thousands: '.'} in the problem file"
     if "," in text:
         return "write a decimal point"
-    return "the unit stands in the header, the cell is a plain number"
+    return "the unit is in the header, the cell is a plain number"

@@ -11,25 +11,27 @@ from posture_opt.spec import Spec
 from posture_opt.units import Length
 
 Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
-ColumnHead = Annotated[str | Annotated[int, Field(ge=1)], Field(examples=["Pos X [mm]"])]
+"""Two touched points and their known distance [m]."""
+ColumnHeader = Annotated[str | Annotated[int, Field(ge=1)], Field(examples=["Pos X [mm]"])]
 
 
 class DataSpec(Spec):
     """What is known about the measurements besides their file: its columns, its numbers, distances of touched points.
 
-    ``columns`` says under which head, or in which column counted from 1, a known column stands in the files of the
-    instrument; ``units`` are those of columns whose heads have none. Where ``columns`` is given, columns of the file
-    that nobody knows are left out.
+    ``columns`` says under which column header, or in which column counted from 1, a known column is in the files of the
+    instrument; ``units`` are those of columns whose headers have none. Where ``columns`` is given, unknown columns of
+    the
+    file are left out.
     """
 
     distances: tuple[Distance, ...] = Field((), description="[point, point, distance with its unit]")
-    columns: dict[str, ColumnHead] = Field(
+    columns: dict[str, ColumnHeader] = Field(
         {},
-        description="known column: head in the file, or number of the column from 1",
+        description="known column: column header in the file, or number of the column from 1",
         examples=[{"x": "Pos X [mm]"}],
     )
     units: dict[str, str] = Field(
-        {}, description="known column: unit, where its head has none", examples=[{"x": "mm", "joint1": "deg"}]
+        {}, description="known column: unit, where its column header has none", examples=[{"x": "mm", "joint1": "deg"}]
     )
     decimal: Literal[".", ","] | None = Field(None, description="decimal mark, where the file leaves it open")
     thousands: Literal[".", ",", "'", " "] | None = Field(None, description="mark between groups of three digits")
@@ -37,6 +39,11 @@ class DataSpec(Spec):
     @field_validator("distances")
     @classmethod
     def _between_two_points(cls, distances: tuple[tuple[str, str, float], ...]) -> tuple[tuple[str, str, float], ...]:
+        """The distances as they are.
+
+        Raises:
+            BadValueError: a point with itself, a distance that is not positive, or a pair twice.
+        """
         seen: set[frozenset[str]] = set()
         for a, b, length in distances:
             if a == b:
@@ -50,15 +57,25 @@ class DataSpec(Spec):
 
     @field_validator("columns")
     @classmethod
-    def _each_head_once(cls, columns: dict[str, str | int]) -> dict[str, str | int]:
-        heads = list(columns.values())
-        for name, head in columns.items():
-            if heads.count(head) > 1:
-                raise BadValueError(f"two columns are said to stand under {head!r}, {name} one of them", "keep one")
+    def _each_header_once(cls, columns: dict[str, str | int]) -> dict[str, str | int]:
+        """The mapping as it is.
+
+        Raises:
+            BadValueError: two known columns under one header.
+        """
+        titles = list(columns.values())
+        for name, title in columns.items():
+            if titles.count(title) > 1:
+                raise BadValueError(f"two columns are said to be under {title!r}, {name} one of them", "keep one")
         return columns
 
     @model_validator(mode="after")
     def _two_marks(self) -> DataSpec:
+        """The section as it is.
+
+        Raises:
+            BadValueError: decimal mark and mark of thousands are the same.
+        """
         if self.decimal is not None and self.decimal == self.thousands:
             raise BadValueError(f"'{self.decimal}' cannot be both decimal mark and mark of thousands", "keep one")
         return self

@@ -11,28 +11,46 @@ from posture_opt.errors import BadValueError, Issue, listed, nearest, one_of
 from posture_opt.measurements.columns import AXES, LABELS, Column, Kind
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.layout import HEAD, ROUND
+from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
 from posture_opt.measurements.orientation_columns import QUATERNION, angle_columns, incomplete_orientation
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 
-_INPUTS = {"payload": "mass", "temperature": "temperature", "time": "time"}
-_UNITS = {"angle": "deg", "length": "mm", "mass": "kg", "temperature": "degC", "time": "s"}
-_SPELT_OUT = {"second": "s", "meter": "m", "millimeter": "mm", "degree": "deg", "radian": "rad", "kilogram": "kg"}
-_CELSIUS = {"degC": 0.0, "°C": 0.0, "K": -273.15}
-_MISTYPED = 0.8  # alikeness from which a column of a foreign file is a known one with a slip
-_NAMED = 20  # columns of a foreign file that a message lists
+_INPUT_DIMENSIONS = {"payload": "mass", "temperature": "temperature", "time": "time"}
+"""Columns of inputs of effects, with their dimension."""
+_USUAL_UNITS = {"angle": "deg", "length": "mm", "mass": "kg", "temperature": "degC", "time": "s"}
+"""Dimension -> the unit that messages suggest."""
+_UNIT_ABBREVIATIONS = {
+    "second": "s",
+    "meter": "m",
+    "millimeter": "mm",
+    "degree": "deg",
+    "radian": "rad",
+    "kilogram": "kg",
+}
+"""Units that instruments spell out, without a plural s."""
+_CELSIUS_OFFSETS = {"degC": 0.0, "°C": 0.0, "K": -273.15}
+"""Unit of temperature -> what is added to a value to have degC."""
+_MISTYPED_LIKENESS = 0.8
+"""Likeness (difflib's ratio) from which a column of a foreign file is a known one with a slip."""
+_MAX_LISTED_COLUMNS = 20
+"""Columns of a foreign file that a message lists."""
 
 
-def dimensions(robot: Robot) -> dict[str, str]:
+def column_dimensions(robot: Robot) -> dict[str, str]:
     """Every column that has a unit, with its dimension: joints, coordinates, orientations, inputs of effects."""
     joints = {joint.name: "angle" if joint.type == "revolute" else "length" for joint in robot.joints}
-    return {**dict.fromkeys(AXES, "length"), **dict.fromkeys(angle_columns(robot), "angle"), **_INPUTS, **joints}
+    return {
+        **dict.fromkeys(AXES, "length"),
+        **dict.fromkeys(angle_columns(robot), "angle"),
+        **_INPUT_DIMENSIONS,
+        **joints,
+    }
 
 
 def column_kinds(robot: Robot) -> dict[str, Kind]:
-    """Every column that a file of this robot may have."""
-    kinds: dict[str, Kind] = dict.fromkeys((*dimensions(robot), *QUATERNION), "number")
+    """Every column that a file of this robot may have, with how its cells are read."""
+    kinds: dict[str, Kind] = dict.fromkeys((*column_dimensions(robot), *QUATERNION), "number")
     kinds |= dict.fromkeys(LABELS, "label")
     return kinds | {f"{name}.approach": "side" for name in robot.joint_names}
 
@@ -50,7 +68,15 @@ def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
 
 @dataclass
 class Header:
-    """What was found in the heads: known columns, and what is wrong with the others."""
+    """What was found in the column headers: known columns, and what is wrong with the others.
+
+    Args:
+        found: known name -> its column.
+        unknown: header -> the known name that was probably meant; empty where none is like it.
+        unitless: known name -> what to write.
+        missing: known name -> header to add; under an empty name that nothing is measured.
+        left_out: headers that are not used, as the problem file says which are.
+    """
 
     found: dict[str, Column] = field(default_factory=dict)
     unknown: dict[str, str] = field(default_factory=dict)
@@ -59,183 +85,214 @@ class Header:
     left_out: list[str] = field(default_factory=list)
 
     @property
-    def meant(self) -> set[str]:
-        """Known names that unknown heads were probably meant to be."""
+    def probable_names(self) -> set[str]:
+        """Known names that unknown headers were probably meant to be."""
         return {name for name in self.unknown.values() if name}
 
-    def tell(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
-        """One fault, whatever there is."""
+    def report_faults(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
+        """One fault for the whole header, whatever is wrong with it: one thing in detail, several in one sentence."""
         if len(self.unknown) + len(self.unitless) + len(self.missing) == 1:
-            self._tell_one(line, faults, kinds)
+            self._report_one(line, faults, kinds)
         elif self.unknown or self.unitless or self.missing:
-            self._tell_all(line, faults)
+            self._report_all(line, faults)
 
-    def _tell_one(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
+    def _report_one(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
+        """The fault of a header with one thing wrong."""
         for name, near in self.unknown.items():
             hint = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
-            message, column, value, said = ("unknown column", name, name, hint) if name else _NAMELESS
+            message, column, value, said = ("unknown column", name, name, hint) if name else _NAMELESS_FAULT
             faults.add(message, column, value, said, line)
         for name, hint in self.unitless.items():
             faults.add("the column has no unit", name, None, hint, line)
-        for name, head in self.missing.items():
+        for name, title in self.missing.items():
             what = "the column of this joint is missing" if name else "nothing is measured"
-            faults.add(what, name, hint=f"add {head}", line=line)
+            faults.add(what, name, hint=f"add {title}", line=line)
 
-    def _tell_all(self, line: int, faults: Faults) -> None:
+    def _report_all(self, line: int, faults: Faults) -> None:
+        """The fault of a header with several things wrong, with one hint for all of them."""
         parts = []
         if self.missing:
             parts.append(f"missing {listed(self.missing.values())}")
         if self.unknown:
-            told = [f"'{name}'" + (f" (did you mean {near}?)" if near else "") for name, near in self.unknown.items()]
-            parts.append(f"unknown {listed(told, _NAMED)}")
+            unknown = [
+                f"'{name}'" + (f" (did you mean {near}?)" if near else "") for name, near in self.unknown.items()
+            ]
+            parts.append(f"unknown {listed(unknown, _MAX_LISTED_COLUMNS)}")
         if self.unitless:
             parts.append(f"no unit in {listed(self.unitless)}")
         faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._hint(), line=line)
 
     def _hint(self) -> str:
-        pairs = {near: head for head, near in self.unknown.items() if near and near not in (*LABELS, *_INPUTS)}
+        """How to map the columns of a foreign file, add units, or name columns."""
+        pairs = {
+            near: title for title, near in self.unknown.items() if near and near not in (*LABELS, *_INPUT_DIMENSIONS)
+        }
         if self.unknown and self.missing:
-            told = ", ".join(f'{name}: "{head}"' for name, head in pairs.items()) or _example(self)
-            which = f"data: {{columns: {{{told}{'' if {*self.missing} <= {*pairs, ''} else ', …'}}}}}"
-            option = (told.split(", ")[0]).replace(': "', "=").rstrip('"')
+            mapping = ", ".join(f'{name}: "{title}"' for name, title in pairs.items()) or _example_mapping(self)
+            which = f"data: {{columns: {{{mapping}{'' if {*self.missing} <= {*pairs, ''} else ', …'}}}}}"
+            option = (mapping.split(", ")[0]).replace(': "', "=").rstrip('"')
             return f'rename them, or say which is which: {which} in the problem file, or --column "{option}" …'
         if self.unitless:
-            heads = ", ".join(hint.removeprefix("write ") for hint in self.unitless.values())
+            titles = ", ".join(hint.removeprefix("write ") for hint in self.unitless.values())
             units = ", ".join(f"{name}: {_unit_in(hint)}" for name, hint in list(self.unitless.items())[:2])
-            return f"write {heads}, or in the problem file data: {{units: {{{units}, …}}}}"
+            return f"write {titles}, or in the problem file data: {{units: {{{units}, …}}}}"
         return "rename them or leave them out" if self.unknown else "add them"
 
 
-_NAMELESS = ("a column has no name", "", None, "name it, or leave out the commas at the ends of lines")
+_NAMELESS_FAULT = ("a column has no name", "", None, "name it, or leave out the commas at the ends of lines")
+"""Message, column, value and hint of a column without a name."""
 
 
-def _example(header: Header) -> str:
+def _example_mapping(header: Header) -> str:
+    """A mapping of the first missing column to the first unknown header."""
     return f'{next(iter(header.missing)) or "x"}: "{next(iter(header.unknown))}"'
 
 
 def _unit_in(hint: str) -> str:
+    """The unit in brackets at the end of a hint."""
     return hint.rpartition("[")[2].rstrip("]")
 
 
 def read_header(
-    heads: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec | None = None
+    titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec | None = None
 ) -> tuple[dict[str, Column], tuple[str, ...]]:
-    """The known columns by name, and the heads that are left out; what else is wrong joins ``faults``."""
-    header = _read(heads, robot, line, faults, spec or DataSpec())
-    there = {*header.found, *header.meant}
-    _missing(header, there, robot)
-    if _anothers(header, robot, line, faults):
+    """The known columns by name, and the column headers that are left out; what else is wrong joins ``faults``.
+
+    Args:
+        titles: the column headers, as written.
+        robot: whose joints the columns may be.
+        line: of the header in the file.
+        faults: of the file.
+        spec: may map headers of the instrument, and state units.
+    """
+    header = _read_columns(titles, robot, line, faults, spec or DataSpec())
+    there = {*header.found, *header.probable_names}
+    _note_missing(header, there, robot)
+    if _is_of_another_robot(header, robot, line, faults):
         return header.found, ()
-    header.tell(line, faults, column_kinds(robot))
-    _contradictions(header, there, robot, line, faults)
+    header.report_faults(line, faults, column_kinds(robot))
+    _contradiction_faults(header, there, robot, line, faults)
     return header.found, tuple(header.left_out)
 
 
-def known_columns(heads: Sequence[str], robot: Robot, line: int, faults: Faults) -> tuple[dict[str, Column], set[str]]:
+def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults) -> tuple[dict[str, Column], set[str]]:
     """The known columns by name, and what unknown ones were probably meant to be; these, doubled or unitless ones join
     ``faults``, and nothing that is missing does.
     """
-    header = _read(heads, robot, line, faults, DataSpec())
-    if _anothers(header, robot, line, faults):
-        return header.found, {*robot.joint_names, *header.meant}
-    header.tell(line, faults, column_kinds(robot))
-    return header.found, header.meant
+    header = _read_columns(titles, robot, line, faults, DataSpec())
+    if _is_of_another_robot(header, robot, line, faults):
+        return header.found, {*robot.joint_names, *header.probable_names}
+    header.report_faults(line, faults, column_kinds(robot))
+    return header.found, header.probable_names
 
 
-def _read(heads: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec) -> Header:
-    sized, kinds = dimensions(robot), column_kinds(robot)
-    _clashes(robot, faults)
+def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec) -> Header:
+    """The header, sorted into known columns and faults; doubled names and wrong units join ``faults`` at once."""
+    sized, kinds = column_dimensions(robot), column_kinds(robot)
+    _name_clashes(robot, faults)
     header = Header()
     others: list[str] = []
-    for index, (name, unit) in enumerate(_named(heads, spec, line, faults)):
+    for index, (name, unit) in enumerate(_named_columns(titles, spec, line, faults)):
         if name not in kinds:
             others.append(name)
         elif name in header.found:
             faults.add("two columns have this name", name, hint="keep one", line=line)
         else:
             unit = _stated_unit(name, unit, spec, line, faults)
-            factor, offset = _scale(name, unit, sized.get(name, ""), line, header, faults)
+            factor, offset = _unit_scale(name, unit, sized.get(name, ""), line, header, faults)
             header.found[name] = Column(name, index, kinds[name], factor, offset, unit)
     free = [name for name in kinds if name not in header.found]
     for name in others:
-        if spec.columns and not get_close_matches(name.lower(), free, 1, _MISTYPED):
+        if spec.columns and not get_close_matches(name.lower(), free, 1, _MISTYPED_LIKENESS):
             header.left_out += [name] if name else []
         else:
-            header.unknown[name] = _alike(name, free, robot) or nearest(name, free)
+            header.unknown[name] = _likely_column(name, free, robot) or nearest(name, free)
     return header
 
 
-def _named(heads: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> list[tuple[str, str]]:
-    """Name and unit of every column, called as the problem file says."""
-    found = [_parts(head) for head in heads]
+def _named_columns(titles: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> list[tuple[str, str]]:
+    """Name and unit of every column, named as the problem file says."""
+    found = [_split_brackets(title) for title in titles]
     for name, wanted in spec.columns.items():
-        at = _places(heads, wanted)
+        at = _matching_columns(titles, wanted)
         if len(at) == 1:
             own = [k for k, (other, _) in enumerate(found) if other == name and k != at[0]]
             for k in own:  # another column of that name is not meant
                 found[k] = (f"{name} of the file", found[k][1])
-            found[at[0]] = (name, _bracketed(heads[at[0]]))
+            found[at[0]] = (name, _unit_of_header(titles[at[0]]))
         elif at:
             which = listed(str(k + 1) for k in at)
             hint = f"name it by its number: data: {{columns: {{{name}: {at[0] + 1}}}}}"
             faults.add(f"the columns {which} are called '{wanted}'", name, wanted, hint, line)
         elif all(other != name for other, _ in found):
-            faults.add(f"there is no column {wanted!r}", name, wanted, _near_head(heads, wanted), line)
+            faults.add(f"there is no column {wanted!r}", name, wanted, _header_hint(titles, wanted), line)
     return found
 
 
-def _places(heads: Sequence[str], wanted: str | int) -> list[int]:
-    """The columns that a problem file means: by number, by the whole head, or by the head without its unit."""
+def _matching_columns(titles: Sequence[str], wanted: str | int) -> list[int]:
+    """The columns that a problem file means: by number, by the whole column header, or without its unit."""
     if isinstance(wanted, int):
-        return [wanted - 1] if wanted <= len(heads) else []
+        return [wanted - 1] if wanted <= len(titles) else []
     plain = wanted.strip()
-    whole = [k for k, head in enumerate(heads) if head.strip() == plain]
-    return whole or [k for k, head in enumerate(heads) if plain in (_parts(head)[0], _round(head)[0])]
+    whole = [k for k, title in enumerate(titles) if title.strip() == plain]
+    return whole or [
+        k for k, title in enumerate(titles) if plain in (_split_brackets(title)[0], _split_round(title)[0])
+    ]
 
 
-def _near_head(heads: Sequence[str], wanted: str | int) -> str:
+def _header_hint(titles: Sequence[str], wanted: str | int) -> str:
+    """What was probably meant by a header that the file does not have."""
     if isinstance(wanted, int):
-        return f"the file has {len(heads)} columns"
-    near = nearest(wanted, heads)
-    return f"did you mean '{near.strip()}'?" if near else f"the file has {listed((h.strip() for h in heads), _NAMED)}"
+        return f"the file has {len(titles)} columns"
+    near = nearest(wanted, titles)
+    return (
+        f"did you mean '{near.strip()}'?"
+        if near
+        else f"the file has {listed((h.strip() for h in titles), _MAX_LISTED_COLUMNS)}"
+    )
 
 
-def _parts(head: str) -> tuple[str, str]:
-    match = HEAD.match(head)
-    return (match["name"], (match["unit"] or "").strip()) if match else (head.strip(), "")
+def _split_brackets(title: str) -> tuple[str, str]:
+    """Name and unit of a header such as ``joint1 [deg]``; no unit where there are no brackets."""
+    match = BRACKETED_HEADER.match(title)
+    return (match["name"], (match["unit"] or "").strip()) if match else (title.strip(), "")
 
 
-def _round(head: str) -> tuple[str, str]:
-    match = ROUND.match(head)
-    return (match["name"], match["unit"].strip()) if match else (head.strip(), "")
+def _split_round(title: str) -> tuple[str, str]:
+    """Name and unit of a header such as ``joint1 (deg)``."""
+    match = ROUND_HEADER.match(title)
+    return (match["name"], match["unit"].strip()) if match else (title.strip(), "")
 
 
-def _bracketed(head: str) -> str:
-    """The unit of a foreign head, in brackets of either kind."""
-    unit = _parts(head)[1] or _round(head)[1]
-    return _SPELT_OUT.get(unit.lower().removesuffix("s"), unit)
+def _unit_of_header(title: str) -> str:
+    """The unit of a foreign header, in brackets of either kind."""
+    unit = _split_brackets(title)[1] or _split_round(title)[1]
+    return _UNIT_ABBREVIATIONS.get(unit.lower().removesuffix("s"), unit)
 
 
 def _stated_unit(name: str, unit: str, spec: DataSpec, line: int, faults: Faults) -> str:
+    """The unit of the header or of the problem file; two different ones are a fault."""
     stated = spec.units.get(name, "")
     if stated and unit and stated != unit:
-        message = f"the head says '{unit}', the problem file '{stated}'"
-        faults.add(message, name, unit, "keep the right one: data: {units: …} is for heads without a unit", line)
+        message = f"the column header says '{unit}', the problem file '{stated}'"
+        faults.add(
+            message, name, unit, "keep the right one: data: {units: …} is for column headers without a unit", line
+        )
     return unit or stated
 
 
-def _scale(name: str, unit: str, dimension: str, line: int, header: Header, faults: Faults) -> tuple[float, float]:
-    """Factor and offset of a column; a wrong or missing unit is a fault, and the cells are still read."""
+def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header, faults: Faults) -> tuple[float, float]:
+    """Factor and offset of a column to SI units; a wrong or missing unit is a fault, and the cells are still read."""
     if not dimension:
         if unit not in ("", "-", "1"):
             faults.add(f"a column without dimension has the unit '{unit}'", name, unit, f"write {name}", line)
         return 1.0, 0.0
-    hint = f"write {name} [{_UNITS[dimension]}]"
+    hint = f"write {name} [{_USUAL_UNITS[dimension]}]"
     if not unit:
         header.unitless[name] = hint
     elif dimension == "temperature":
-        if unit in _CELSIUS:
-            return 1.0, _CELSIUS[unit]
+        if unit in _CELSIUS_OFFSETS:
+            return 1.0, _CELSIUS_OFFSETS[unit]
         faults.add(f"'{unit}' is not a unit of temperature", name, unit, hint, line)
     elif unit == DIMENSIONS[dimension][0]:  # needs no table of units
         return 1.0, 0.0
@@ -247,16 +304,17 @@ def _scale(name: str, unit: str, dimension: str, line: int, header: Header, faul
     return 1.0, 0.0
 
 
-def _clashes(robot: Robot, faults: Faults) -> None:
-    taken = {*AXES, *QUATERNION, *LABELS, *_INPUTS, *(f"{name}.approach" for name in robot.joint_names)}
+def _name_clashes(robot: Robot, faults: Faults) -> None:
+    """A fault for each joint that is named like a column of measurements."""
+    taken = {*AXES, *QUATERNION, *LABELS, *_INPUT_DIMENSIONS, *(f"{name}.approach" for name in robot.joint_names)}
     for name in robot.joint_names:
         if name in taken:
             faults.add("a joint has the name of a column of measurements", name, hint="rename the joint in the problem")
 
 
-def _alike(head: str, free: Sequence[str], robot: Robot) -> str:
-    """What a foreign head probably stands for: an axis by its letter, a joint by its number; empty where nothing."""
-    words = [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", head)]
+def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
+    """What a foreign header is probably for: an axis by its letter, a joint by its number; empty where neither."""
+    words = [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", title)]
     if axes := [axis for axis in AXES if axis in words]:
         return axes[0] if len(axes) == 1 and axes[0] in free else ""
     numbers = [int(word) for word in words if word.isdigit()]
@@ -266,15 +324,15 @@ def _alike(head: str, free: Sequence[str], robot: Robot) -> str:
     return ""
 
 
-def _anothers(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
-    """Complains where no column is a joint of this robot, and others may be those of another one."""
+def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
+    """Whether no column is a joint of this robot while others may be those of another one; this is then a fault."""
     joints, unknown = set(robot.joint_names), list(header.unknown)
     alike = {name.lower() for name in joints} & {name.lower() for name in unknown}
-    guessed = joints & header.meant
+    guessed = joints & header.probable_names
     others = len(unknown) >= len(joints) or (len(unknown) > 1 and not guessed)
     if not others or len(joints) < 2 or joints & set(header.found) or alike or len(guessed) == len(joints):
         return False
-    ours, theirs = ", ".join(robot.joint_names), listed(unknown, _NAMED)
+    ours, theirs = ", ".join(robot.joint_names), listed(unknown, _MAX_LISTED_COLUMNS)
     message = f"no column is a joint of the problem's robot ({ours}), but there are {theirs}"
     hint = "is it another robot's file? name its problem file, or say which columns are this robot's joints: "
     hint += f'data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}'
@@ -282,21 +340,26 @@ def _anothers(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
     return True
 
 
-def _missing(header: Header, there: set[str], robot: Robot) -> None:
-    """Joints without a column, and a file in which nothing was measured."""
-    guessed = {name for head, name in header.unknown.items() if name and not nearest(head, [name])}
+def _note_missing(header: Header, there: set[str], robot: Robot) -> None:
+    """Note joints without a column, and that nothing was measured, in ``header.missing``.
+
+    Args:
+        there: known names that are found or probably meant.
+    """
+    guessed = {name for title, name in header.unknown.items() if name and not nearest(title, [name])}
     there = there - guessed
     several = len(header.unknown) > 1
     for joint in robot.joints:
-        if joint.name not in there or (joint.name in guessed | (header.meant if several else set())):
+        if joint.name not in there or (joint.name in guessed | (header.probable_names if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
     if not measured and "point" not in there:
         header.missing[""] = "x [mm], y [mm], z [mm], or point for touched points"
-    header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.meant}
+    header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.probable_names}
 
 
-def _contradictions(header: Header, there: set[str], robot: Robot, line: int, faults: Faults) -> None:
+def _contradiction_faults(header: Header, there: set[str], robot: Robot, line: int, faults: Faults) -> None:
+    """Faults of columns that exclude each other: points that are touched and measured, half an orientation."""
     measured = [axis for axis in AXES if axis in there]
     if "point" in header.found and measured:
         message = f"both point and {', '.join(measured)} are given"

@@ -14,16 +14,17 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 
-_STILL = 1e-9  # m; rounding of half turns at a reach of metres is 1e-15
+_REST_TOLERANCE_M = 1e-9
+"""Motion below which a tool point is at rest; rounding of half turns at a reach of metres is 1e-15."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Summarised):
-    """N measurements in the order in which they were made.
+    """N measurements in the order in which they were made, in SI units and radians.
 
-    Groups of rows are integer codes; the texts they stand for are in the tuples of names. Where the file has no
+    Groups of rows are integer codes; the texts of the codes are in the tuples of names. Where the file has no
     ``pose`` column, rows with equal commands are one pose; without ``goal`` every pose is a goal of its own, and
-    without ``target`` or ``robot`` all rows share one.
+    without ``target`` or ``robot`` all rows share one. Arrays are read-only.
 
     Args:
         joint_names: (n,) the joints, in the order of the columns of ``q``.
@@ -33,17 +34,26 @@ class Measurements(Summarised):
         rotation: (N, 4) measured orientation as unit quaternion (w, x, y, z) with w >= 0, or ``None``.
         pose, goal, target, robot, point: (N,) codes; ``point`` is zero where ``position`` was measured.
         target_names, robot_names, point_names: the text of each code; empty without the column.
-        approach: (N, n) the side from which the joint arrived, -1 or +1; 0 where nothing says so.
+        approach: (N, n) the side from which the joint arrived, −1 or +1 (increasing values); 0 where it is not known.
         approach_length: (N, n) the length of that last move [rad or m]; 0 in a robot's first row.
         payload: (N,) [kg], or ``None``.
         temperature: (N,) [degC], or ``None``.
         time: (N,) [s], or ``None``.
         visit: (N,) a number for each stay at a pose, where rows between were taken out; ``None``: as rows follow.
         line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
+        file: its name; ``table`` for one in memory.
         pose_given, goal_given, approach_given: whether the file has such columns.
         joint_units: (n,) rad or m; empty where all joints turn.
         warnings: sentences on what looks wrong but can be used.
         notes: sentences on how the file was read.
+
+    Example:
+        >>> from posture_opt import load_problem, read_measurements
+        >>> table = {"joint1 [deg]": [0, 10, 20], "joint2 [deg]": [30, 40, 50], "x [mm]": [1866, 1628, 1282],
+        ...          "y [mm]": [500, 940, 1282]}
+        >>> data = read_measurements(table, load_problem("insert_planar_2r"))
+        >>> len(data), data.joint_names
+        (3, ('joint1', 'joint2'))
     """
 
     joint_names: tuple[str, ...]
@@ -75,7 +85,7 @@ class Measurements(Summarised):
     visit: Codes | None = None
 
     def __post_init__(self) -> None:
-        for name in _BY_ROW:
+        for name in _FIELDS_BY_ROW:
             values = getattr(self, name)
             assert values is None or len(values) == len(self.q), f"{name} has a row for each measurement"
             if values is not None:
@@ -92,7 +102,7 @@ class Measurements(Summarised):
     def about_points(self, values: Array) -> Array:
         """Rows ``values`` (N, …) less their mean over all touches of the same point; as they are where none is touched.
 
-        Nobody knows where a touched point lies: errors there count from the mean of its touches.
+        The place of a touched point is not known: errors there count from the mean of its touches.
         """
         return values - self.point_means(values) if self.touches else values
 
@@ -112,21 +122,34 @@ class Measurements(Summarised):
         return self._presenter.dataframe()
 
     def take(self, rows: object) -> Measurements:
-        """The measurements of ``rows``, indices or a mask (N,); codes and names keep their meaning."""
+        """The measurements of some rows; codes and names keep their meaning.
+
+        Args:
+            rows: (m,) indices or (N,) mask.
+        """
         index = np.asarray(rows)
-        chosen = {name: values[index] for name in _BY_ROW if (values := getattr(self, name)) is not None}
+        chosen = {name: values[index] for name in _FIELDS_BY_ROW if (values := getattr(self, name)) is not None}
         return replace(self, **chosen)
 
 
 def group_means(values: Array, groups: Codes) -> Array:
-    """(G, …) means of rows ``values`` (N, …) over each group of ``groups`` (N,), in the order of their codes."""
+    """(G, …) means of rows ``values`` (N, …) over each group, in the order of their codes.
+
+    Args:
+        values: (N, …).
+        groups: (N,) codes, not necessarily without gaps.
+
+    Example:
+        >>> group_means(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 7])).tolist()
+        [2.0, 5.0]
+    """
     _, codes, count = np.unique(groups, return_inverse=True, return_counts=True)
     sums = np.zeros((len(count), *values.shape[1:]))
     np.add.at(sums, codes, values)
     return np.asarray(sums / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-_WHOLE = {
+_FIELDS_OF_FILE = {
     "joint_names",
     "measured_axes",
     "target_names",
@@ -137,11 +160,13 @@ _WHOLE = {
     "joint_units",
     "notes",
 }
-_BY_ROW = tuple(f.name for f in fields(Measurements) if f.name not in _WHOLE and not f.name.endswith("_given"))
+_FIELDS_BY_ROW = tuple(
+    f.name for f in fields(Measurements) if f.name not in _FIELDS_OF_FILE and not f.name.endswith("_given")
+)
 
 
 def nominal_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Tool point (N, 3) [m] and rotation (N, 3, 3), both in the world, of postures (N, n)."""
+    """Tool point (N, 3) [m] and rotation (N, 3, 3) R_world_tool of postures (N, n) [rad or m], without effects."""
     reached = walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
     points = np.broadcast_to(stack(reached.position), (len(q), 3))
     rotations = np.broadcast_to(stack(list(zip(*reached.columns, strict=True))), (len(q), 3, 3))
@@ -149,21 +174,26 @@ def nominal_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
 
 
 def reach_of(robot: Robot) -> Array:
-    """(32, 3) where the tool point comes to lie at postures drawn at random [m]."""
+    """(32, 3) tool points [m], world, at postures drawn at random within the limits, always the same ones."""
     q = np.random.default_rng(0).uniform(np.array(robot.lower), np.array(robot.upper), (32, robot.n))
     return nominal_poses(robot, q)[0]
 
 
 def still_axes(robot: Robot) -> Mask:
-    """(3,) along which world axes the tool point cannot move at will, as z of a planar arm."""
+    """(3,) along which world axes the tool point cannot be moved at will, as z of a planar arm.
+
+    A planar arm that was found to be slightly skew leaves its plane by its errors only: that does not count.
+    """
     points = reach_of(robot)
     # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
     extent = np.ptp(points, axis=0)
-    return np.asarray(extent < _STILL + 2 * robot.skew * extent.max())
+    return np.asarray(extent < _REST_TOLERANCE_M + 2 * robot.skew * extent.max())
 
 
 def inputs_of(data: Measurements, robot: Robot) -> Inputs:
-    """The inputs of effects in every row of measurements."""
+    """The inputs of effects in every row: temperature above the reference [K], time since the first row [s] or row
+    number.
+    """
     n = len(data)
     return Inputs(
         payload=data.payload if data.payload is not None else np.full(n, robot.payload),
@@ -175,12 +205,12 @@ def inputs_of(data: Measurements, robot: Robot) -> Inputs:
 
 
 def arm_for(arm: Arm, data: Measurements) -> Arm:
-    """The arm under the inputs of every row."""
+    """The arm under the inputs of every row; all sides of approach count as stated."""
     return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
 
 
-def stands(arm: Arm, q: Array) -> Array:
-    """(N, n) where the joints stand at commands ``q`` (N, n), as far as others carry them along [rad or m]."""
+def carried_joint_values(arm: Arm, q: Array) -> Array:
+    """(N, n) where the joints are at commands ``q`` (N, n), as far as others carry them along [rad or m]."""
     moved = q.copy()
     for joint, value in arm.carried(list(q.T)).items():
         moved[:, joint] += value
@@ -188,7 +218,7 @@ def stands(arm: Arm, q: Array) -> Array:
 
 
 def rows_of(codes: Codes) -> list[Codes]:
-    """The rows of each code, in the order of the codes."""
+    """The rows (indices) of each code, in the order of the codes."""
     order = np.argsort(codes, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
 

@@ -1,6 +1,6 @@
 """Measurements that look wrong as a whole: another unit, swapped columns, a mirrored frame, another robot's file.
 
-What is guessed is said and never applied: the user knows what was measured.
+What is guessed is reported and never applied: the user knows what was measured.
 """
 
 from __future__ import annotations
@@ -19,18 +19,34 @@ from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
-_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
-_POOR = 0.03  # unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave it
-_GOOD = 0.05  # what a guess must leave at most,
-_BETTER = 5.0  # and how many times less than the columns as given
-_UNLIKE = 0.1  # unexplained share from which it is said that another robot may have been measured
-_FAR = 1e4  # lengths of the arm from the middle of all points: a wrong unit makes a thousand of one
-_TRUSTED = 0.2  # unexplained share up to which scale and sign of the fitted map mean something
+_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
+"""Units of length -> [m], in which coordinates may have been written."""
+_POOR_MISFIT = (
+    0.03  # unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave it
+)
+"""Unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave as much."""
+_GOOD_MISFIT = 0.05
+"""Unexplained share that a guess must leave at most."""
+_IMPROVEMENT_FACTOR = 5.0
+"""How many times less than the columns as given a guess must leave."""
+_UNLIKE_MISFIT = 0.1
+"""Unexplained share from which a warning says that another robot may have been measured."""
+_MAX_DISTANCE_RATIO = 1e4
+"""Lengths of the arm from the middle of all points; a wrong unit makes a thousand of one."""
+_TRUSTED_MISFIT = 0.2
+"""Unexplained share up to which scale and sign of the fitted map mean something."""
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Columns read in another way: the joint values that follow, what is said of it, and a hint."""
+    """Columns read in another way.
+
+    Args:
+        q: (m, n) the joint values that follow [rad or m].
+        message: what is assumed.
+        hint: how to correct the file.
+        column: the key of the message.
+    """
 
     q: Array
     message: str
@@ -39,42 +55,52 @@ class Guess:
 
 
 def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Column], faults: Faults) -> list[str]:
-    """Warnings; what cannot be meant as it stands joins ``faults``."""
+    """Warnings on data that can be used; what cannot be meant as it is joins ``faults``.
+
+    Args:
+        data: all rows; a sample of at most 400 is checked.
+        robot: the nominal arm.
+        columns: of the file, for names and units.
+        faults: of the file.
+    """
     rows = sample_rows(data)
     q = data.q[rows]
     if data.position is None:
         point = data.point[rows]
         misfit = touch_misfit(robot, q, point)
-        guessed = _guess(lambda other: touch_misfit(robot, other, point), misfit, q, robot, columns, faults)
-        return [] if guessed else _unlike(misfit, None, "how far the touches of one point lie apart")
+        guessed = _guess_columns(lambda other: touch_misfit(robot, other, point), misfit, q, robot, columns, faults)
+        return [] if guessed else _unlike_note(misfit, None, "how far the touches of one point lie apart")
     if _far_off(data, data.position[:, data.measured_axes], robot, faults):
         return []
     measured = data.position[rows][:, data.measured_axes]
     found = affine_fit(robot, q, measured)
     named = [axis for axis in AXES if axis in columns]
-    if _guess(lambda other: affine_fit(robot, other, measured).misfit, found.misfit, q, robot, columns, faults):
+    if _guess_columns(lambda other: affine_fit(robot, other, measured).misfit, found.misfit, q, robot, columns, faults):
         return []
     if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
         return []
-    if _mirrored(found, robot, named, faults):
+    if _is_mirrored(found, robot, named, faults):
         return []
-    return [*_unlike(found.misfit, _scale(found), "of the measured motion"), *_turned(found, robot, named)]
+    return [
+        *_unlike_note(found.misfit, _motion_scale(found), "of the measured motion"),
+        *_turned_note(found, robot, named),
+    ]
 
 
 def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) -> bool:
-    """Whether rows were measured where nobody could have seen the tool: no outlier of an instrument."""
+    """Whether rows were measured where no instrument could have seen the tool: no outlier of an instrument."""
     size = max(reach(robot), 1.0)
     off = np.linalg.norm(position - np.median(position, axis=0), axis=1)
-    far = np.flatnonzero(off > _FAR * size)
+    far = np.flatnonzero(off > _MAX_DISTANCE_RATIO * size)
     for row in map(int, far):
         message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
         faults.add(message, hint="leave out the row", line=int(data.line[row]))
     return bool(len(far))
 
 
-def _scale(found: AffineFit) -> float | None:
-    """How many times as far as the nominal tool the measured point moves."""
-    if found.map is None or not found.misfit < _TRUSTED:
+def _motion_scale(found: AffineFit) -> float | None:
+    """How many times as far as the nominal tool the measured point moves; None where the fit is too poor."""
+    if found.map is None or not found.misfit < _TRUSTED_MISFIT:
         return None
     return float(np.sqrt(np.sum(found.map**2) / len(found.axes)))
 
@@ -82,13 +108,13 @@ def _scale(found: AffineFit) -> float | None:
 def _wrong_lengths(
     found: AffineFit, measured: Array, q: Array, robot: Robot, columns: list[Column], faults: Faults
 ) -> bool:
-    """Whether coordinates look like another unit of length, each column for itself where the data tell."""
+    """Whether coordinates look like another unit of length, each column for itself where the data determine that."""
     scales: Array
-    if found.misfit < _TRUSTED and found.map is not None and len(found.axes) == len(columns):
+    if found.misfit < _TRUSTED_MISFIT and found.map is not None and len(found.axes) == len(columns):
         scales = np.linalg.norm(found.map, axis=1)
     else:
-        scales = np.full(len(columns), _scale(found) or _distance_ratio(measured, q, robot))
-    guesses = [_unit(scale, column) for scale, column in zip(scales, columns, strict=True)]
+        scales = np.full(len(columns), _motion_scale(found) or _distance_ratio(measured, q, robot))
+    guesses = [_likely_unit(scale, column) for scale, column in zip(scales, columns, strict=True)]
     for unit in dict.fromkeys(guess for guess in guesses if guess):
         those = [column for column, guess in zip(columns, guesses, strict=True) if guess == unit]
         ratio = float(scales[guesses.index(unit)])
@@ -110,38 +136,46 @@ def _distance_ratio(measured: Array, q: Array, robot: Robot) -> float:
     return float(np.median(distance[far] / nominal[far])) if far.any() else math.nan
 
 
-def _unit(scale: float, column: Column) -> str:
-    """The unit that the numbers of a column seem to have; empty where it is the stated one."""
+def _likely_unit(scale: float, column: Column) -> str:
+    """The unit that the numbers of a column seem to have, by the scale of their motion; empty where it is the stated
+    one.
+    """
     if not scale > 0 or 0.2 < scale < 5:
         return ""
     for units, tolerance in ((("m", "mm", "um"), 5.0), (("cm", "in"), 1.3)):
         for unit in units:
-            if abs(math.log(scale * _LENGTHS[unit] / column.factor)) < math.log(tolerance):
+            if abs(math.log(scale * _LENGTH_UNITS[unit] / column.factor)) < math.log(tolerance):
                 return unit
     return ""
 
 
-def _guess(
+def _guess_columns(
     misfit_of: Misfit, misfit: float, q: Array, robot: Robot, columns: dict[str, Column], faults: Faults
 ) -> bool:
-    """Whether the joints make sense only when read in another way."""
-    if not misfit > _POOR:
+    """Whether the joints are only plausible when read in another way; the best guess is then a fault.
+
+    Args:
+        misfit_of: unexplained share of joint values (m, n).
+        misfit: that of ``q`` (m, n) as given.
+    """
+    if not misfit > _POOR_MISFIT:
         return False
-    tried = [(misfit_of(guess.q), guess) for guess in _guesses(q, robot, columns)]
+    tried = [(misfit_of(guess.q), guess) for guess in _possible_guesses(q, robot, columns)]
     best, guess = min(tried, key=lambda pair: pair[0], default=(math.inf, None))
-    if guess is None or not best < min(_GOOD, misfit / _BETTER):
+    if guess is None or not best < min(_GOOD_MISFIT, misfit / _IMPROVEMENT_FACTOR):
         return False
-    said = f"the nominal robot explains the data to {_percent(best)} if {guess.message}, as given only to"
-    faults.add(f"{said} {_percent(misfit)}", guess.column, hint=guess.hint)
+    said = f"the nominal robot explains the data to {_explained_percent(best)} if {guess.message}, as given only to"
+    faults.add(f"{said} {_explained_percent(misfit)}", guess.column, hint=guess.hint)
     return True
 
 
-def _percent(misfit: float) -> str:
+def _explained_percent(misfit: float) -> str:
+    """The explained share in per cent, at least 0."""
     return f"{100 * max(1 - misfit, 0):.3g} %"
 
 
-def _guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Guess]:
-    """Every way in which units or heads of joint columns may have been mistaken."""
+def _possible_guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Guess]:
+    """Every way in which units, signs or headers of joint columns may have been mistaken."""
     names = robot.joint_names
     for stated, meant, factor, kind in (
         ("deg", "rad", 180 / math.pi, "revolute"),
@@ -151,7 +185,7 @@ def _guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Gue
     ):
         those = [j for j, joint in enumerate(robot.joints) if joint.type == kind and columns[names[j]].unit == stated]
         for some in dict.fromkeys([tuple(those), *((j,) for j in those)]):
-            if some and (factor > 1 or _beyond(q, robot, some)):
+            if some and (factor > 1 or _beyond_limits(q, robot, some)):
                 other = q.copy()
                 other[:, some] *= factor
                 which = ", ".join(names[j] for j in some)
@@ -167,36 +201,38 @@ def _guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Gue
             other = q.copy()
             other[:, [i, j]] = q[:, [j, i]]
             message = f"the columns {names[i]} and {names[j]} are exchanged"
-            yield Guess(other, message, "are the two swapped? exchange their heads", names[i])
+            yield Guess(other, message, "are the two swapped? exchange their headers", names[i])
 
 
-def _beyond(q: Array, robot: Robot, some: tuple[int, ...]) -> bool:
+def _beyond_limits(q: Array, robot: Robot, some: tuple[int, ...]) -> bool:
     """Whether any of these joints leaves its limits: numbers that are too large for their unit do."""
     return any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
 
 
-def _square(found: AffineFit) -> Array | None:
-    """The map between as many axes as are measured, where the fit is good enough to trust its sign."""
-    if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED:
+def _square_map(found: AffineFit) -> Array | None:
+    """The map (k, k) between as many axes as are measured, where the fit is good enough to trust its sign."""
+    if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED_MISFIT:
         return None
     return found.map
 
 
-def _mirrored(found: AffineFit, robot: Robot, named: list[str], faults: Faults) -> bool:
+def _is_mirrored(found: AffineFit, robot: Robot, named: list[str], faults: Faults) -> bool:
     """Whether the measured frame is left-handed, which no robot's motion can be."""
-    square = _square(found)
+    square = _square_map(found)
     if square is None or np.linalg.det(square) > 0 or np.linalg.cond(square) > 2:
         return False
     guess = "two of the columns are swapped, or one has the opposite sign"
     if not robot.base_free:
-        guess = _which(square, named) or guess
+        guess = _mirrored_columns(square, named) or guess
     message = f"the measured frame is left-handed: the points are the mirror image of the nominal robot's ({guess})"
     faults.add(message, named[0], hint=f"correct the columns {', '.join(named)}")
     return True
 
 
-def _which(square: Array, named: list[str]) -> str:
-    """The two swapped columns or the reversed one, in a frame that is known."""
+def _mirrored_columns(square: Array, named: list[str]) -> str:
+    """The two swapped columns or the reversed one, by a map (k, k) in a frame that is known; empty where neither
+    fits.
+    """
     for i, j in combinations(range(len(named)), 2):
         swapped = np.eye(len(named))[[j if k == i else i if k == j else k for k in range(len(named))]]
         if np.abs(square - swapped).max() < 0.3:
@@ -208,9 +244,9 @@ def _which(square: Array, named: list[str]) -> str:
     return ""
 
 
-def _turned(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
-    """A warning where the problem states the base and the data stand in another frame."""
-    square = _square(found)
+def _turned_note(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
+    """A warning where the problem states the base and the data are in another frame, by more than 10 deg."""
+    square = _square_map(found)
     if robot.base_free or square is None:
         return []
     left, _, right = np.linalg.svd(square)
@@ -224,9 +260,9 @@ def _turned(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
     ]
 
 
-def _unlike(misfit: float, scale: float | None, what: str) -> list[str]:
+def _unlike_note(misfit: float, scale: float | None, what: str) -> list[str]:
     """A warning where no base and no tool lets the nominal robot come near the data."""
-    if misfit > _UNLIKE:
+    if misfit > _UNLIKE_MISFIT:
         return [
             f"whatever base and tool, the nominal robot leaves {100 * misfit:.3g} % unexplained ({what}): is it "
             "another robot's file, or are signs or zeros of joints different?"

@@ -13,16 +13,16 @@ from posture_opt.measurements.columns import AXES, Cells, Column, read_cells
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
-from posture_opt.measurements.measurements import Measurements, nominal_poses, stands, still_axes
+from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.orientation_columns import rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.model.arm import Arm
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
-_TURN = 2 * math.pi
-_LISTED = 10
+_MAX_LISTED_LINES = 10
+"""Lines that a warning lists."""
 
 
 class HasData(Protocol):
@@ -38,51 +38,65 @@ class HasData(Protocol):
 
 
 def read_measurements(source: TableLike, problem: HasData) -> Measurements:
-    """The measurements in a CSV file, a pandas DataFrame or a mapping from column head to values.
+    """The measurements in a CSV file, a pandas DataFrame or a mapping from column header to values.
 
-    Heads carry their unit: ``joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm]``; other heads, decimal marks and units
-    are told by the section ``data`` of the problem. Commas, semicolons, tabs or blanks separate the columns, lines that
-    begin with ``#``, ``%`` or ``//`` are comments. Values that look like another
-    unit, swapped columns or a mirrored frame are guessed and said, never converted.
+    Column headers carry their unit: ``joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm]``; other headers, decimal
+    marks
+    and units are stated in the section ``data`` of the problem. Commas, semicolons, tabs or blanks separate the
+    columns,
+    lines that begin with ``#``, ``%`` or ``//`` are comments. Values that look like another unit, swapped columns or a
+    mirrored frame are guessed and reported, never converted.
 
     Args:
         source: the path, or the table.
-        problem: names ``robot`` and ``data``.
+        problem: names ``arm``, ``robot`` and ``data``.
+
+    Returns:
+        All rows in SI units and radians, in the order of the file.
 
     Raises:
         InputError: everything wrong with the file, each with line, column and a hint.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> table = {"joint1 [deg]": [0, 90], "joint2 [deg]": [0, 0], "x [mm]": [2000, 0], "y [mm]": [0, 2000]}
+        >>> read_measurements(table, load_problem("insert_planar_2r")).position.tolist()
+        [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]
     """
     table = open_table(source, column_kinds(problem.robot), problem.data)
     faults = table.faults
-    columns, left_out = read_header(table.heads, problem.robot, table.line, faults, problem.data)
+    columns, left_out = read_header(table.titles, problem.robot, table.line, faults, problem.data)
     cells = read_cells(table.blocks, columns.values(), faults, problem.data)
     if not cells.line.size and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
-    data = _assemble(cells, columns, problem.robot, faults)
+    data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
-    notes = plausibility_checks(replace(data, q=stands(problem.arm, data.q)), problem.robot, columns, faults)
+    notes = plausibility_checks(
+        replace(data, q=carried_joint_values(problem.arm, data.q)), problem.robot, columns, faults
+    )
     faults.refuse()
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
     return replace(data, warnings=tuple(notes), notes=(*table.notes, *unused))
 
 
-def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Measurements:
+def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Measurements:
+    """The measurements of cells that were read without a fault; values beyond limits join ``faults``."""
     line = cells.line
-    q = np.column_stack([_present(cells.number(name)) for name in robot.joint_names])
+    q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
     _check_limits(q, robot, columns, line, faults)
     _check_payload(cells, faults)
     pose, goal = cells.code("pose"), cells.code("goal")
     poses = pose[0] if pose else _codes_of_rows(q)
-    nobody: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
-    target, robots, point = (cells.code(name) or nobody for name in ("target", "robot", "point"))
+    without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
+    target, robots, point = (cells.code(name) or without_column for name in ("target", "robot", "point"))
     measured = np.array([axis in columns for axis in AXES])
-    side, length, given = _sides(cells, q, robots[0], robot)
+    side, length, given = _approach_sides(cells, q, robots[0], robot)
     return Measurements(
         joint_names=robot.joint_names,
         q=q,
-        position=_position(cells, q, robot, faults) if measured.any() else None,
+        position=_measured_position(cells, q, robot, faults) if measured.any() else None,
         measured_axes=measured,
         rotation=rotation_of(cells, columns, robot, faults),
         pose=poses,
@@ -108,15 +122,16 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
 
 
 def _check_payload(cells: Cells, faults: Faults) -> None:
+    """A fault for each negative payload."""
     payload = cells.number("payload")
     if payload is not None:
         for row in np.flatnonzero(payload < 0):
             faults.add("a payload is not negative", "payload", payload[row], "write 0 or more", int(cells.line[row]))
 
 
-def _sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, Array, bool]:
+def _approach_sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, Array, bool]:
     """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
-    side, length = _approach(q, robots)
+    side, length = _derived_approach(q, robots)
     stated = {j: cells.number(f"{name}.approach") for j, name in enumerate(robot.joint_names)}
     given = {j: values for j, values in stated.items() if values is not None}
     for j, values in given.items():
@@ -124,7 +139,8 @@ def _sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, 
     return side, length, bool(given)
 
 
-def _present(values: Array | None) -> Array:
+def _present_column(values: Array | None) -> Array:
+    """The column, which the header was checked for."""
     assert values is not None, "a missing joint was refused with the header"
     return values
 
@@ -137,8 +153,8 @@ def _codes_of_rows(values: Array) -> Codes:
     return np.fromiter((known.setdefault(key, len(known)) for key in keys), dtype=np.intp, count=len(keys))
 
 
-def _position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
-    """(N, 3) measured points; a coordinate may be left out in which the tool cannot move."""
+def _measured_position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
+    """(N, 3) measured points [m]; a coordinate may be left out in which the tool cannot move."""
     position = np.zeros((len(q), 3))
     still = still_axes(robot)
     for k, axis in enumerate(AXES):
@@ -152,10 +168,14 @@ def _position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
     return position
 
 
-def _approach(q: Array, robots: Codes) -> tuple[Array, Array]:
-    """Side and length (N, n) of each joint's last move, from the row before of the same robot.
+def _derived_approach(q: Array, robots: Codes) -> tuple[Array, Array]:
+    """Side and length (N, n), (N, n) [rad or m] of each joint's last move, from the row before of the same robot.
 
-    A joint that stands still keeps the side from which it came.
+    A joint that does not move keeps the side from which it came; in the first row both are 0.
+
+    Args:
+        q: (N, n) commands [rad or m].
+        robots: (N,) code of the robot.
     """
     side, length = np.zeros_like(q), np.zeros_like(q)
     for code in np.unique(robots):
@@ -172,7 +192,7 @@ def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Code
     """Joint values far beyond the limits are faults: one for a whole column that fits in another unit."""
     for values, joint in zip(q.T, robot.joints, strict=True):
         column, turns = columns[joint.name], joint.type == "revolute"
-        margin = _TURN if turns else joint.upper - joint.lower
+        margin = TURN if turns else joint.upper - joint.lower
         beyond = np.flatnonzero((values > joint.upper + margin) | (values < joint.lower - margin))
         other, ratio = ("deg", math.pi / 180) if turns else ("mm", 1e-3)
         text = f"more than {'a turn' if turns else 'their whole range'} beyond the limits"
@@ -205,8 +225,8 @@ def _repeated_rows(data: Measurements) -> list[str]:
     again = np.setdiff1d(np.arange(len(codes)), first)
     if not len(again):
         return []
-    pairs = [f"{data.line[row]} (of {data.line[first[codes[row]]]})" for row in again[:_LISTED]]
-    more = ", …" if len(again) > _LISTED else ""
+    pairs = [f"{data.line[row]} (of {data.line[first[codes[row]]]})" for row in again[:_MAX_LISTED_LINES]]
+    more = ", …" if len(again) > _MAX_LISTED_LINES else ""
     rows = "1 row repeats" if len(again) == 1 else f"{len(again)} rows repeat"
     return [f"{rows} an earlier one to the last digit, as if copied: lines {', '.join(pairs)}{more}"]
 

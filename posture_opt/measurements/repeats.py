@@ -9,10 +9,14 @@ import numpy as np
 from posture_opt.measurements.measurements import Measurements, group_means, rows_of
 from posture_opt.numerics import Array, Codes, Mask
 
-NEAR = 1e-3  # rad: commands that differ by less lead to one posture
-_SLIDE = 1e-4  # m: the same of a slide
-_MANY = 20_000  # rows from which on not all pairs are looked at
-_APART = 1e6  # so far apart are rows whose codes differ, in units of nearness
+SAME_POSTURE_RAD = 1e-3
+"""Commands that differ by less [rad] lead to one posture."""
+_SAME_POSTURE_M = 1e-4
+"""The same of a slide [m]."""
+_MAX_PAIRED_ROWS = 20_000
+"""Rows up to which all pairs are compared."""
+_CODE_SEPARATION = 1e6
+"""Distance of rows whose codes differ, in units of `SAME_POSTURE_RAD`."""
 
 
 def repeat_groups(data: Measurements, slides: Mask) -> Codes:
@@ -24,8 +28,14 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     Args:
         slides: (n,) which joints are prismatic.
     """
-    posture = np.column_stack([data.q / np.where(slides, _SLIDE, NEAR), data.target * _APART, data.robot * _APART])
-    n, code = len(data), _linked(posture) if len(data) <= _MANY else _linked_cells(posture)
+    posture = np.column_stack(
+        [
+            data.q / np.where(slides, _SAME_POSTURE_M, SAME_POSTURE_RAD),
+            data.target * _CODE_SEPARATION,
+            data.robot * _CODE_SEPARATION,
+        ]
+    )
+    n, code = len(data), _linked_rows(posture) if len(data) <= _MAX_PAIRED_ROWS else _linked_cells(posture)
     own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
     strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
     merged = np.where(strung[code], own + n, code)
@@ -35,7 +45,7 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
 
 
-def _linked(posture: Array) -> Codes:
+def _linked_rows(posture: Array) -> Codes:
     """(N,) codes of rows (N, d) that steps of at most 1 in every coordinate lead from one to the other."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -47,16 +57,21 @@ def _linked(posture: Array) -> Codes:
 
 
 def _linked_cells(posture: Array) -> Codes:
-    """The same, with rows of one cell of side 1 by their mean: n readings of one posture have n² / 2 pairs."""
+    """(N,) the same of many rows (N, d), with rows of one cell of side 1 by their mean.
+
+    n readings of one posture have n² / 2 pairs, which would fill the memory.
+    """
     _, cell = np.unique(np.floor(posture), axis=0, return_inverse=True)
     cell = cell.ravel()
-    return np.asarray(_linked(group_means(posture, cell))[cell], dtype=np.intp)
+    return np.asarray(_linked_rows(group_means(posture, cell))[cell], dtype=np.intp)
 
 
 def repeat_of_row(data: Measurements) -> Codes:
     """(N,) the repeat of each row, counted from 0: rows that follow each other at one pose, whatever their target.
 
-    The arm has not moved between them, so that one draw of the joints' scatter is in all of them.
+    The arm has not moved between them, so that one draw of the joints' scatter is in all of them. Stated sides of
+    approach
+    and visits separate repeats too.
     """
     sides = data.approach if data.approach_given else np.zeros((len(data), 0))
     visits = [] if data.visit is None else [data.visit]
@@ -88,7 +103,12 @@ class Contrasts:
 
     @classmethod
     def of(cls, data: Measurements, slides: Mask) -> Contrasts:
-        """All contrasts of measurements; none of touched points, whose place nobody knows."""
+        """All contrasts of measurements; none of touched points, whose place is not known.
+
+        Args:
+            data: the measurements.
+            slides: (n,) which joints are prismatic.
+        """
         n = len(data)
         alike: list[Array | Codes] = [np.arange(n) if data.touches else repeat_groups(data, slides)]
         alike += [] if data.payload is None else [data.payload]
@@ -101,6 +121,7 @@ class Contrasts:
         return cls(cell.ravel(), group, order, np.unique(repeat[order > 0], return_inverse=True)[1])
 
     def __len__(self) -> int:
+        """Number of contrasts C."""
         return len(self.shared)
 
     def differences(self, values: Array) -> Array:
@@ -121,6 +142,9 @@ class Contrasts:
         return np.asarray((before / k**2 + own) * k / (k + 1))
 
     def _cells(self, values: Array) -> tuple[Array, Array, Array]:
+        """Of every cell but the first of its group: mean of its rows (N, …), sum of the means before, and how many
+        these are.
+        """
         return self._parts(group_means(values, self.cell))
 
     def _parts(self, cells: Array) -> tuple[Array, Array, Array]:

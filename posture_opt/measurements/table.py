@@ -16,18 +16,25 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import naming
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.layout import BLANKS, Layout, is_number, split
-from posture_opt.measurements.text_lines import WINDOWS, TextLine, encoding_of, lines_of
+from posture_opt.measurements.layout import BLANKS, Layout, is_number, split_cells
+from posture_opt.measurements.text_lines import WINDOWS_ENCODING, TextLine, encoding_of, lines_of
 
-_BLOCK = 8192  # rows held as texts at a time
-_SAMPLE = 200  # lines among which the header is looked for
+_BLOCK_ROWS = 8192
+"""Rows held as texts at a time."""
+_SAMPLE_LINES = 200
+"""Lines among which the header is looked for."""
 TableLike = str | PathLike[str] | Mapping[str, Any] | Any
-"""The path of a text file, a pandas DataFrame, or a mapping from column head to values."""
+"""The path of a text file, a pandas DataFrame, or a mapping from column header to values."""
 
 
 @dataclass(frozen=True)
 class RowBlock:
-    """Some consecutive rows: their lines and, for each column, their cells (texts, or an array of numbers)."""
+    """Some consecutive rows.
+
+    Args:
+        lines: (N,) their lines in the file.
+        cells: of each column (N,): texts, or an array of numbers.
+    """
 
     lines: Sequence[int]
     cells: Sequence[Sequence[Any]]
@@ -35,9 +42,17 @@ class RowBlock:
 
 @dataclass(frozen=True)
 class RawTable:
-    """The heads of the columns, their line, and the rows behind them; ``blocks`` can be run through once."""
+    """A table whose cells are not read yet.
 
-    heads: tuple[str, ...]
+    Args:
+        titles: the column headers.
+        line: of the header; 0 for a table in memory.
+        blocks: the rows behind it; can be run through once.
+        faults: of the file, which grow while the blocks are read.
+        notes: what was taken for granted of the text.
+    """
+
+    titles: tuple[str, ...]
     line: int
     blocks: Iterator[RowBlock]
     faults: Faults
@@ -45,9 +60,10 @@ class RawTable:
 
 
 def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | None = None) -> RawTable:
-    """The table in a text file, a pandas DataFrame or a mapping from head to values.
+    """The table in a text file, a pandas DataFrame or a mapping from column header to values.
 
     Args:
+        source: the path, or the table.
         known: names of columns, by which the header is found behind lines that an instrument writes before it.
         spec: what is known of such files.
 
@@ -57,25 +73,30 @@ def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | 
     if isinstance(source, str | PathLike):
         return _text_table(Path(fspath(source)), known, spec or DataSpec())
     if isinstance(source, Mapping):
-        return _memory_table({str(head): np.asarray(values) for head, values in source.items()}.items())
+        return _memory_table({str(title): np.asarray(values) for title, values in source.items()}.items())
     if hasattr(source, "iloc") and hasattr(source, "columns"):
-        heads = [str(head) for head in source.columns]
-        named = source.index.name == LINES
+        titles = [str(title) for title in source.columns]
+        named = source.index.name == LINE_INDEX
         lines = [int(line) for line in source.index] if named else None
         file = source.attrs.get("file") if named else None
-        return _memory_table(((head, np.asarray(source.iloc[:, i])) for i, head in enumerate(heads)), lines, file)
+        return _memory_table(((title, np.asarray(source.iloc[:, i])) for i, title in enumerate(titles)), lines, file)
     kind = type(source).__name__
     raise InputError(Issue(f"measurements are a CSV file or a pandas DataFrame, not {kind}", hint="give the path"))
 
 
-LINES = "line"
-"""The name of a DataFrame's index that holds the lines of a file."""
+LINE_INDEX = "line"
+"""Name of a DataFrame's index that holds the lines of a file."""
 
 
 def _memory_table(columns: Any, lines: Sequence[int] | None = None, file: str | None = None) -> RawTable:
-    heads, cells = [], []
-    for head, values in columns:
-        heads.append(head)
+    """The table of columns (header, values); ``lines`` and ``file`` of one that was read from a file before.
+
+    Raises:
+        InputError: columns of different lengths, or none.
+    """
+    titles, cells = [], []
+    for title, values in columns:
+        titles.append(title)
         cells.append(values)
     faults = Faults(file or "table")
     sizes = {np.shape(values) for values in cells}
@@ -83,48 +104,58 @@ def _memory_table(columns: Any, lines: Sequence[int] | None = None, file: str | 
         faults.stop("the columns of the table have different lengths" if sizes else "the table is empty")
     (size,) = next(iter(sizes))
     blocks = [RowBlock(lines or range(1, size + 1), cells)] if size else []
-    return RawTable(tuple(heads), 0, iter(blocks), faults)
+    return RawTable(tuple(titles), 0, iter(blocks), faults)
 
 
 def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
+    """The table in a text file, whose rows are read while its blocks are run through.
+
+    Raises:
+        InputError: no such file, empty, or no plain text.
+    """
     faults = Faults(str(path))
     try:
         encoding = encoding_of(path, faults)
     except InputError as error:
         raise naming(path, error) from None
-    lines = (line for line in _readable(path, encoding, faults) if line.text.strip())
-    sample = list(islice(lines, _SAMPLE))
+    lines = (line for line in _readable_lines(path, encoding, faults) if line.text.strip())
+    sample = list(islice(lines, _SAMPLE_LINES))
     if not sample:
         faults.stop("the file is empty", "the first line names the columns, for example: joint1 [deg], x [mm], y [mm]")
-    heads = {str(head) for head in spec.columns.values() if isinstance(head, str)}
-    layout = Layout.of(sample, {*known, *heads}, bool(spec.columns) and not heads)
-    if not all(head.strip().isprintable() for head in layout.heads):
+    titles = {str(title) for title in spec.columns.values() if isinstance(title, str)}
+    layout = Layout.of(sample, {*known, *titles}, bool(spec.columns) and not titles)
+    if not all(title.strip().isprintable() for title in layout.titles):
         faults.stop("the header is no plain text", "is it a CSV file, with its quotes closed?", layout.line)
     rest = (line for line in chain(sample, lines) if line.number > layout.last)
-    rows = _rows(rest, layout, faults)
+    rows = _cell_rows(rest, layout, faults)
     return RawTable(
-        layout.heads, layout.line, _blocks(rows, len(layout.heads), faults), faults, _notes(encoding, layout)
+        layout.titles, layout.line, _row_blocks(rows, len(layout.titles), faults), faults, _text_notes(encoding, layout)
     )
 
 
-def _notes(encoding: str, layout: Layout) -> tuple[str, ...]:
+def _text_notes(encoding: str, layout: Layout) -> tuple[str, ...]:
     """What was taken for granted of the text."""
     notes = []
-    if encoding == WINDOWS:
+    if encoding == WINDOWS_ENCODING:
         notes.append("the file is not UTF-8 and was read as Windows-1252 (Latin-1)")
     if layout.skipped:
         notes.append(f"{layout.skipped} {'line' if layout.skipped == 1 else 'lines'} before the header were skipped")
     return tuple(notes)
 
 
-def _readable(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
+def _readable_lines(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
+    """The lines of a file.
+
+    Raises:
+        InputError: bytes that are no text in that encoding.
+    """
     try:
         yield from lines_of(path, encoding, faults)
     except UnicodeDecodeError as error:
         faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")
 
 
-def _rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator[tuple[int, list[str]]]:
+def _cell_rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every row that is no comment."""
     at = [0]
 
@@ -135,7 +166,7 @@ def _rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator
                 yield line.text + "\n"
 
     if layout.separator == BLANKS:
-        yield from ((at[0], split(text, BLANKS)) for text in texts())
+        yield from ((at[0], split_cells(text, BLANKS)) for text in texts())
         return
     try:
         for row in csv.reader(texts(), delimiter=layout.separator):
@@ -145,30 +176,32 @@ def _rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator
         faults.stop(f"no CSV: {error}", line=at[0])
 
 
-def _blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Faults) -> Iterator[RowBlock]:
+def _row_blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Faults) -> Iterator[RowBlock]:
+    """Blocks of rows of ``width`` cells; rows of another width are faults."""
     lines: list[int] = []
     kept: list[list[str]] = []
     for line, row in rows:
-        if len(row) != width and not _fitted(row, width):
-            _ragged(row, width, line, faults)
+        if len(row) != width and not _fits_width(row, width):
+            _ragged_fault(row, width, line, faults)
             continue
         lines.append(line)
         kept.append(row)
-        if len(kept) == _BLOCK:
+        if len(kept) == _BLOCK_ROWS:
             yield RowBlock(lines, list(zip(*kept, strict=True)))
             lines, kept = [], []
     if kept:
         yield RowBlock(lines, list(zip(*kept, strict=True)))
 
 
-def _fitted(row: list[str], width: int) -> bool:
+def _fits_width(row: list[str], width: int) -> bool:
     """Drops empty cells behind the last column, as some instruments end their rows; whether it fits then."""
     while len(row) > width and not row[-1].strip():
         row.pop()
     return len(row) == width
 
 
-def _ragged(row: list[str], width: int, line: int, faults: Faults) -> None:
+def _ragged_fault(row: list[str], width: int, line: int, faults: Faults) -> None:
+    """The fault of a row of another width; decimal commas are the likely cause of twice as many cells."""
     cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
     halves = width < len(row) <= 2 * width and all(map(is_number, row))
     hint = "decimal commas? then separate the columns by semicolons" if halves else ""

@@ -12,15 +12,20 @@ from posture_opt.files import opened
 from posture_opt.measurements.faults import Faults
 
 COMMENTS = ("#", "%", "//")
-MAX_BYTES = 2_000_000_000  # ten million rows of 200 characters
-LONGEST = 100_000  # characters of a line; 20 joints with 20 digits each have 1000
-_CHUNK = 1 << 20
-_BOMS = (  # the longer ones first
+"""What a comment begins with."""
+MAX_BYTES = 2_000_000_000
+"""Largest file: ten million rows of 200 characters."""
+MAX_LINE_CHARACTERS = 100_000
+"""Characters of a line; 20 joints with 20 digits each have 1000."""
+_CHUNK_BYTES = 1 << 20
+"""Bytes that are read at a time while the encoding is found."""
+_BYTE_ORDER_MARKS = (  # the longer ones first
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-WINDOWS = "cp1252"  # a superset of Latin-1's printable characters
+WINDOWS_ENCODING = "cp1252"
+"""What a text that is not UTF-8 is read as: a superset of Latin-1's printable characters."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +44,15 @@ class TextLine:
 
 
 def encoding_of(path: Path, faults: Faults) -> str:
-    """How the text of a file is encoded: by its mark, else UTF-8 where it is that, else Windows-1252."""
+    """How the text of a file is encoded: by its byte order mark, else UTF-8 where it is that, else Windows-1252.
+
+    Raises:
+        InputError: no such file, too large, or no text at all.
+    """
     decoder = codecs.getincrementaldecoder("utf-8")()
     with opened(path, MAX_BYTES) as stream:
-        start = stream.read(_CHUNK)
-        found = next((name for mark, name in _BOMS if start.startswith(mark)), "")
+        start = stream.read(_CHUNK_BYTES)
+        found = next((name for mark, name in _BYTE_ORDER_MARKS if start.startswith(mark)), "")
         if found:
             return found
         if b"\0" in start:
@@ -52,15 +61,19 @@ def encoding_of(path: Path, faults: Faults) -> str:
             chunk = start
             while chunk:
                 decoder.decode(chunk)
-                chunk = stream.read(_CHUNK)
+                chunk = stream.read(_CHUNK_BYTES)
             decoder.decode(b"", final=True)
         except UnicodeDecodeError:
-            return WINDOWS
+            return WINDOWS_ENCODING
     return "utf-8-sig"
 
 
 def _with_zeros(start: bytes, faults: Faults) -> str:
-    """UTF-16 without its mark has a zero byte in nearly every other place."""
+    """The encoding of a text with zero bytes: UTF-16 without its mark has one in nearly every other place.
+
+    Raises:
+        InputError: zero bytes in other places.
+    """
     even, odd = start[0::2].count(0), start[1::2].count(0)
     if max(even, odd) < len(start) / 4 or min(even, odd) > len(start) / 40:
         faults.stop("the header is no plain text", "is it a CSV file?", 1)
@@ -68,11 +81,16 @@ def _with_zeros(start: bytes, faults: Faults) -> str:
 
 
 def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
-    """The lines of a file, none so long that it fills the memory."""
+    """The lines of a file, counted from 1, none so long that it fills the memory.
+
+    Raises:
+        InputError: a line of more than `MAX_LINE_CHARACTERS`.
+        UnicodeDecodeError: bytes that are no text in that encoding.
+    """
     with opened(path, MAX_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
         number = 0
-        while text := lines.readline(LONGEST):
+        while text := lines.readline(MAX_LINE_CHARACTERS):
             number += 1
-            if len(text) == LONGEST:
-                faults.stop(f"the line has more than {LONGEST} characters", "is it a CSV file?", number)
+            if len(text) == MAX_LINE_CHARACTERS:
+                faults.stop(f"the line has more than {MAX_LINE_CHARACTERS} characters", "is it a CSV file?", number)
             yield TextLine(number, text.rstrip("\n"))

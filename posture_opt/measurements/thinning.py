@@ -11,7 +11,8 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes
 
-_FEWEST, _MOST = 3, 30  # rows of one posture: fewer tell no scatter, more tell little else
+_MIN_ROWS_OF_POSTURE, _MAX_ROWS_OF_POSTURE = 3, 30
+"""Rows of one posture: fewer say nothing of scatter, more say little else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class Thinning:
 
     Args:
         data: all rows.
-        rows: (n,) those that are used, in their order.
+        rows: (n,) indices of those that are used, in their order.
         postures, postures_used: how many there are, and how many of them are used.
         block: how many postures in a row are one block.
         blocks: (N,) the block of each row.
@@ -50,7 +51,7 @@ class Thinning:
 
     @property
     def rest(self) -> Codes:
-        """The rows that are left to judge by."""
+        """Indices of the rows that are left to judge by."""
         return np.setdiff1d(np.arange(len(self.data)), self.rows)
 
     @property
@@ -58,7 +59,7 @@ class Thinning:
         """All rows, with the clock of those that are used: where no time is given, these are counted."""
         if self.data.time is not None:
             return self.data
-        return replace(self.data, time=_clock(len(self.data), self.rows))
+        return replace(self.data, time=_row_clock(len(self.data), self.rows))
 
     def to_json(self) -> dict[str, Any]:
         """How the rows were chosen, in numbers."""
@@ -75,16 +76,24 @@ class Thinning:
 
 
 def thin(data: Measurements, most: int, seed: int = 0) -> Thinning | None:
-    """Some ``most`` rows of measurements, one posture out of each block of postures; None where they have no more."""
+    """Some ``most`` rows of measurements, one posture out of each block of postures; None where they have no more.
+
+    Args:
+        data: all rows of one robot.
+        most: how many rows a fit needs; the answer may have some more, as postures are kept whole.
+        seed: of the draw; the same seed gives the same rows.
+    """
     if len(data) <= most:
         return None
-    unit = _units(data)
+    unit = _thinning_units(data)
     first = np.unique(unit, return_index=True)[1]
     count = len(first)
-    each = min(max(most // count, _FEWEST), _MOST)
-    visit = _evenly(np.unique(np.column_stack([unit, data.target]), axis=0, return_inverse=True)[1].ravel(), each)
+    each = min(max(most // count, _MIN_ROWS_OF_POSTURE), _MAX_ROWS_OF_POSTURE)
+    visit = _evenly_spread(
+        np.unique(np.column_stack([unit, data.target]), axis=0, return_inverse=True)[1].ravel(), each
+    )
     share = min(most / int(visit.sum()), 1.0)
-    drawn, block_of_unit = _drawn(data.point[first], max(int(count * share), 1), seed)
+    drawn, block_of_unit = _drawn_units(data.point[first], max(int(count * share), 1), seed)
     # The clock begins with the earliest row, so that its posture is among them.
     if data.time is not None:
         earliest = int(np.argmin(data.time))
@@ -95,7 +104,12 @@ def thin(data: Measurements, most: int, seed: int = 0) -> Thinning | None:
 
 
 def thin_each_robot(data: Measurements, most: int) -> Measurements:
-    """Some ``most`` rows of measurements of several robots, as many of each; all where they have no more."""
+    """Some ``most`` rows of measurements of several robots, as many of each; all where they have no more.
+
+    Args:
+        data: all rows of all robots.
+        most: rows of all robots together.
+    """
     if len(data) <= most:
         return data
     share, visit = max(most // len(data.robot_names), 1), repeat_of_row(data)
@@ -107,7 +121,7 @@ def thin_each_robot(data: Measurements, most: int) -> Measurements:
     return whole.take(np.sort(np.concatenate(kept)))
 
 
-def _units(data: Measurements) -> Codes:
+def _thinning_units(data: Measurements) -> Codes:
     """(N,) what stays together, numbered in the order of its first row."""
     labels = data.goal if data.goal_given else data.pose
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
@@ -116,8 +130,8 @@ def _units(data: Measurements) -> Codes:
     return np.asarray(place[inverse.ravel()], dtype=np.intp)
 
 
-def _evenly(codes: Codes, most: int) -> Any:
-    """(N,) whether a row is one of at most so many of its code, evenly spread over all of them."""
+def _evenly_spread(codes: Codes, most: int) -> Any:
+    """(N,) whether a row is one of at most ``most`` of its code, evenly spread over all of them."""
     order = np.argsort(codes, kind="stable")
     counts = np.bincount(codes)
     start = np.cumsum(counts) - counts
@@ -128,10 +142,15 @@ def _evenly(codes: Codes, most: int) -> Any:
     return chosen
 
 
-def _drawn(points: Codes, count: int, seed: int) -> tuple[Any, Codes]:
-    """(U,) which units are drawn, one out of each of so many blocks, and the block of each.
+def _drawn_units(points: Codes, count: int, seed: int) -> tuple[Any, Codes]:
+    """Which units (U,) are drawn, one out of each of so many blocks, and the block (U,) of each.
 
     Units that touch one point lie together, so that all points come in; each gives one at least.
+
+    Args:
+        points: (U,) code of the touched point of each unit; all equal where none is touched.
+        count: of blocks.
+        seed: of the draw.
     """
     order = np.argsort(points, kind="stable")
     edges = np.linspace(0, len(points), count + 1).astype(int)
@@ -144,6 +163,6 @@ def _drawn(points: Codes, count: int, seed: int) -> tuple[Any, Codes]:
     return drawn, blocks
 
 
-def _clock(count: int, rows: Codes) -> Array:
-    """(N,) the number of the last used row, between them in proportion."""
+def _row_clock(count: int, rows: Codes) -> Array:
+    """(N,) the number of the last used row at each row, between them in proportion."""
     return np.asarray(np.interp(np.arange(count), rows, np.arange(len(rows))))

@@ -1,4 +1,8 @@
-"""``Arm``: the symbolic forward model ``pose = fk(q, p, u)`` that everything else is derived from."""
+"""``Arm``: the symbolic forward model ``pose = fk(q, p, u)`` that everything else is derived from.
+
+Conventions: ``T_world_tool`` maps tool coordinates to the world; twists are ``(v, ω)``, linear first, in world axes at
+the tool point; positions in [m], angles in [rad]. NumPy batches have the batch axis first.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +36,9 @@ if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many fil
     from posture_opt.model.effects.base.effect import Effect, Sensitivity
 
 Twist = tuple[Vector, Vector]
-"""Shift of the tool point and small rotation of the tool ``(v, ω)``, world axes."""
+"""Shift (3,) [m] of the tool point and small rotation (3,) [rad] of the tool ``(v, ω)``, world axes, per unit of a
+parameter.
+"""
 
 
 class HasArm(Protocol):
@@ -49,7 +55,7 @@ class Reached:
     Args:
         walk: pose of the tool and the screw of every factor.
         values: the value of every factor, effects included [rad or m].
-        shift: what effects add to the tool point behind the chain, world [m].
+        shift: (3,) what effects add to the tool point behind the chain, world [m].
     """
 
     walk: Walk
@@ -63,13 +69,24 @@ class Arm:
 
     ``parameters`` fixes the order of ``p``: geometry and frames from the base to the tool, then those of the effects.
     Every parameter is a deviation: from the nominal value of the geometry, from the estimate of an effect.
+
     All methods take CasADi expressions, numbers, or arrays (N,) of them, and return the like, in m, rad and world axes.
+
     The pose is the product of the chain's factors, ``T_world_tool = Π_i F_i(nominal_i + p_i + q_i)``, each a rotation
     about an axis or a shift along one, changed by what the effects add to joints, lengths and the tool.
 
     Args:
+        robot: the nominal chain.
         effects: with their estimates; none for a plain chain.
         inputs: payload, temperature, time and sides of approach under which the effects act.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> arm = Arm.from_problem(load_problem("insert_planar_2r"))
+        >>> arm.position([0.0, 0.0]).tolist()
+        [2.0, 0.0, 0.0]
+        >>> arm.jacobian([0.0, 0.0])[:2].tolist()
+        [[0.0, 0.0], [2.0, 1.0]]
     """
 
     robot: Robot
@@ -82,17 +99,17 @@ class Arm:
         return problem.arm
 
     def under(self, inputs: Inputs) -> Arm:
-        """The same arm under other inputs."""
+        """The same arm under other inputs; parameters keep their order."""
         return replace(self, inputs=inputs)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the model parameters, from the base to the tool, and those of the effects."""
+        """(k,) names of the model parameters, from the base to the tool, then those of the effects."""
         return (*self.robot.parameters, *self.effect_parameters)
 
     @property
     def effect_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters of all effects, ``kind(target).parameter``."""
+        """(e,) names of the parameters of all effects, ``kind(target).parameter``."""
         return self._acting.parameters
 
     @property
@@ -110,7 +127,7 @@ class Arm:
 
     @cached_property
     def dimensions(self) -> dict[str, str]:
-        """The dimension of every parameter of an effect."""
+        """Parameter of an effect -> its dimension, a key of ``units.DIMENSIONS`` or ``ratio``."""
         return {
             name: dimension
             for effect in self.effects
@@ -123,14 +140,23 @@ class Arm:
         return ca.SX.sym("q", self.robot.n)
 
     def walk(self, q: Any, p: Any = None) -> Walk:
-        """The walk along the chain at ``q`` (n,) and ``p`` (k,): pose and screws as scalars."""
+        """The walk along the chain: pose and screws as scalars.
+
+        Args:
+            q: (n,) or (N, n) commanded joints [rad or m].
+            p: (k,) deviations in the order of `parameters` [SI]; none for the nominal arm.
+
+        Raises:
+            ValueError: vectors of another length.
+        """
         named: dict[str, Any] = {}
         if p is not None:
             named = dict(zip(self.parameters, split(p, len(self.parameters), "parameters"), strict=True))
         return self.reach(split(q, self.robot.n, "posture"), named).walk
 
     def pose(self, q: Any, p: Any = None) -> Any:
-        """``T_world_tool`` (4, 4) [m], a CasADi expression where ``q`` or ``p`` is one, else an array.
+        """``T_world_tool`` (4, 4), lengths in [m]: a CasADi expression where ``q`` or ``p`` is one, else an array (N,
+        4, 4).
 
         Args:
             q: (n,) or (N, n) commanded joints [rad or m].
@@ -144,16 +170,26 @@ class Arm:
         return stack([(r0[k], r1[k], r2[k], x[k]) for k in range(3)] + [(0.0, 0.0, 0.0, 1.0)])
 
     def position(self, q: Any, p: Any = None) -> Any:
-        """The tool point (3,) in the world [m]; ``q`` and ``p`` as of `pose`."""
+        """The tool point (3,) or (N, 3) in the world [m]; ``q`` and ``p`` as of `pose`."""
         return stack(self.walk(q, p).position)
 
     def jacobian(self, q: Any, p: Any = None) -> Any:
-        """The geometric Jacobian (6, n) of the tool point, rows ``(v, ω)``, world-aligned axes."""
+        """The geometric Jacobian (6, n) of the tool point, rows ``(v, ω)``, world-aligned axes.
+
+        ``∂x/∂q_j = a_j × (x − o_j)`` for a joint that turns about the axis a_j through o_j, ``a_j`` for one that
+        slides:
+        [m/rad, m/m], below that [rad/rad, rad/m]. ``q`` and ``p`` as of `pose`; of the commanded joints, without
+        effects.
+        """
         driven = [self.robot.factors[i].parameter or i for i in self.robot.driven]
         return self._stacked(self.twists(driven, split(q, self.robot.n, "posture"), self.walk(q, p)))
 
     def parameter_jacobian(self, q: Any, p: Any = None) -> Any:
-        """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter [SI], world-aligned axes."""
+        """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter [SI], world-aligned axes.
+
+        At the posture ``q`` and the deviations ``p`` of the chain, as of `pose`; of effects to first order in their
+        size.
+        """
         joints = split(q, self.robot.n, "posture")
         return self._stacked(self.twists(self.parameters, joints, self.walk(q, p)))
 
@@ -161,7 +197,8 @@ class Arm:
         """Where the chain with its effects brings the tool.
 
         Joint and length increments of effects enter the chain itself; what they shift and turn at the end is added
-        behind it, to second order in the turn. Effects act as on the arm without them that stands where ``p`` says.
+        behind it, to second order in the turn. Effects act as on the arm without them, in the geometry that ``p``
+        states.
 
         Args:
             q: (n,) commanded joints [rad or m].
@@ -173,7 +210,7 @@ class Arm:
             return Reached(walk(robot.factors, values), values, ZERO)
         shift, turn = ZERO, ZERO
         for size, one in self._acting.in_size(q, p):
-            for index, increment in self._increments(one):
+            for index, increment in self._factor_increments(one):
                 values[index] = values[index] + size * increment
             v, w = one.twist
             shift = shift if v is ZERO else add(shift, scale(size, v))
@@ -191,7 +228,9 @@ class Arm:
 
         Args:
             names: of parameters, of `unknown_sides`, or indices into ``robot.factors``.
-            q: (n,) commanded joints; reached: the walk there; p: the deviations that the effects see.
+            q: (n,) commanded joints [rad or m].
+            reached: the walk there.
+            p: the deviations that the effects act under.
         """
         factors, found = self._factor_index, []
         units: dict[str, Weighted] = {}
@@ -205,43 +244,46 @@ class Arm:
             else:
                 units = units or self._acting.per_unit(q, p or {})
                 parts = units[str(name)]
-            found.append(self._total(reached, parts))
+            found.append(self._weighted_twist(reached, parts))
         return found
 
     def twist_of(self, reached: Walk, one: Sensitivity) -> Twist:
-        """Shift and small rotation by one unit of what an effect does."""
+        """Shift (3,) and small rotation (3,) by one unit of what an effect does, world axes."""
         shift, turn = one.twist
-        for index, size in self._increments(one):
+        for index, size in self._factor_increments(one):
             shift = add(shift, scale(size, position_column(reached, index)))
             turn = add(turn, scale(size, rotation_column(reached, index)))
         return shift, turn
 
     def carried(self, q: Sequence[Scalar]) -> dict[int, Scalar]:
-        """What joints stand beyond their commands ``q`` (n,) as others carry them along [rad]."""
+        """Joint index -> how far joints are off their commands ``q`` (n,) as others carry them along [rad]."""
         return self._acting.carried(q)
 
     @cached_property
     def _acting(self) -> ActingEffects:
+        """The effects with their inputs."""
         return ActingEffects(self.robot, self.effects, self.inputs)
 
     @cached_property
     def _factor_index(self) -> dict[str, int]:
+        """Name of a geometric parameter -> index of its factor in ``robot.factors``."""
         return {f.parameter: i for i, f in enumerate(self.robot.factors) if f.parameter}
 
-    def _total(self, reached: Walk, parts: Weighted) -> Twist:
-        """The weighted sum of what the parts do."""
+    def _weighted_twist(self, reached: Walk, parts: Weighted) -> Twist:
+        """The weighted sum of what the parts do: shift (3,) and small rotation (3,), world axes."""
         shift, turn = ZERO, ZERO
         for weight, one in parts:
             v, w = self.twist_of(reached, one)
             shift, turn = add(shift, scale(weight, v)), add(turn, scale(weight, w))
         return shift, turn
 
-    def _increments(self, one: Sensitivity) -> list[tuple[int, Scalar]]:
-        """(index of a factor, increment) of everything that one unit adds to the chain."""
+    def _factor_increments(self, one: Sensitivity) -> list[tuple[int, Scalar]]:
+        """(index of a factor, increment [rad or m]) of everything that one unit adds to the chain."""
         driven = self.robot.driven if one.joints else ()
         parts = [(driven[joint], size) for joint, size in one.joints.items()]
         return parts + [(self._factor_index[name], size) for name, size in one.lengths.items()]
 
     @staticmethod
     def _stacked(twists: Sequence[Twist]) -> Any:
+        """(6, k) twists side by side, rows ``(v, ω)``."""
         return stack(list(zip(*((*v, *w) for v, w in twists), strict=True)))

@@ -1,4 +1,4 @@
-"""``ArmState``: the nominal arm at its postures with what loads it, as effects want to know it; their ``Inputs``."""
+"""``ArmState``: the nominal arm at its postures with what loads it, as effects need it; their ``Inputs``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Inputs:
 
     Args:
         payload: mass at the tool point [kg].
-        approach: (n,) side from which each joint arrived, -1 or +1; 0 where it is not known. Empty: all unknown.
+        approach: (n,) side from which each joint arrived, −1 or +1; 0 where it is not known. Empty: all unknown.
         approach_length: (n,) length of that last move [rad or m]; empty: long moves.
         temperature: above the reference temperature [K].
         time: since the first measurement [s]; rows are counted where no time is given.
@@ -43,30 +43,37 @@ class Inputs:
     stated: tuple[str, ...] = ()
 
     def take(self, rows: Codes) -> Inputs:
-        """The inputs of some of N postures; the time stays the one since the first measurement of all."""
+        """The inputs of some of N postures, by index; the time stays the one since the first measurement of all."""
         return Inputs(
             self.payload[rows], [side[rows] for side in self.approach], [way[rows] for way in self.approach_length],
             self.temperature[rows], self.time[rows], self.stated,
         )  # fmt: skip
 
     def side(self, joint: int) -> Scalar:
-        """The side from which a joint arrived."""
+        """The side from which a joint arrived: +1 as its value increased, −1 as it decreased, 0 where it is not
+        known.
+        """
         return self.approach[joint] if len(self.approach) else 0.0
 
     def travel(self, joint: int) -> Scalar:
-        """The length of the last move of a joint, endless where nobody says [rad or m]."""
+        """The length of the last move of a joint [rad or m]; 1e6, longer than any, where none is known."""
         return self.approach_length[joint] if len(self.approach_length) else 1e6
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame of the chain in the world: columns of its rotation, and its origin [m]."""
+    """A frame of the chain in the world.
+
+    Args:
+        columns: (3, 3) x, y and z axis, the columns of its rotation.
+        origin: (3,) [m].
+    """
 
     columns: tuple[Vector, Vector, Vector]
     origin: Vector
 
     def point(self, local: Sequence[float]) -> Vector:
-        """The point with these coordinates in the frame, in the world [m]."""
+        """The point (3,) with these coordinates [m] in the frame, in the world [m]."""
         moved = self.origin
         for axis in range(3):
             moved = add(moved, scale(local[axis], self.columns[axis]))
@@ -75,10 +82,14 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The arm without effects at the commanded joints ``q`` (n scalars) under ``inputs``.
+    """The arm without effects at the commanded joints ``q`` under ``inputs``: one posture, or N of them.
 
-    ``p`` holds deviations of parameters from the file's arm, of frames that were found from data for example;
-    ``carried`` what whole joints stand beyond their commands, as another joint carries them along [rad or m].
+    Args:
+        robot: the chain, with masses and gravity.
+        q: (n,) commanded joints [rad or m]: numbers, arrays (N,) or CasADi expressions.
+        inputs: payload, temperature, time, sides.
+        p: deviations of parameters from the file's arm, of frames that were found from data for example [rad or m].
+        carried: joint index -> how far whole joints are off their commands, as another joint carries them along [rad].
     """
 
     robot: Robot
@@ -89,13 +100,13 @@ class ArmState:
 
     @cached_property
     def _values(self) -> list[Any]:
-        """The value of every factor of the chain."""
-        stands = [value + self.carried[i] if i in self.carried else value for i, value in enumerate(self.q)]
-        return factor_values(self.robot.factors, stands, self.p)
+        """The value of every factor of the chain [rad or m]."""
+        joints = [value + self.carried[i] if i in self.carried else value for i, value in enumerate(self.q)]
+        return factor_values(self.robot.factors, joints, self.p)
 
     @cached_property
     def walk(self) -> Walk:
-        """The chain without effects."""
+        """The chain without effects: pose of the tool and all screws, world."""
         return walk(self.robot.factors, self._values)
 
     @property
@@ -114,12 +125,16 @@ class ArmState:
         return tuple(Frame(part.columns, part.position) for part in parts)
 
     def axis(self, joint: int) -> tuple[Vector, Vector]:
-        """Unit vector along the axis of a joint and a point on it, world frame."""
+        """Unit vector (3,) along the axis of a joint and a point (3,) on it [m], world frame."""
         screw = self.walk.screws[self.robot.driven[joint]]
         return screw.axis, screw.origin
 
     def leaning(self, joint: int) -> float:
-        """Sine of the largest angle between the axis of a joint and the vertical; 1 of a prismatic joint."""
+        """Sine of the largest angle between the axis of a joint and the vertical over all postures; 1 of a prismatic
+        joint.
+
+        Below `UPRIGHT` gravity hardly loads the joint. Without gravity it is 1 as well: nothing is refused for that.
+        """
         axis, g = self.axis(joint)[0], self.robot.gravity
         weight = math.hypot(*g)
         if self.robot.joints[joint].type == "prismatic" or not weight:
@@ -129,7 +144,10 @@ class ArmState:
 
     @property
     def weighed(self) -> bool:
-        """Whether mass and centre of mass of every link are known; one that turns about the vertical loads nothing."""
+        """Whether mass and centre of mass of every link are known.
+
+        The first link may lack them where its joint turns about the vertical: its weight then loads no joint.
+        """
         joints = self.robot.joints
         axis, g = self.axis(0)[0], self.robot.gravity
         upright = joints[0].type == "revolute" and all(abs(v) < 1e-2 * math.hypot(*g) for v in cross(axis, g))
@@ -137,7 +155,9 @@ class ArmState:
 
     @cached_property
     def loads(self) -> tuple[tuple[int, Scalar, Vector], ...]:
-        """(joint that carries it, mass [kg], place in the world [m]) of every known link and of the payload."""
+        """(joint index that carries it, mass [kg], place (3,) in the world [m]) of every known link, the payload
+        last.
+        """
         links = [
             (i, joint.mass, self.frames[i].point(joint.com))
             for i, joint in enumerate(self.robot.joints)
@@ -146,7 +166,11 @@ class ArmState:
         return (*links, (self.robot.n - 1, self.inputs.payload, self.tool))
 
     def torque(self, joint: int) -> Any:
-        """The generalised force of gravity on a joint [N m, or N], which pulls it that way."""
+        """The generalised force of gravity on a joint [N m, or N], positive in the joint's positive direction.
+
+        ``τ_j = Σ_k m_k (a_j × (x_k − o_j)) · g`` over all loads that the joint carries; ``a_j · g`` per mass of a
+        slide.
+        """
         total: Any = 0.0
         for carrier, mass, place in self.loads:
             if carrier >= joint:
@@ -154,11 +178,11 @@ class ArmState:
         return total
 
     def payload_torque(self, joint: int) -> Any:
-        """The part of `torque` that comes from the payload."""
+        """The part of `torque` that comes from the payload [N m, or N]."""
         return self.inputs.payload * self.unit_torque(joint, self.tool)
 
     def unit_torque(self, joint: int, place: Vector) -> Any:
-        """The generalised force on a joint of 1 kg at a place of the world."""
+        """The generalised force [N m, or N] on a joint of 1 kg at a place (3,) of the world [m]."""
         axis, origin = self.axis(joint)
         g = self.robot.gravity
         if self.robot.joints[joint].type == "prismatic":
@@ -166,9 +190,12 @@ class ArmState:
         return dot(cross(axis, subtract(place, origin)), g)
 
     def moment(self, carrier: int, about: Vector) -> Vector:
-        """The moment about a point of the weights of all links behind joint ``carrier`` and of the payload [N m].
+        """The moment (3,) about a point of the weights of all links behind joint ``carrier`` and of the payload [N m],
+        world.
 
-        ``carrier`` -1 counts every link.
+        Args:
+            carrier: index of a joint; −1 counts every link.
+            about: (3,) the point [m], world.
         """
         total = ZERO
         for behind, mass, place in self.loads:

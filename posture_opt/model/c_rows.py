@@ -15,7 +15,8 @@ import casadi as ca
 
 from posture_opt.model.steps import Steps
 
-LANES = 8  # rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache
+LANES = 8
+"""Rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache."""
 
 _OPERATIONS = {
     ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
@@ -32,6 +33,7 @@ _OPERATIONS = {
     ca.OP_TANH: "tanh({0})", ca.OP_SINH: "sinh({0})", ca.OP_COSH: "cosh({0})", ca.OP_ERF: "erf({0})",
     ca.OP_LOG1P: "log1p({0})", ca.OP_EXPM1: "expm1({0})",
 }  # fmt: skip
+"""CasADi's operation -> C text of it; an operation that is missing here is a defect."""
 
 _SINES = """
 /* Sines and cosines of many angles without branches: Cody and Waite's reduction by pi/2 in three parts, then the
@@ -68,6 +70,7 @@ PO_CLONES static void po_sines(const double* restrict x, double* restrict s, dou
   }
 }
 """
+"""C text of the sines and cosines of many angles; its comment has method and sources."""
 
 # GCC on x86-64 and Linux: a second version for processors with AVX2, chosen when the program starts. Neither has fused
 # multiply-add, so both give the same digits.
@@ -82,7 +85,7 @@ _CLONES = """
 
 @dataclass(frozen=True)
 class CFunction:
-    """The face of a function in C: its name, and name and size of its inputs and outputs."""
+    """The interface of a function in C: its name, and name and size of its inputs and outputs."""
 
     name: str
     inputs: tuple[tuple[str, int], ...]
@@ -90,31 +93,34 @@ class CFunction:
 
     @property
     def prototype(self) -> str:
-        """For one row."""
+        """Declaration of the function for one row: an array an input, then an array an output."""
         return f"int {self.name}({self.arguments})"
 
     @property
     def rows_prototype(self) -> str:
-        """For many."""
+        """Declaration of the function for many rows, each array with that many rows."""
         return f"int {self.name}_rows(long long rows, {self.arguments})"
 
     @property
     def arguments(self) -> str:
+        """The parameters of both, inputs first."""
         return ", ".join(
             [*(f"const double* {key}" for key, _ in self.inputs), *(f"double* {k}" for k, _ in self.outputs)]
         )
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The names of the outputs."""
+        """The names of the outputs, in order."""
         return tuple(key for key, _ in self.outputs)
 
 
 def one_text(steps: Steps, face: CFunction, shared: bool) -> str:
-    """The function for one row.
+    """The C text of the function for one row.
 
     Args:
-        shared: whether outputs go on from what the ones before them have computed; else each is computed alone.
+        steps: the expression graph.
+        face: name, inputs and outputs.
+        shared: whether outputs use what the ones before them have computed; else each is computed alone.
     """
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), 1)
     lines = [*writer.turns(), *(writer.chained(face.keys) if shared else writer.alone(face.keys))]
@@ -122,13 +128,15 @@ def one_text(steps: Steps, face: CFunction, shared: bool) -> str:
     return "\n".join([f"{face.prototype};", f"{face.prototype} {{", *ignored, *lines, "  return 0;", "}", ""])
 
 
-def head_text(steps: Steps) -> str:
-    """What both need before them."""
+def preamble_text(steps: Steps) -> str:
+    """What functions for one row and for many need before them: the sines, and the choice of vector instructions."""
     return f"{_CLONES}{_SINES if steps.angles else ''}"
 
 
 def rows_text(steps: Steps, face: CFunction) -> str:
-    """The function for many rows, `LANES` of them at a time."""
+    """The C text of the function for many rows, `LANES` of them at a time; a block that is not full repeats its last
+    row.
+    """
     writer = _Writer(steps, tuple(key for key, _ in face.inputs), LANES)
     every = [*face.inputs, *face.outputs]
     inputs = [f"const double* restrict {key}" for key, _ in face.inputs]
@@ -152,7 +160,13 @@ def rows_text(steps: Steps, face: CFunction) -> str:
 
 @dataclass(frozen=True)
 class _Writer:
-    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not."""
+    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not.
+
+    Args:
+        steps: the expression graph.
+        inputs: names of the input arrays.
+        lanes: rows side by side; 1 for a function of one row.
+    """
 
     steps: Steps
     inputs: tuple[str, ...]
@@ -195,7 +209,7 @@ class _Writer:
             yield "  }"
 
     def body(self, needed: Sequence[int]) -> Iterator[str]:
-        """A constant for each step."""
+        """A constant for each step, in the order in which they can be computed."""
         for k in needed:
             step = self.steps.steps[k]
             if step.operation not in (ca.OP_CONST, ca.OP_INPUT):
@@ -217,9 +231,11 @@ class _Writer:
 
     @property
     def loop(self) -> str:
+        """The loop over lanes; nothing for a single row."""
         return f"for (int l_ = 0; l_ < {self.lanes}; ++l_) " if self.lanes > 1 else ""
 
     def place(self, entry: int) -> str:
+        """The index of an entry in an array in which the lanes of one entry are neighbours."""
         return f"{entry * self.lanes} + l_" if self.lanes > 1 else str(entry)
 
 

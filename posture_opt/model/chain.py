@@ -22,12 +22,20 @@ from posture_opt.robot.robot import Factor
 Scalar = Any
 """A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with."""
 Vector = tuple[Scalar, Scalar, Scalar]
+"""Three scalars: world coordinates [m], or a direction."""
 ZERO: Vector = (0.0, 0.0, 0.0)
+"""The vector that is exactly zero; tested by identity, so that symbols that never move are left out of a graph."""
 
 
 @dataclass(frozen=True)
 class Screw:
-    """Where one factor acts: a unit axis and a point on it, both in the world frame."""
+    """Where one factor acts.
+
+    Args:
+        rotates: whether it turns; else it shifts.
+        axis: (3,) unit vector, world.
+        origin: (3,) a point on the axis [m], world.
+    """
 
     rotates: bool
     axis: Vector
@@ -38,7 +46,10 @@ class Screw:
 class Walk:
     """The pose of the tool in the world and the screw of every factor.
 
-    ``columns`` are the three columns of ``R_world_tool``; ``position`` is the tool point in the world [m].
+    Args:
+        columns: (3, 3) the three columns of ``R_world_tool``.
+        position: (3,) the tool point [m], world.
+        screws: one a factor, in the order of the chain.
     """
 
     columns: tuple[Vector, Vector, Vector]
@@ -59,7 +70,13 @@ def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
 def factor_values(
     factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None
 ) -> list[Scalar]:
-    """The value of each factor, ``nominal + p[parameter] + q[joint]`` [rad or m]."""
+    """The value of each factor, ``nominal + p[parameter] + q[joint]`` [rad or m].
+
+    Args:
+        factors: of the chain, or of a part of it.
+        q: (n,) joint variables [rad or m].
+        p: parameter -> deviation [rad or m]; parameters that are missing deviate by nothing.
+    """
     p = p or {}
     values: list[Scalar] = []
     for factor in factors:
@@ -73,7 +90,21 @@ def factor_values(
 
 
 def walk(factors: Sequence[Factor], values: Sequence[Scalar], begin: Walk | None = None) -> Walk:
-    """Forward kinematics: the product of all factors, from the base to the tool; on from where ``begin`` ends."""
+    """Forward kinematics: the product of all factors, from the base to the tool; on from where ``begin`` ends.
+
+    ``screws`` are those of these factors alone.
+
+    Args:
+        factors: from the base to the tool.
+        values: of each factor [rad or m], see `factor_values`.
+        begin: an earlier walk to go on from; the world's frame if left out.
+
+    Example:
+        >>> from posture_opt.robot.robot import Factor
+        >>> reached = walk([Factor("rotate", 2), Factor("translate", 0)], [math.pi / 2, 0.5])
+        >>> reached.position
+        (0.0, 0.5, 0.0)
+    """
     columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if begin is None else [*begin.columns]
     origin: Vector = (0.0, 0.0, 0.0) if begin is None else begin.position
     screws = []
@@ -117,7 +148,10 @@ def dot(u: Sequence[Scalar], v: Sequence[Scalar]) -> Scalar:
 
 
 def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
-    """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first."""
+    """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first.
+
+    (r,) scalars become (r,) or (N, r), rows of c scalars (r, c) or (N, r, c); in CasADi a vector is a column (r, 1).
+    """
     nested = [list(row) if isinstance(row, list | tuple) else [row] for row in rows]
     flat = [entry for row in nested for entry in row]
     if any(isinstance(entry, ca.SX) for entry in flat):
@@ -129,7 +163,16 @@ def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
 
 
 def split(values: Any, size: int, what: str) -> Sequence[Any]:
-    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size."""
+    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size.
+
+    Args:
+        values: (size,) or (..., size).
+        size: how many entries are wanted.
+        what: its name in the error.
+
+    Raises:
+        ValueError: another number of entries.
+    """
     if isinstance(values, ca.SX | ca.MX | ca.DM):
         entries: Sequence[Any] = ca.vertsplit(ca.vec(values))
         if isinstance(values, ca.DM):
@@ -145,7 +188,13 @@ def split(values: Any, size: int, what: str) -> Sequence[Any]:
 
 
 def displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
-    """The walk with its tool shifted and turned behind the chain."""
+    """The walk with its tool shifted and turned behind the chain; screws stay those of the chain.
+
+    Args:
+        reached: the walk.
+        shift: (3,) of the tool point [m], world.
+        turn: (3,) small rotation of the tool [rad], world axes; to second order.
+    """
     if shift is ZERO and turn is ZERO:
         return reached
     a, b, c = reached.columns
@@ -161,46 +210,47 @@ def _turned(turn: Vector, column: Vector) -> Vector:
 
 
 def position_column(walk: Walk, i: int) -> Vector:
-    """``∂x/∂i`` [m/rad or m/m], world frame."""
+    """``∂x/∂i`` (3,) [m/rad or m/m], world frame: ``a_i × (x − o_i)`` where factor i rotates, else ``a_i``."""
     screw = walk.screws[i]
     return cross(screw.axis, subtract(walk.position, screw.origin)) if screw.rotates else screw.axis
 
 
 def rotation_column(walk: Walk, i: int) -> Vector:
-    """Angular velocity of the tool per unit of factor i [rad/rad], world frame."""
+    """Angular velocity (3,) of the tool per unit of factor i [rad/rad], world frame; zero where it shifts."""
     screw = walk.screws[i]
     return screw.axis if screw.rotates else ZERO
 
 
-def _symbolic(x: Scalar) -> bool:
+def _is_symbolic(x: Scalar) -> bool:
+    """Whether this is an expression of CasADi."""
     return isinstance(x, ca.SX | ca.MX)
 
 
 def sin(x: Scalar) -> Any:
-    """Sine."""
-    return ca.sin(x) if _symbolic(x) else np.sin(x)
+    """Sine of numbers, arrays and CasADi expressions alike [rad]."""
+    return ca.sin(x) if _is_symbolic(x) else np.sin(x)
 
 
 def cos(x: Scalar) -> Any:
-    """Cosine."""
-    return ca.cos(x) if _symbolic(x) else np.cos(x)
+    """Cosine of numbers, arrays and CasADi expressions alike [rad]."""
+    return ca.cos(x) if _is_symbolic(x) else np.cos(x)
 
 
 def exp(x: Scalar) -> Any:
-    """Exponential function."""
-    return ca.exp(x) if _symbolic(x) else np.exp(x)
+    """Exponential function of numbers, arrays and CasADi expressions alike."""
+    return ca.exp(x) if _is_symbolic(x) else np.exp(x)
 
 
 def magnitude(x: Scalar) -> Any:
     """``|x|``."""
-    return ca.fabs(x) if _symbolic(x) else np.abs(x)
+    return ca.fabs(x) if _is_symbolic(x) else np.abs(x)
 
 
 def nearest_integer(x: Scalar) -> Any:
-    """``x`` rounded."""
-    return ca.floor(x + 0.5) if _symbolic(x) else np.floor(np.asarray(x) + 0.5)
+    """``floor(x + 1/2)``: halves are rounded up, unlike NumPy's ``round``; its derivative is zero."""
+    return ca.floor(x + 0.5) if _is_symbolic(x) else np.floor(np.asarray(x) + 0.5)
 
 
 def at_least(x: Scalar, bound: float) -> Any:
     """1 where ``x >= bound``, else 0."""
-    return ca.SX(x >= bound) if _symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)
+    return ca.SX(x >= bound) if _is_symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)

@@ -11,8 +11,9 @@ from posture_opt.model.c_source import c_source
 from posture_opt.model.compiled import BatchFunction, library_of
 from posture_opt.numerics import Array
 
-_NAME = "posture_opt_lanes"
-_MOST = 6000  # instructions; a compiler takes some 5 s for as many, more than a million rows would win back
+_C_NAME = "posture_opt_lanes"
+_MAX_INSTRUCTIONS = 6000
+"""A compiler takes some 5 s for as many, more than a million rows would win back."""
 
 
 class LaneFunction:
@@ -29,14 +30,20 @@ class LaneFunction:
 
     Raises:
         InputError: ``compiled=True`` and nothing could be compiled.
+
+    Example:
+        >>> q = casadi.SX.sym("q", 2)
+        >>> rows = LaneFunction(casadi.Function("f", [q], [casadi.sumsqr(q)]), compiled=False)
+        >>> rows(np.array([[3.0, 4.0]])).tolist()
+        [[25.0]]
     """
 
     def __init__(self, function: casadi.Function, *, compiled: bool | None = None) -> None:
         self._function, self._wanted = function, compiled
         self._entries = function.nnz_out(0)
         self._library = None
-        if compiled is not False and function.n_instructions() <= _MOST:
-            text, _ = c_source(function, _NAME, rows=True)
+        if compiled is not False and function.n_instructions() <= _MAX_INSTRUCTIONS:
+            text, _ = c_source(function, _C_NAME, rows=True)
             self._library, _ = library_of(compiled, lambda: text, lambda: text, "-O3")
         self._batch = None if self._library else BatchFunction(function, compiled=compiled)
         self.compiled: bool = self._batch is None or self._batch.compiled
@@ -58,4 +65,5 @@ class LaneFunction:
 
 
 def _restored(function: casadi.Function, compiled: bool | None) -> LaneFunction:
+    """What a pickle is read back by: the library is looked up, or compiled, again."""
     return LaneFunction(function, compiled=compiled)

@@ -7,7 +7,8 @@ import casadi as ca
 Factors = tuple[list[list[ca.SX]], list[ca.SX]]
 """The strict lower triangle of L and the diagonal D."""
 
-_INFINITE = 1e200  # a pivot whose unknown is zero; its square is still a number
+_INFINITE_PIVOT = 1e200
+"""A pivot that makes its unknown zero; its square would still be a number."""
 
 
 def ldl(A: ca.SX, dependent: float = 0.0) -> Factors:
@@ -15,20 +16,24 @@ def ldl(A: ca.SX, dependent: float = 0.0) -> Factors:
 
     Where a pivot is below ``dependent`` of its diagonal entry, the row depends on those before it: the unknown of such
     a row of a positive semidefinite matrix is solved to be zero.
+
+    Args:
+        A: (n, n) expressions; only the lower triangle is read. n³/6 operations: for n up to ten or so.
+        dependent: share of the diagonal entry; 0 takes every pivot as it is.
     """
     n = A.shape[0]
     L: list[list[ca.SX]] = [[ca.SX(0)] * n for _ in range(n)]
     D: list[ca.SX] = []
     for j in range(n):
         pivot = A[j, j] - sum((L[j][k] ** 2 * D[k] for k in range(j)), ca.SX(0))
-        D.append(ca.if_else(pivot > dependent * A[j, j], pivot, _INFINITE) if dependent else pivot)
+        D.append(ca.if_else(pivot > dependent * A[j, j], pivot, _INFINITE_PIVOT) if dependent else pivot)
         for i in range(j + 1, n):
             L[i][j] = (A[i, j] - sum((L[i][k] * L[j][k] * D[k] for k in range(j)), ca.SX(0))) / D[j]
     return L, D
 
 
 def solved(factors: Factors, b: ca.SX) -> ca.SX:
-    """(n,) the solution of ``L D Lᵀ x = b``."""
+    """(n,) the solution x of ``L D Lᵀ x = b``, b (n,), by forward and backward substitution."""
     L, D = factors
     n = len(D)
     y: list[ca.SX] = []

@@ -13,7 +13,7 @@ from posture_opt.model.c_source import c_text, row_function
 from posture_opt.model.compiled import library_of
 from posture_opt.numerics import Array
 
-_PREAMBLE = """
+_MEMORY_C = """
 #include <math.h>
 #include <stdlib.h>
 
@@ -31,12 +31,13 @@ static int po_open(po_memory* m, po_sizes work) {
   return m->arg && m->res && m->iw && m->w;
 }
 """
+"""C text that opens and closes the working memory of a generated function."""
 
 
 class RowLoop:
     """``long long posture_opt_loop(…)`` of a C text that may call the functions given, by their names.
 
-    The text finds ``po_memory`` with ``po_open(&memory, NAME_work)`` and ``po_close``; a function is called by
+    The text has ``po_memory`` with ``po_open(&memory, NAME_work)`` and ``po_close``; a function is called by
     ``NAME(memory.arg, memory.res, memory.iw, memory.w, 0)``. Loops run without Python's lock.
 
     Args:
@@ -54,24 +55,28 @@ class RowLoop:
     def __init__(self, functions: Mapping[str, casadi.Function], text: str, compiled: bool | None) -> None:
         rows = [row_function(function, name) for name, function in functions.items()]
         identity = "".join(row.serialize() for row in rows)
-        whole = _PREAMBLE + text
+        whole = _MEMORY_C + text
         self._library, _ = library_of(compiled, lambda: f"{whole}{identity}", lambda: c_text(rows) + whole)
         self.compiled: bool = self._library is not None
 
     def __call__(self, *arguments: Array | int | float) -> int:
-        """Run the loop: arrays of doubles are handed over as they lie in memory and written to, C-contiguous ones.
+        """Run the loop: C-contiguous arrays of doubles are passed by address and written to, numbers by value.
+
+        Returns:
+            What the loop returns, zero or more.
 
         Raises:
             MemoryError: the loop returned a negative number.
         """
         assert self._library is not None
-        returned = int(self._library.handle.posture_opt_loop(*map(_handed, arguments)))
+        returned = int(self._library.handle.posture_opt_loop(*map(_c_argument, arguments)))
         if returned < 0:
             raise MemoryError
         return returned
 
 
-def _handed(argument: Array | int | float) -> Any:
+def _c_argument(argument: Array | int | float) -> Any:
+    """The address of an array, or a number, as C takes it."""
     if isinstance(argument, np.ndarray):
         assert argument.dtype == np.float64
         assert argument.flags.c_contiguous

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import casadi as ca
 
-TURNS = (ca.OP_SIN, ca.OP_COS)
+SINE_OPERATIONS = (ca.OP_SIN, ca.OP_COS)
+"""Operations that C text computes for many angles at once."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,9 @@ class Step:
     """One operation of CasADi on the results of earlier steps.
 
     Args:
-        value: of a constant; entry: of an input, which one and which of its entries.
+        operation: CasADi's code of it, ``ca.OP_…``.
+        arguments: numbers of the steps that it works on.
+        value: of a constant; ``entry``: of an input, which one and which of its entries.
     """
 
     operation: int
@@ -30,7 +33,7 @@ class Steps:
     """The steps of an SX function with dense outputs.
 
     Args:
-        steps: (k,) in an order in which they can be done.
+        steps: (k,) in an order in which they can be done; no two are equal.
         outputs: of every output, the step of each of its entries, column by column.
     """
 
@@ -59,7 +62,12 @@ class Steps:
         return cls(tuple(written), tuple(map(tuple, outputs)))
 
     def needed(self, wanted: Iterable[int], known: frozenset[int] = frozenset()) -> list[int]:
-        """The steps that the wanted ones follow from, in order; nothing is asked of what is known."""
+        """The steps that the wanted ones follow from, in order.
+
+        Args:
+            wanted: numbers of steps.
+            known: steps that have been computed already, and are not followed further.
+        """
         found: set[int] = set()
         waiting = [k for k in wanted if k not in known]
         while waiting:
@@ -71,12 +79,14 @@ class Steps:
 
     @cached_property
     def angles(self) -> tuple[tuple[int, ...], ...]:
-        """The steps whose sine or cosine is taken, in rounds: an angle depends on turns of earlier rounds alone."""
+        """The steps whose sine or cosine is taken, in rounds: an angle depends on sines and cosines of earlier
+        rounds alone.
+        """
         depth: list[int] = []
         rounds: list[dict[int, None]] = []
         for step in self.steps:
             below = max((depth[k] for k in step.arguments), default=0)
-            if step.operation in TURNS:
+            if step.operation in SINE_OPERATIONS:
                 while len(rounds) <= below:
                     rounds.append({})
                 rounds[below][step.arguments[0]] = None
@@ -86,10 +96,10 @@ class Steps:
 
     @cached_property
     def angle_numbers(self) -> dict[int, int]:
-        """The place of each angle among all, round after round."""
+        """Step of each angle -> its place among all, round after round."""
         return {k: i for i, k in enumerate(k for angles in self.angles for k in angles)}
 
     @cached_property
     def turns(self) -> frozenset[int]:
         """The steps that are a sine or a cosine."""
-        return frozenset(k for k, step in enumerate(self.steps) if step.operation in TURNS)
+        return frozenset(k for k, step in enumerate(self.steps) if step.operation in SINE_OPERATIONS)

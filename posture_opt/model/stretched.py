@@ -10,7 +10,7 @@ from posture_opt.robot.robot import Robot
 
 
 def stretched(robot: Robot) -> tuple[Array, float]:
-    """(3,) where the first joint is [m], world, and a distance [m] from it that the tool point never exceeds.
+    """(3,) the origin of the first joint [m], world, and a distance [m] from it that the tool point never exceeds.
 
     The distance is the sum of all lengths behind the first joint, slides at their longest: the triangle inequality.
     """

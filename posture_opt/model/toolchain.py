@@ -1,4 +1,8 @@
-"""The C compiler of this machine and the user's cache of what it compiled."""
+"""The C compiler of this machine and the user's cache of what it compiled.
+
+A library is executed only from a folder that the user alone can write, and only if its content has the digest that
+its name states: half a library would end the program as soon as it is called.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +29,18 @@ from posture_opt.staging import settle, staging
 # Straight-line code with few calls gains nothing from -O3 or -march=native (measured within 10 %, compile time
 # +40 %), and without fused multiply-add every machine, compiled or interpreted, gives the same digits.
 FLAGS = ("-std=c99", "-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off", "-w")
-OPTIMISED_TEXT = 1_000_000  # characters; above, -O0 compiles in 3 s a megabyte instead of 10 and runs 4 times slower
+MAX_OPTIMISED_CHARACTERS = 1_000_000
+"""Length of a C text above which -O0 is taken: 3 s a megabyte instead of 10, and runs 4 times slower."""
 COMPILE_SECONDS = 300.0
+"""Time after which a compiler is ended [s]."""
 KEPT_LIBRARIES = 256
+"""Libraries in the cache; of more, those that were not used for longest are removed."""
 SUFFIX = ".dll" if sys.platform == "win32" else ".so"
+"""Ending of a shared library on this system."""
 
 
 class BuildError(Exception):
-    """Nothing could be compiled; the text says why, and the caller goes on interpreted."""
+    """Nothing could be compiled; the text says why, and the caller interprets instead."""
 
 
 class Library(NamedTuple):
@@ -43,7 +51,9 @@ class Library(NamedTuple):
 
 
 def find_compiler() -> tuple[str, ...]:
-    """The command of the C compiler: the environment's CC, else cc, gcc or clang; empty where there is none."""
+    """The command of the C compiler as words: the environment's CC, else cc, gcc or clang; empty where there is
+    none.
+    """
     for candidate in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
         with contextlib.suppress(ValueError):  # unbalanced quotes in CC
             command = shlex.split(candidate, posix=os.name != "nt")
@@ -66,19 +76,27 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
     compiler = find_compiler()
     if not compiler:
         raise BuildError("no C compiler found (looked for the environment's CC, then cc, gcc, clang)")
-    machine = (sys.platform, platform.machine(), _version(compiler))
-    key = "\0".join((identity, str(OPTIMISED_TEXT), level, *FLAGS, *compiler, *machine))
+    machine = (sys.platform, platform.machine(), _compiler_version(compiler))
+    key = "\0".join((identity, str(MAX_OPTIMISED_CHARACTERS), level, *FLAGS, *compiler, *machine))
     name = hashlib.sha256(key.encode()).hexdigest()
     reason = ""
-    for folder in _folders():
+    for folder in _cache_folders():
         try:
-            return _library(folder, name, compiler, source, level)
+            return _cached_library(folder, name, compiler, source, level)
         except OSError as error:  # full, read-only or mounted noexec: the next folder may do
             reason = str(error)
     raise BuildError(f"no folder to compile in: {reason}")
 
 
-def _library(folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str) -> Library:
+def _cached_library(
+    folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str
+) -> Library:
+    """The library of this name in a folder, or compiled into it; broken ones are removed.
+
+    Raises:
+        BuildError: the compiler fails.
+        OSError: the folder is full, read-only or mounted noexec.
+    """
     for path in folder.glob(f"{name}.*{SUFFIX}"):
         if _is_private(path) and _is_whole(path):
             with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
@@ -87,49 +105,60 @@ def _library(folder: Path, name: str, compiler: tuple[str, ...], source: Callabl
                 return Library(path, handle)
         path.unlink(missing_ok=True)
     with staging(folder) as build:
-        compiled = _compile(build, compiler, source(), level)
-        path = folder / f"{name}.{_digest(compiled)}{SUFFIX}"
+        compiled = _compile_text(build, compiler, source(), level)
+        path = folder / f"{name}.{_sha256_of(compiled)}{SUFFIX}"
         os.chmod(compiled, 0o700)
         settle(compiled)
         os.replace(compiled, path)  # atomic: another process sees the whole library or none
     with contextlib.suppress(OSError):
-        _prune(folder)
+        _prune_cache(folder)
     return Library(path, ctypes.CDLL(str(path)))
 
 
-def _digest(path: Path) -> str:
+def _sha256_of(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _is_whole(path: Path) -> bool:
     """Whether a library is what was compiled: half of one would end the program as soon as it is called."""
     try:
-        return path.name.split(".")[1] == _digest(path)
+        return path.name.split(".")[1] == _sha256_of(path)
     except OSError:
         return False
 
 
-def _compile(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
+def _compile_text(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
+    """Compile a C text in a folder of its own; the path of the library there.
+
+    Raises:
+        BuildError: the compiler fails, with the first 500 characters of its message.
+    """
     code, library = folder / "code.c", folder / "code.so"
     code.write_text(text, encoding="utf-8")
-    level = level if len(text) <= OPTIMISED_TEXT else "-O0"
+    level = level if len(text) <= MAX_OPTIMISED_CHARACTERS else "-O0"
     # What the compiler puts down for the time being goes with the folder, also where it is killed.
-    result = _run(*compiler, level, *FLAGS, str(code), "-o", str(library), "-lm", TMPDIR=str(folder))
+    result = _run_command(*compiler, level, *FLAGS, str(code), "-o", str(library), "-lm", TMPDIR=str(folder))
     if result.returncode or not library.is_file():
         raise BuildError(f"{' '.join(compiler)} failed: {result.stderr.strip()[:500]}")
     return library
 
 
 @functools.lru_cache
-def _version(compiler: tuple[str, ...]) -> str:
-    result = _run(*compiler, "--version")
+def _compiler_version(compiler: tuple[str, ...]) -> str:
+    """What ``--version`` prints; it is in the key of the cache, so that a new compiler compiles anew."""
+    result = _run_command(*compiler, "--version")
     if result.returncode:
         raise BuildError(f"{' '.join(compiler)} --version failed: {result.stderr.strip()[:500]}")
     return result.stdout
 
 
-def _run(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end; where this is interrupted, it is killed with all that it has started."""
+def _run_command(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end; where this is interrupted, it is killed with all that it has started.
+
+    Raises:
+        BuildError: it cannot be started, or does not end in time.
+    """
     pipe, none = subprocess.PIPE, subprocess.DEVNULL
     try:
         with undisturbed():  # nothing started is forgotten
@@ -141,16 +170,17 @@ def _run(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
         raise BuildError(f"{command[0]} did not run: {error}") from error
     with process:
         try:
-            out, told = process.communicate(timeout=COMPILE_SECONDS)
+            out, errors = process.communicate(timeout=COMPILE_SECONDS)
         except BaseException as error:
-            _kill(process)
+            _kill_group(process)
             if isinstance(error, subprocess.TimeoutExpired):
                 raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
             raise
-    return subprocess.CompletedProcess(command, process.returncode, out, told)
+    return subprocess.CompletedProcess(command, process.returncode, out, errors)
 
 
-def _kill(process: subprocess.Popen[str]) -> None:
+def _kill_group(process: subprocess.Popen[str]) -> None:
+    """End a process and all that it has started: a compiler is a chain of programs."""
     if sys.platform == "win32":
         process.kill()
     else:
@@ -159,7 +189,7 @@ def _kill(process: subprocess.Popen[str]) -> None:
     process.wait()
 
 
-def _folders() -> Iterator[Path]:
+def _cache_folders() -> Iterator[Path]:
     """The user's cache where it can be trusted and written, then a folder of this process alone."""
     folder = cache_folder()
     if folder is not None:
@@ -173,6 +203,7 @@ def _folders() -> Iterator[Path]:
 
 @functools.lru_cache
 def _process_folder() -> Path:
+    """A folder of this process alone, removed when it ends."""
     kept = contextlib.ExitStack()
     folder = kept.enter_context(staging(Path(tempfile.gettempdir())))
     atexit.register(kept.close)
@@ -200,8 +231,8 @@ def _is_private(path: Path) -> bool:
     return status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
-def _prune(folder: Path) -> None:
-    """Remove the longest unused libraries."""
+def _prune_cache(folder: Path) -> None:
+    """Remove the libraries that were not used for longest, beyond `KEPT_LIBRARIES`."""
     libraries = sorted((path for path in folder.iterdir() if path.suffix == SUFFIX), key=_last_use)
     for path in libraries[:-KEPT_LIBRARIES]:
         with contextlib.suppress(OSError):  # in use (Windows) or already removed
@@ -209,6 +240,9 @@ def _prune(folder: Path) -> None:
 
 
 def _last_use(path: Path) -> float:
+    """Time of the last use of a library [s]: its modification time, which `_cached_library` renews; 0 where it is
+    gone.
+    """
     try:
         return path.stat().st_mtime
     except OSError:

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.measurements.repeated_readings import ENOUGH, repeated_readings
+from posture_opt.measurements.repeated_readings import MIN_FREEDOM, repeated_readings
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.problem import Problem
@@ -44,7 +44,7 @@ def problem_of_measured_robot(
     robot = dict(section)
     plain = problem_from_dict({"robot": robot}).robot
     if robot["kind"] == "preset" and not {*(columns or ())} & {*plain.joint_names}:
-        robot = _named_as_counted(robot, plain, open_table(data).heads)
+        robot = _named_as_counted(robot, plain, open_table(data).titles)
     document = {"name": plain.name or "Measured robot", "robot": {"base": "free", "tool": "free", **robot}}
     document |= {"data": {"columns": dict(columns)}} if columns else {}
     free = problem_from_dict(document)
@@ -53,10 +53,10 @@ def problem_of_measured_robot(
         stated["repeatability"] = f"{plain.repeatability.value * 1e3:g} mm"
     measured = read_measurements(data, free)
     sigma, freedom = repeated_readings(measured, free.robot)
-    if freedom >= ENOUGH:
+    if freedom >= MIN_FREEDOM:
         stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm", "degrees_of_freedom": freedom}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
-    repeats = _from_repeats(sigma, freedom) if freedom >= ENOUGH else ""
+    repeats = _from_repeats(sigma, freedom) if freedom >= MIN_FREEDOM else ""
     notes = (*problem.notes, _free(problem.robot), *([f"the {repeats}"] if repeats else []))
     return replace(problem, notes=notes, header=_header(_instrument(repeats, measured.touches)))
 

@@ -63,7 +63,7 @@ def _read(
 def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
     """Name -> index and factor to SI of the known columns."""
     found: dict[str, tuple[int, float]] = {}
-    for index, head in enumerate(raw.heads):
+    for index, head in enumerate(raw.titles):
         match = _HEAD.match(head)
         name, unit = (match["name"], (match["unit"] or "").strip()) if match else (head.strip(), "")
         if name not in (*_POINT, *_AXIS):

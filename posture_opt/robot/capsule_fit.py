@@ -1,4 +1,7 @@
-"""The smallest capsules about a body: it is sliced across its longest axis, and runs of slices get a capsule each."""
+"""The smallest capsules about a body: it is sliced across its longest axis, and runs of slices get a capsule each.
+
+Used once when a URDF is read, so that a second of computing time for a fine mesh is affordable.
+"""
 
 from __future__ import annotations
 
@@ -11,35 +14,48 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.robot.shape import Capsule
 
-MOST = 3
+MAX_CAPSULES = 3
 """Capsules for one body: a link is a beam between two housings."""
-PRICE = 1.15
-"""A further capsule must save this factor of volume: every one more is checked against all others in every posture."""
-_SLICES = 9  # of a body along its longest axis
-_DIRECTIONS = 80  # in which a body is looked at while its capsule is searched for
-_THICKER = (0.0, 0.25)  # of which radii the volume is compared, see `_capsule`
-_MARGIN = 1e-9  # m: what rounding may take away of a radius
+VOLUME_FACTOR = 1.15
+"""A further capsule must save this factor of volume: each one more is checked against all others in every posture."""
+_SLICE_COUNT = 9
+"""Slices of a body along its longest axis: 9 leave 36 ways to cut it into at most three runs."""
+_DIRECTION_COUNT = 80
+"""Directions whose outermost points stand for a body while its capsule is searched for."""
+_START_EXCESSES = (0.0, 0.25)
+"""Values of ``x[6]`` to start from: the radius is the least one times ``1 + x[6]²``, see `_enclosing_capsule`."""
+_RADIUS_MARGIN_M = 1e-9
+"""Added to each radius: more than rounding can take away of it."""
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of a surface, given by both ends (m, 3), (m, 3) [m]; of a convex body those of its corners are enough."""
+    """Edges of a surface; of a convex body those between its corners are enough.
+
+    Args:
+        tails, heads: (m, 3), (m, 3) both ends of each edge [m], in the frame of the body.
+    """
 
     tails: Array
     heads: Array
 
     @classmethod
     def about(cls, points: Array) -> Edges:
-        """The convex hull of points (k, 3) that do not lie in one plane."""
+        """The edges of the convex hull of points (k, 3) [m] that do not lie in one plane."""
         from scipy.spatial import ConvexHull
 
         faces = ConvexHull(points, qhull_options="QJ").simplices
         return cls(points[faces].reshape(-1, 3), points[np.roll(faces, -1, axis=1)].reshape(-1, 3))
 
     def slices(self, axis: Array, count: int) -> list[Array]:
-        """Points (k, 3) of each slice across ``axis``: corners in it, and where edges cross the planes on both sides.
+        """Points (k, 3) [m] of each slice across an axis: corners in it, and where edges cross the planes on both
+        sides.
 
         The hull of the points of neighbouring slices holds all of the surface there.
+
+        Args:
+            axis: (3,) unit vector, frame of the body.
+            count: how many slices of equal thickness.
         """
         a, b = self.tails @ axis, self.heads @ axis
         planes = np.linspace(min(a.min(), b.min()), max(a.max(), b.max()), count + 1)
@@ -53,43 +69,55 @@ class Edges:
         return [every[(height >= low) & (height <= high)] for low, high in itertools.pairwise(planes)]
 
 
-def fitted_capsules(body: Edges, joint: str, most: int = MOST) -> tuple[Capsule, ...]:
+def fitted_capsules(body: Edges, joint: str, most: int = MAX_CAPSULES) -> tuple[Capsule, ...]:
     """Up to ``most`` capsules that together contain the surface of a body given in the frame behind ``joint``.
 
-    All ways to part the slices into runs are compared by capsules along main axes; the runs of the best one then get
+    All ways to cut the slices into runs are compared by capsules along main axes; the runs of the best one then get
     their smallest capsules, if these are together smaller than the one of the whole.
+
+    Args:
+        body: its edges [m], in the frame behind the joint.
+        joint: ``Capsule.joint`` of what is found.
+        most: largest number of capsules.
+
+    Returns:
+        Capsules that contain the body to rounding; never more than ``most``.
     """
     ends = np.vstack([body.tails, body.heads])
     one = [smallest_capsule(ends, joint)]
     if most == 1:
         return tuple(one)
     longest = max(_main_axes(ends), key=lambda axis: float(np.ptp(ends @ axis)))
-    runs = _best_runs(body.slices(longest, _SLICES), most)
-    return tuple(min(one, [smallest_capsule(points, joint) for points in runs], key=_price))
+    runs = _cheapest_runs(body.slices(longest, _SLICE_COUNT), most)
+    return tuple(min(one, [smallest_capsule(points, joint) for points in runs], key=_total_cost))
 
 
-def _price(capsules: Iterable[Capsule]) -> float:
+def _total_cost(capsules: Iterable[Capsule]) -> float:
+    """``Σ V · VOLUME_FACTOR^k`` of k capsules [m³]."""
     volumes = [capsule.volume for capsule in capsules]
-    return sum(volumes) * PRICE ** len(volumes)
+    return sum(volumes) * VOLUME_FACTOR ** len(volumes)
 
 
-def _best_runs(slices: list[Array], most: int) -> list[Array]:
-    """The points of the runs of slices whose capsules have the least volume together."""
+def _cheapest_runs(slices: list[Array], most: int) -> list[Array]:
+    """The points (k, 3) of each run of slices, cut where their capsules cost least together.
+
+    Volumes of the runs are estimated along main axes: every run of up to all slices once, then all ways to cut.
+    """
     count = len(slices)
-    seen = [_extremes(points) for points in slices]
-    volume = {(i, j): _estimate(np.vstack(seen[i:j])) for i, j in itertools.combinations(range(count + 1), 2)}
+    seen = [_outermost_points(points) for points in slices]
+    volume = {(i, j): _least_volume(np.vstack(seen[i:j])) for i, j in itertools.combinations(range(count + 1), 2)}
     ways = [
         list(itertools.pairwise((0, *cuts, count)))
         for k in range(1, most)
         for cuts in itertools.combinations(range(1, count), k)
     ]
-    best = min(ways, key=lambda way: sum(volume[run] for run in way) * PRICE ** len(way))
+    best = min(ways, key=lambda way: sum(volume[run] for run in way) * VOLUME_FACTOR ** len(way))
     return [points for i, j in best if len(points := np.vstack(slices[i:j]))]
 
 
-def _estimate(points: Array) -> float:
-    """The least volume of a capsule along one of the main axes [m³]."""
-    return min((_volume(start, points) for start in _starts(points)), default=0.0)
+def _least_volume(points: Array) -> float:
+    """The least volume [m³] of a capsule about points (k, 3) whose axis is one of their main axes; 0 without points."""
+    return min((_capsule_volume(start, points) for start in _start_variables(points)), default=0.0)
 
 
 def smallest_capsule(points: Array, joint: str) -> Capsule:
@@ -103,52 +131,56 @@ def smallest_capsule(points: Array, joint: str) -> Capsule:
 
     middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
     scaled = (points - middle) / size
-    outer = _extremes(scaled)
-    starts = sorted(_starts(outer), key=lambda start: _volume(start, outer))[:2]
+    outer = _outermost_points(scaled)
+    starts = sorted(_start_variables(outer), key=lambda start: _capsule_volume(start, outer))[:2]
     options = {"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400}
-    found = [minimize(_volume, start, (outer,), "Nelder-Mead", options=options) for start in starts]
-    a, b, radius = _capsule(min(found, key=lambda result: float(result.fun)).x, scaled)
+    found = [minimize(_capsule_volume, start, (outer,), "Nelder-Mead", options=options) for start in starts]
+    a, b, radius = _enclosing_capsule(min(found, key=lambda result: float(result.fun)).x, scaled)
     (ax, ay, az), (bx, by, bz) = ((middle + size * end).tolist() for end in (a, b))
-    return Capsule(joint, (ax, ay, az), (bx, by, bz), size * radius + _MARGIN)
+    return Capsule(joint, (ax, ay, az), (bx, by, bz), size * radius + _RADIUS_MARGIN_M)
 
 
-def _extremes(points: Array) -> Array:
-    """(k, 3) the points that are outermost in one of many directions, spread evenly over the sphere (Fibonacci)."""
+def _outermost_points(points: Array) -> Array:
+    """(k, 3) the points that are outermost in one of many directions, spread evenly over the sphere (Fibonacci
+    lattice).
+    """
     if not len(points):
         return points
-    n = np.arange(_DIRECTIONS) + 0.5
-    z, turn = 1 - 2 * n / _DIRECTIONS, np.pi * (1 + 5**0.5) * n
+    n = np.arange(_DIRECTION_COUNT) + 0.5
+    z, turn = 1 - 2 * n / _DIRECTION_COUNT, np.pi * (1 + 5**0.5) * n
     directions = np.array([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
     extremes: Array = points[np.unique(np.argmax(points @ directions, axis=0))]
     return extremes
 
 
 def _main_axes(points: Array) -> Array:
-    """(3, 3) rows: the principal axes of the points."""
+    """(3, 3) rows: the principal axes of points (k, 3), unit vectors, the least extent first."""
     apart = points - points.mean(axis=0)
     axes: Array = np.linalg.eigh(apart.T @ apart)[1].T
     return axes
 
 
-def _starts(points: Array) -> list[Array]:
-    """(7,) variables of capsules along the main axes through the middle of the points, see `_capsule`."""
+def _start_variables(points: Array) -> list[Array]:
+    """(7,) variables of capsules along the main axes through the middle of the points, see `_enclosing_capsule`."""
     found = []
     for axis in _main_axes(points) if len(points) else ():
         across = points - (points @ axis)[:, None] * axis
         middle = (across.min(axis=0) + across.max(axis=0)) / 2
-        found += [np.concatenate([axis, middle, [thicker]]) for thicker in _THICKER]
+        found += [np.concatenate([axis, middle, [thicker]]) for thicker in _START_EXCESSES]
     return found
 
 
-def _volume(x: Array, points: Array) -> float:
-    a, b, radius = _capsule(x, points)
+def _capsule_volume(x: Array, points: Array) -> float:
+    """``π r² (|b − a| + 4/3 r)`` [m³] of the capsule that the variables (7,) give about points (k, 3)."""
+    a, b, radius = _enclosing_capsule(x, points)
     return float(np.pi * radius**2 * (np.linalg.norm(b - a) + 4 / 3 * radius))
 
 
-def _capsule(x: Array, points: Array) -> tuple[Array, Array, float]:
-    """Both ends and the radius of the shortest capsule about the points, its axis along ``x[:3]`` through ``x[3:6]``.
+def _enclosing_capsule(x: Array, points: Array) -> tuple[Array, Array, float]:
+    """Both ends (3,), (3,) and the radius of the shortest capsule about points (k, 3), all in the unit of the points.
 
-    The radius is the least that the axis allows, times ``1 + x[6]²``: a thicker one may be shorter.
+    Its axis is along ``x[:3]``, of any length, through ``x[3:6]``; the radius is the least that the axis allows, times
+    ``1 + x[6]²``: a thicker capsule may be shorter.
     """
     axis = x[:3] / np.linalg.norm(x[:3])
     apart = points - x[3:6]

@@ -15,8 +15,12 @@ from posture_opt.units import parse_quantity
 def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
     """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``.
 
-    The limits stay those of the joint variables, as they are commanded: an offset of a joint moves the arm, not what
-    its controller allows.
+    ``value = nominal + correction`` for every named factor. The limits stay those of the joint variables as they are
+    commanded: an offset of a joint moves the arm, not what its controller allows.
+
+    Args:
+        robot: the nominal arm.
+        corrections: parameter name -> text with a unit, as in ``robot.corrections`` of the problem file.
 
     Raises:
         InputError: parameters that the robot lacks, values without a unit or of the wrong one; keys relative to the
@@ -27,7 +31,7 @@ def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
     known = robot.parameters
     issues = [issue.at("corrections") for name in corrections for issue in name_issues(name, known)]
     values = {
-        name: _deviation(name, given, known[name], issues) for name, given in corrections.items() if name in known
+        name: _read_correction(name, given, known[name], issues) for name, given in corrections.items() if name in known
     }
     if issues:
         raise InputError(issues)
@@ -37,7 +41,11 @@ def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
     """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m].
 
-    ``former`` are the corrections that ``robot`` has already: only the sum of both leans and shifts its axes.
+    Args:
+        robot: the arm to start from, with its corrections, if any, in the nominal values already.
+        values: parameter name -> what is added to its value [rad or m].
+        former: corrections that ``robot`` has already: only the sum of both leans and shifts its axes, so that a
+            correction taken back leaves no ``skew`` or ``lift``.
     """
 
     def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
@@ -46,21 +54,22 @@ def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, flo
     links = tuple(moved(link) for link in robot.links)
     former = former or {}
     total = {name: former.get(name, 0.0) + values.get(name, 0.0) for name in {**former, **values}}
-    skew = robot.skew + _moved(robot, total, "rotate") - _moved(robot, former, "rotate")
-    lift = robot.lift + _moved(robot, total, "translate") - _moved(robot, former, "translate")
+    skew = robot.skew + _axis_displacement(robot, total, "rotate") - _axis_displacement(robot, former, "rotate")
+    lift = robot.lift + _axis_displacement(robot, total, "translate") - _axis_displacement(robot, former, "translate")
     return replace(robot, base=moved(robot.base), links=links, tool=moved(robot.tool), skew=skew, lift=lift)
 
 
-def _moved(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "translate"]) -> float:
-    """How far [rad or m] the axes can lie from where the drawing has them: the sum of all but the joints' own.
+def _axis_displacement(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "translate"]) -> float:
+    """How far [rad or m] the axes can lie from the nominal ones: the sum of all corrections but the joints' own.
 
-    The base moves the arm as a whole, and the tool is where it is: neither is a flaw of the arm.
+    The base moves the arm as a whole, and the tool is where it is: neither leans an axis against another.
     """
     inside = (factor for link in robot.links for factor in link)
     return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == kind and f.joint is None)
 
 
-def _deviation(name: str, given: Any, factor: Factor, issues: list[Issue]) -> float:
+def _read_correction(name: str, given: Any, factor: Factor, issues: list[Issue]) -> float:
+    """The value of one correction [rad or m]; 0 with an issue where it is none."""
     try:
         return parse_quantity(given, "angle" if factor.kind == "rotate" else "length")
     except BadValueError as error:
@@ -69,14 +78,16 @@ def _deviation(name: str, given: Any, factor: Factor, issues: list[Issue]) -> fl
 
 
 def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
-    """The complaint about a parameter that the robot does not have, with the nearest of the same joint."""
+    """The issue about a parameter that the robot does not have, with the nearest of the same joint; empty for a known
+    name.
+    """
     every = list(known)
     if name in every:
         return []
     joint, _, part = name.rpartition(".") if "." in name else (name, "", "")
     own = [parameter.rpartition(".")[2] for parameter in every if parameter.rpartition(".")[0] == joint]
     if own:
-        near = _nearest_word(part, own)
+        near = _nearest_part(part, own)
         hint = (f"did you mean '{joint}.{near}'? " if near else "") + f"{joint} has {', '.join(own)}"
     else:
         near = nearest(name, every)
@@ -85,8 +96,8 @@ def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
     return [Issue("the robot has no such parameter", (name,), name, hint)]
 
 
-def _nearest_word(part: str, known: list[str]) -> str:
-    """What was probably meant by the word behind the joint's name; empty where nothing is like it."""
+def _nearest_part(part: str, known: list[str]) -> str:
+    """What was probably meant by the part of a name behind the joint, ``theta`` say; empty where nothing is like it."""
     own_variable = {"theta": "d", "d": "theta"}.get(part, "")  # of a slide, of a joint that turns
     begun = next((word for word in known if part and word.startswith(part)), "")
     return own_variable if own_variable in known else begun or nearest(part, known)

@@ -18,8 +18,11 @@ from posture_opt.spec import Spec
 from posture_opt.units import Angle, Length, Mass, Quantity, parse_quantity
 
 MAX_JOINTS = 20
+"""More than any serial arm has; the table and the symbolic expressions are bounded by it."""
 FULL_TURN = (-2 * math.pi, 2 * math.pi)
-_RESERVED = {"base", "tool"}  # their frames own the parameters base.x … tool.yaw
+"""Limits of a revolute joint for which none are stated [rad]."""
+_RESERVED = {"base", "tool"}
+"""Names that no joint may have: these frames own the parameters ``base.x`` … ``tool.yaw``."""
 _LIMITS_SCHEMA = WithJsonSchema(
     {
         "type": "array",
@@ -33,7 +36,8 @@ _LIMITS_SCHEMA = WithJsonSchema(
 
 
 def check_joint_name(name: str) -> None:
-    """Refuse what cannot build ``JOINT.theta``, of which the last dot ends the name, and the head ``JOINT [deg]``.
+    """Refuse a name that cannot build ``JOINT.theta``, of which the last dot ends the name, or the header ``JOINT
+    [deg]``.
 
     Raises:
         BadValueError: empty, blanks around it, a character that separates names, or the name of a frame.
@@ -52,12 +56,20 @@ class FrameSpec(Spec):
     """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``; ``free``: to be found from the data."""
 
     xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """(3,) origin [m]: of ``base`` in the world, of ``tool`` in the flange."""
     rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """(3,) roll, pitch, yaw [rad], about fixed axes in this order."""
     free: bool = False
+    """Whether the data decide; the numbers are then where a fit starts."""
 
     @model_validator(mode="before")
     @classmethod
-    def _word(cls, value: Any) -> Any:
+    def _expanded_word(cls, value: Any) -> Any:
+        """The word ``free`` as the section that it abbreviates.
+
+        Raises:
+            BadValueError: any other word.
+        """
         if isinstance(value, str):
             if value.strip() != "free":
                 raise BadValueError(f"'{value}' is no frame", "write free or {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}")
@@ -66,6 +78,7 @@ class FrameSpec(Spec):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The schema of the section, or the word ``free``."""
         return {"anyOf": [handler(schema), {"const": "free"}]}
 
     def factors(self, prefix: Literal["base", "tool"]) -> tuple[Factor, ...]:
@@ -83,13 +96,19 @@ class JointSpec(Spec):
     name: str
     type: Literal["revolute", "prismatic"] = "revolute"
     a: Length = 0.0
+    """Length along x [m]; where in the row it comes is the convention of the robot's kind, as of the next three."""
     alpha: Angle = 0.0
     d: Length = 0.0
     theta: Angle = 0.0
+    """Angle about z [rad], added to the variable of a revolute joint; ``d`` likewise to that of a prismatic one."""
     limits: Annotated[tuple[float, float], _LIMITS_SCHEMA] = Field(FULL_TURN, validate_default=True)
+    """(2,) lower and upper limit of the joint variable [rad or m]."""
     mass: Mass = math.nan
+    """Of the link behind the joint [kg]; NaN where it is left out, and gravity then says nothing of it."""
     com: tuple[Length, Length, Length] = (math.nan, math.nan, math.nan)
+    """(3,) centre of mass of that link [m], frame behind the joint."""
     gear_ratio: float = math.nan
+    """Motor turns per turn of the joint, not zero; NaN where it is left out."""
 
     @field_validator("name")
     @classmethod
@@ -100,6 +119,11 @@ class JointSpec(Spec):
     @field_validator("limits", mode="before")
     @classmethod
     def _read_limits(cls, value: Any, info: ValidationInfo) -> Any:
+        """The limits in SI units, read as angles or lengths by the type of the joint.
+
+        Raises:
+            BadValueError: no pair, the wrong unit, crossed limits, or a prismatic joint without limits.
+        """
         kind = info.data.get("type")
         if value is FULL_TURN and kind == "prismatic":
             raise BadValueError("a prismatic joint needs its limits", "write for example limits: [0 mm, 210 mm]")
@@ -127,12 +151,17 @@ class JointSpec(Spec):
         return ratio
 
     def joint(self) -> Joint:
-        """The joint in numbers."""
+        """The joint in numbers [SI], without the geometry of its row."""
         lower, upper = self.limits
         return Joint(self.name, self.type, lower, upper, self.mass, self.com, self.gear_ratio)
 
     def driven(self, index: int, symbol: Literal["theta", "d"]) -> Factor:
-        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one."""
+        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one.
+
+        Args:
+            index: of the joint variable q.
+            symbol: which of the two parameters of the row.
+        """
         moves = (symbol == "theta") == (self.type == "revolute")
         kind: Literal["rotate", "translate"] = "rotate" if symbol == "theta" else "translate"
         return Factor(kind, 2, getattr(self, symbol), f"{self.name}.{symbol}", index if moves else None)
@@ -144,6 +173,7 @@ class RobotFormat(Spec):
     base: FrameSpec = Field(FrameSpec(), description="base in the world; `free`: found from measurements")
     tool: FrameSpec = Field(FrameSpec(), description="tool point in the flange; `free`: found from measurements")
     payload: Mass = 0.0
+    """Mass at the tool point [kg]."""
     gravity: tuple[float, float, float] = Field((0.0, 0.0, -9.81), description="m/s², world")
     corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
     shape: ShapeSpec | None = Field(None, description="capsules that base, links and tool lie in, for collision checks")
@@ -168,10 +198,22 @@ class RobotFormat(Spec):
 
     @abstractmethod
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers as the format gives it, without the corrections."""
+        """The chain in numbers as the format gives it, without the corrections.
+
+        Args:
+            folder: where relative file names of the section start.
+        """
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """A ``Robot`` of these links between the base and the tool of this section, in the shape that it states."""
+        """A ``Robot`` of these links between the base and the tool of this section, in the shape that it states.
+
+        Args:
+            name: of the arm, for reports.
+            joints: (n,) with limits and masses; ``links``: (n,) the factors of each.
+
+        Raises:
+            InputError: a shape with capsules of joints that are not among these.
+        """
         robot = Robot(
             name=name,
             joints=joints,
@@ -187,13 +229,18 @@ class RobotFormat(Spec):
 
 
 class TableRobot(RobotFormat):
-    """A robot given by one table row a joint."""
+    """A robot given by one table row a joint: the base of both Denavit-Hartenberg conventions."""
 
     joints: tuple[JointSpec, ...]
 
     @field_validator("joints")
     @classmethod
     def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
+        """The rows as they are, if they can make an arm.
+
+        Raises:
+            BadValueError: no row, more than ``MAX_JOINTS``, or two joints of one name.
+        """
         names = [joint.name for joint in joints]
         if not names:
             raise BadValueError("a robot needs at least one joint")

@@ -11,7 +11,7 @@ from posture_opt.robot.robot import Factor
 class MdhRobot(TableRobot):
     """``T_{i-1,i} = Rx(alpha) Tx(a) Rz(theta) Tz(d)``, ``theta`` or ``d`` carrying the joint variable.
 
-    ``a`` and ``alpha`` of a row stand before its joint: they are Craig's a_{i-1}, alpha_{i-1}.
+    ``a`` and ``alpha`` of a row come before its joint: they are Craig's a_{i-1}, alpha_{i-1}.
     Source: Craig, Introduction to Robotics (2005), equation 3.6.
     """
 
@@ -19,7 +19,12 @@ class MdhRobot(TableRobot):
 
     @staticmethod
     def row(joint: JointSpec, index: int) -> tuple[Factor, ...]:
-        """The four factors of one row."""
+        """The four factors of one row of the table, in the order of their product.
+
+        Args:
+            joint: ``a``, ``d`` [m], ``alpha``, ``theta`` [rad] of the row.
+            index: of the joint variable q that the row carries.
+        """
         return (
             Factor("rotate", 0, joint.alpha, f"{joint.name}.alpha"),
             Factor("translate", 0, joint.a, f"{joint.name}.a"),

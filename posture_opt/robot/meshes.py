@@ -14,9 +14,10 @@ from posture_opt.files import content, is_file
 from posture_opt.robot.capsule_fit import Edges
 
 MAX_FACES = 100_000
-"""Of a mesh whose surface is looked at; of a finer one the convex hull counts, which contains it."""
+"""Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it."""
 _MAX_BYTES = 50_000_000
-_FORMATS = {".stl", ".obj", ".ply", ".off", ".dae"}
+"""Largest mesh file that is read."""
+_MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
 """What robots are described with; archives, of which a small one may unfold to anything, are not."""
 
 
@@ -27,19 +28,20 @@ class UnreadMeshError(Exception):
 def located_mesh(name: str, urdf: Path) -> Path:
     """The file of a mesh name in a URDF: ``package://PACKAGE/…``, ``file://…``, absolute, or relative to the URDF.
 
-    A ROS package lies in a folder of its name, or in one with a ``package.xml``, somewhere above the URDF or beside
+    A ROS package lies in a folder of its name, or in one with a ``package.xml``, somewhere above the URDF or next to
     one of the folders above.
 
     Raises:
         UnreadMeshError: no such file.
     """
-    for path in _candidates(name, urdf.absolute().parent):
+    for path in _candidate_paths(name, urdf.absolute().parent):
         if is_file(path):
             return path
     raise UnreadMeshError(f"mesh {PurePosixPath(name).name} not found")
 
 
-def _candidates(name: str, folder: Path) -> list[Path]:
+def _candidate_paths(name: str, folder: Path) -> list[Path]:
+    """Where the file of a mesh name may be, the most likely place first."""
     if name.startswith(("package://", "model://")):
         package, _, rest = name.partition("://")[2].partition("/")
         above = [folder, *folder.parents]
@@ -49,18 +51,21 @@ def _candidates(name: str, folder: Path) -> list[Path]:
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
-    """The edges of a mesh, its lengths times ``scale`` (3,).
+    """The edges of a mesh, its lengths times ``scale`` (3,), in the frame of the ``<collision>`` element [m].
+
+    Read once for each version of the file (time and size of its last change).
 
     Raises:
         UnreadMeshError: trimesh is not installed, or cannot read the file.
     """
     status = path.stat()
-    return _read(path, scale, status.st_mtime_ns, status.st_size)
+    return _read_edges(path, scale, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=64)
-def _read(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Edges:
-    mesh = _loaded(path)
+def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Edges:
+    """The edges [m]; ``_changed`` and ``_size`` are in the key of the cache alone."""
+    mesh = _load_mesh(path)
     vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
     edges = np.asarray(mesh.edges_unique)
     if not len(edges) or not np.all(np.isfinite(vertices)):
@@ -70,9 +75,14 @@ def _read(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Ed
     return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
 
 
-def _loaded(path: Path) -> Any:
-    if path.suffix.lower() not in _FORMATS:
-        raise UnreadMeshError(f"mesh {path.name} is none of {listed(sorted(_FORMATS))}")
+def _load_mesh(path: Path) -> Any:
+    """The mesh as trimesh has it, vertices (v, 3) and faces (f, 3).
+
+    Raises:
+        UnreadMeshError: a format that is not in ``_MESH_SUFFIXES``, a file that cannot be read, or no trimesh.
+    """
+    if path.suffix.lower() not in _MESH_SUFFIXES:
+        raise UnreadMeshError(f"mesh {path.name} is none of {listed(sorted(_MESH_SUFFIXES))}")
     try:
         data = content(path, _MAX_BYTES)
         import trimesh
@@ -81,7 +91,7 @@ def _loaded(path: Path) -> Any:
     except ImportError:
         raise UnreadMeshError("meshes are read where trimesh is installed: pip install 'posture_opt[mesh]'") from None
     try:
-        # From memory: what a file names beside itself, as pictures and materials, is not opened.
+        # From memory: other files that it names, as pictures and materials, are not opened.
         return trimesh.load(BytesIO(data), file_type=path.suffix.lower()[1:], force="mesh", process=False)
     except Exception as error:  # of a dozen formats and their readers
         raise UnreadMeshError(f"mesh {path.name} cannot be read ({type(error).__name__})") from None

@@ -20,7 +20,12 @@ One text has all of them: ``"90 deg, -180 deg"``.
 
 
 class Posture(dict[str, float]):
-    """Joint name -> value [rad or m]; printed, it shows degrees and millimetres, and `degrees` has these numbers."""
+    """Joint name -> value [rad or m]; printed, it shows degrees and millimetres, and `degrees` has these numbers.
+
+    Args:
+        robot: names and types of the joints.
+        q: (n,) joint values [rad or m], from the base to the tool.
+    """
 
     def __init__(self, robot: Robot, q: Sequence[float] | Any) -> None:
         super().__init__(zip(robot.joint_names, map(float, q), strict=True))
@@ -40,20 +45,34 @@ class Posture(dict[str, float]):
 def read_posture(robot: Robot, posture: PostureLike) -> tuple[float, ...]:
     """The (n,) joint values [rad or m] of a posture given by order or by name.
 
+    Args:
+        robot: the joints, with their order and types.
+        posture: a mapping, a sequence or a text, see `PostureLike`.
+
     Raises:
         InputError: another number of values, unknown or missing joint names, values that are no finite numbers, or
-            texts that are no quantities.
+            texts that are no quantities; all of them at once.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> read_posture(load_problem("insert_planar_2r").robot, "0.5 rad, -1 rad")
+        (0.5, -1.0)
     """
-    values = _by_name(robot, posture) if isinstance(posture, Mapping) else _by_order(robot, posture)
+    values = _values_by_name(robot, posture) if isinstance(posture, Mapping) else _values_by_order(robot, posture)
     issues: list[Issue] = []
-    read = [_read(joint, value, issues) for joint, value in zip(robot.joints, values, strict=True)]
+    read = [_read_value(joint, value, issues) for joint, value in zip(robot.joints, values, strict=True)]
     if issues:
         raise InputError(issues)
     return tuple(read)
 
 
 def limit_notes(robot: Robot, posture: Sequence[float]) -> tuple[str, ...]:
-    """One sentence for each joint outside its limits."""
+    """One sentence for each joint outside its limits, with the excess [deg or mm].
+
+    Args:
+        robot: the limits.
+        posture: (n,) joint values [rad or m].
+    """
     notes = []
     for joint, value in zip(robot.joints, posture, strict=True):
         excess = max(value - joint.upper, joint.lower - value)
@@ -61,11 +80,16 @@ def limit_notes(robot: Robot, posture: Sequence[float]) -> tuple[str, ...]:
         if excess > 1e-9:
             side = "above its upper" if value > joint.upper else "below its lower"
             limit = joint.upper if value > joint.upper else joint.lower
-            notes.append(f"{joint.name} is {_shown(joint, excess)} {side} limit of {_shown(joint, limit)}")
+            notes.append(f"{joint.name} is {_value_text(joint, excess)} {side} limit of {_value_text(joint, limit)}")
     return tuple(notes)
 
 
-def _by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
+def _values_by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
+    """(n,) values as given, in the order of the robot.
+
+    Raises:
+        InputError: joints that the robot lacks, and joints without a value.
+    """
     names = robot.joint_names
     issues = []
     for name in posture:
@@ -80,7 +104,12 @@ def _by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
     return [posture[name] for name in names]
 
 
-def _by_order(robot: Robot, posture: Any) -> list[Any]:
+def _values_by_order(robot: Robot, posture: Any) -> list[Any]:
+    """(n,) values as given by a sequence or by one text with commas.
+
+    Raises:
+        InputError: no sequence, or another number of values than joints.
+    """
     wanted = f"give {robot.n} values: {', '.join(robot.joint_names)} (rad, prismatic joints in m, or with units)"
     if isinstance(posture, str):
         posture = [part.strip() for part in posture.split(",")]
@@ -92,8 +121,8 @@ def _by_order(robot: Robot, posture: Any) -> list[Any]:
     return list(posture)
 
 
-def _read(joint: Joint, value: Any, issues: list[Issue]) -> float:
-    """The value [rad or m]; zero where it is none, which is told."""
+def _read_value(joint: Joint, value: Any, issues: list[Issue]) -> float:
+    """The value [rad or m]; zero with an issue where it cannot be read, so that all faults are reported together."""
     key = ("posture", joint.name)
     if isinstance(value, str):
         try:
@@ -109,5 +138,6 @@ def _read(joint: Joint, value: Any, issues: list[Issue]) -> float:
     return 0.0
 
 
-def _shown(joint: Joint, value: float) -> str:
+def _value_text(joint: Joint, value: float) -> str:
+    """A joint value in degrees or millimetres, to four digits."""
     return f"{math.degrees(value):.4g} deg" if joint.type == "revolute" else f"{value * 1e3:.4g} mm"

@@ -29,7 +29,15 @@ class RepeatabilitySpec(Spec):
 
 
 class PresetFile(Spec):
-    """A file of ``presets/``: ``robot`` is a section as in a problem file, the other keys say where it is from."""
+    """A file of ``presets/``: ``robot`` is a section as in a problem file, the other keys say where it is from.
+
+    Args:
+        title: name of the arm with its maker.
+        source: group of numbers (``geometry``, ``masses``, …) -> where it was published.
+        robot: DH or MDH table; lengths and angles with their units.
+        repeatability: of the data sheet, if it states one.
+        notes: what is known to be missing or assumed.
+    """
 
     title: str
     source: dict[str, str]
@@ -50,7 +58,7 @@ class PresetFile(Spec):
 
 
 class PresetRobot(RobotFormat):
-    """A robot of ``preset_names()``; keys given beside the name replace those of the preset."""
+    """A robot of ``preset_names()``; keys given along with the name replace those of the preset."""
 
     kind: Literal["preset"] = "preset"
     name: str
@@ -91,10 +99,14 @@ def preset_text(name: str) -> str:
 
 @cache
 def load_preset(name: str) -> Robot:
-    """The preset ``name`` in numbers; its tool point is the flange.
+    """The preset ``name`` in numbers; its tool point is the flange. Each is read once in a process.
 
     Raises:
         InputError: no preset has this name; the message offers the nearest.
+
+    Example:
+        >>> load_preset("ur10e").n
+        6
     """
     import yaml
 

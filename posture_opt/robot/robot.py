@@ -16,8 +16,17 @@ Axis = Literal[0, 1, 2]
 class Factor:
     """One elementary transform of the chain: a translation along, or a rotation about, one coordinate axis.
 
-    The value is ``nominal + parameter + q[joint]``: ``parameter`` names the model parameter (an error,
-    zero in the nominal model) that adds to it, ``joint`` is the index of the joint variable that does.
+    ``F = Trans(e_axis, v)`` or ``F = Rot(e_axis, v)`` with ``v = nominal + p[parameter] + q[joint]``. Positive
+    rotations
+    are right-handed about the axis of the frame that the factor starts from.
+
+    Args:
+        kind: ``translate`` along the axis or ``rotate`` about it.
+        axis: 0, 1, 2 for x, y, z of the frame in front of the factor.
+        nominal: value without error and joint variable [rad] or [m].
+        parameter: name of the model parameter (an error, zero in the nominal model) that adds to it; empty for a
+            constant.
+        joint: index of the joint variable that adds to it; None for a fixed factor.
     """
 
     kind: Literal["translate", "rotate"]
@@ -29,12 +38,16 @@ class Factor:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One moving joint and the rigid link behind it; joints are equal where the same is unknown of both.
+    """One moving joint and the rigid link behind it.
+
+    NaN stands for an unknown number; two joints are equal where all known values are and the same values are unknown.
 
     Args:
+        name: unique in the robot; parameters of the joint are named after it, ``JOINT.theta``.
+        type: ``revolute`` (a variable in rad) or ``prismatic`` (in m).
         lower, upper: limits of the joint variable [rad] or [m].
         mass: of the link behind the joint [kg]; NaN where unknown.
-        com: (3,) centre of mass of that link in the frame behind the joint [m]; NaN where unknown.
+        com: (3,) centre of mass of that link [m], frame behind the joint; NaN where unknown.
         gear_ratio: motor turns per joint turn; NaN where unknown.
     """
 
@@ -66,7 +79,10 @@ class Joint:
 
 @dataclass(frozen=True)
 class Repeatability:
-    """A data sheet's ISO 9283 position repeatability RP [m], with its source."""
+    """A data sheet's ISO 9283 position repeatability RP [m], with its source.
+
+    RP is the radius of a sphere, mean distance of the repeats from their mean plus three standard deviations of it.
+    """
 
     value: float
     source: str
@@ -76,18 +92,25 @@ class Repeatability:
 class Robot:
     """A serial chain: base, one group of factors a joint, tool.
 
-    ``T_world_tool`` is the product of all factors of ``base``, of ``links[0]``, …, of ``tool``; the frame of
-    link i is the one reached behind ``links[i]``. Every named parameter occurs in exactly one factor, and every
-    joint variable in exactly one.
+    ``T_world_tool = Π base · Π links[0] · … · Π links[n − 1] · Π tool``; the frame of link i is the one reached behind
+    ``links[i]``. Every named parameter occurs in exactly one factor, and every joint variable in exactly one.
 
-    ``sources`` says for each group of numbers (``geometry``, ``masses``, …) where it is from; of a URDF, which file and
-    which links.
-
-    ``skew`` [rad] and ``lift`` [m] bound how far corrections lean and shift the axes from where the drawing of the arm
-    has them: what is parallel or in one plane there counts as such within them.
-
-    ``shape`` are the capsules that base, links and tool lie in; empty where the shape is not known. ``shape_notes`` say
-    which links are not in it, and why.
+    Args:
+        name: of the arm, for reports.
+        joints: (n,) from the base to the tool.
+        links: (n,) the factors of each link, the one with the joint variable among them.
+        base: factors of ``T_world_base``; ``tool``: factors of ``T_flange_tool``.
+        payload: mass at the tool point [kg].
+        gravity: (3,) acceleration [m/s²], world axes; it points down.
+        repeatability: of the data sheet; None where none is stated.
+        base_free, tool_free: whether the frame is to be found from measurements.
+        skew, lift: bounds [rad], [m] on how far corrections lean and shift the axes from the nominal arm: what is
+            parallel or in one plane there counts as such within them.
+        sources: for each group of numbers (``geometry``, ``masses``, …) where it is from; of a URDF the file and its
+            links.
+        notes: sentences on what was assumed while the robot was read.
+        shape: capsules that base, links and tool lie in; empty where the shape is not known.
+        shape_notes: which links are not in the shape, and why.
     """
 
     name: str
@@ -109,16 +132,18 @@ class Robot:
 
     @property
     def n(self) -> int:
-        """The number of joints."""
+        """Number of joints; length of every joint vector q."""
         return len(self.joints)
 
     def with_free(self, frames: Collection[str]) -> Robot:
-        """The same robot with some of ``base`` and ``tool`` to be found from data, beside those that are already."""
+        """The same robot with some of ``base`` and ``tool`` to be found from data, in addition to those that are
+        already.
+        """
         return replace(self, base_free=self.base_free or "base" in frames, tool_free=self.tool_free or "tool" in frames)
 
     @property
     def factors(self) -> tuple[Factor, ...]:
-        """All elementary transforms from the world to the tool point."""
+        """All elementary transforms from the world to the tool point, in the order of their product."""
         return (*self.base, *(f for link in self.links for f in link), *self.tool)
 
     @property
@@ -128,7 +153,7 @@ class Robot:
 
     @property
     def parameters(self) -> dict[str, Factor]:
-        """The named parameters and the factor that each adds to."""
+        """Name of each model parameter -> the one factor that it adds to, from the base to the tool."""
         return {factor.parameter: factor for factor in self.factors if factor.parameter}
 
     @property
@@ -143,12 +168,14 @@ class Robot:
 
     @property
     def length(self) -> float:
-        """All links and the tool laid in one line, without strokes [m]."""
+        """Sum of all fixed lengths of links and tool [m], without strokes: a bound on the reach of an arm that only
+        turns.
+        """
         return sum(abs(f.nominal) for link in (*self.links, self.tool) for f in link if f.kind == "translate")
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """(n,) where in ``factors`` the one of each joint variable stands."""
+        """(n,) index into ``factors`` of the factor that carries each joint variable."""
         at = {factor.joint: i for i, factor in enumerate(self.factors) if factor.joint is not None}
         return tuple(at[joint] for joint in range(self.n))
 
@@ -158,8 +185,12 @@ def frame_factors(prefix: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -
 
     Args:
         prefix: of the parameter names: ``base`` gives ``base.x`` … ``base.yaw``.
-        xyz: (3,) [m].
-        rpy: (3,) roll, pitch, yaw about fixed axes [rad].
+        xyz: (3,) origin [m] in the frame in front.
+        rpy: (3,) roll, pitch, yaw [rad], about fixed axes in this order.
+
+    Example:
+        >>> [factor.parameter for factor in frame_factors("tool", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0))][:3]
+        ['tool.x', 'tool.y', 'tool.z']
     """
     roll, pitch, yaw = rpy
     return (

@@ -6,8 +6,11 @@ import math
 from dataclasses import dataclass
 
 BASE = "base"
+"""``Capsule.joint`` of a body at rest: its frame is that of the robot's base."""
 TOOL = "tool"
+"""``Capsule.joint`` of a body held by the flange: its frame is that of the tool point."""
 Point = tuple[float, float, float]
+"""(3,) coordinates [m]; the frame is that of the capsule's joint."""
 
 
 @dataclass(frozen=True)
@@ -15,9 +18,13 @@ class Capsule:
     """All points within ``radius`` of the segment from ``start`` to ``end``: a segment swept by a sphere.
 
     Args:
-        joint: the joint whose link it belongs to, ``base`` for what stands still, ``tool`` for what is held.
-        start, end: (3,) [m] in the frame behind that joint (of the robot's base, of the tool); equal for a sphere.
-        radius: [m].
+        joint: the joint whose link it belongs to, ``base`` for what is at rest, ``tool`` for what is held.
+        start, end: (3,) [m], in the frame behind that joint (of the robot's base, of the tool); equal for a sphere.
+        radius: [m]; zero for a bare line.
+
+    Example:
+        >>> Capsule("joint1", (0.0, 0.0, 0.0), (0.3, 0.0, 0.0), 0.05).length
+        0.3
     """
 
     joint: str
@@ -27,7 +34,7 @@ class Capsule:
 
     @property
     def length(self) -> float:
-        """Of the segment [m]; the capsule is longer by both radii."""
+        """Length of the segment [m]; the capsule is longer by both radii."""
         return math.dist(self.start, self.end)
 
     @property

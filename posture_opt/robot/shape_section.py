@@ -20,12 +20,14 @@ _Radius = Annotated[Length, Field(gt=0)]
 class CapsuleSpec(Spec):
     """All points within ``radius`` of the segment from ``from`` to ``to``, in the frame behind ``joint``.
 
-    That is the DH or MDH frame, or the child link of a URDF joint; ``base`` stands still, ``tool`` is the tool frame.
+    That is the DH or MDH frame, or the child link of a URDF joint; ``base`` is at rest, ``tool`` is the tool frame.
     """
 
     joint: str
     start: tuple[Length, Length, Length] = Field(alias="from")
+    """(3,) [m], the key ``from``."""
     end: tuple[Length, Length, Length] = Field(alias="to")
+    """(3,) [m], the key ``to``."""
     radius: _Radius
 
     def capsule(self) -> Capsule:
@@ -40,10 +42,15 @@ class LinksShape(Spec):
 
 
 ShapeSpec = tuple[CapsuleSpec, ...] | LinksShape
+"""What the key ``shape`` of a robot section may hold: a list of capsules, or one radius for all links."""
 
 
 def shaped(robot: Robot, given: ShapeSpec | None) -> Robot:
     """The robot with the shape that its section gives in place of its own; without one, the robot itself.
+
+    Args:
+        robot: as its format describes it.
+        given: the key ``shape``; ``None`` keeps what the format says.
 
     Raises:
         InputError: capsules of joints that the robot lacks; keys relative to the ``robot`` section.
@@ -61,11 +68,11 @@ def shaped(robot: Robot, given: ShapeSpec | None) -> Robot:
     if issues:
         raise InputError(issues)
     capsules = tuple(spec.capsule() for spec in given)
-    return replace(robot, shape=capsules, shape_notes=_replaced(robot, capsules))
+    return replace(robot, shape=capsules, shape_notes=_dropped_links(robot, capsules))
 
 
-def _replaced(robot: Robot, capsules: tuple[Capsule, ...]) -> tuple[str, ...]:
-    """What of the arm's own shape the given one leaves out."""
+def _dropped_links(robot: Robot, capsules: tuple[Capsule, ...]) -> tuple[str, ...]:
+    """A note on the links of the arm's own shape that the given capsules leave out; empty where none is lost."""
     gone = [joint for joint in dict.fromkeys(c.joint for c in robot.shape) if joint not in {c.joint for c in capsules}]
     if not gone:
         return ()

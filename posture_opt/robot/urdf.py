@@ -22,7 +22,8 @@ from posture_opt.robot.urdf_shape import Carried, moved, urdf_shape
 from posture_opt.robot.urdf_tip import chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
-MOVING = ("revolute", "continuous", "prismatic")
+_MOVING_TYPES = ("revolute", "continuous", "prismatic")
+"""Types of URDF joints with one variable; ``continuous`` is a revolute joint without limits."""
 
 
 class UrdfRobot(RobotFormat):
@@ -32,11 +33,11 @@ class UrdfRobot(RobotFormat):
     ROS-Industrial's name of the tool flange.
 
     A joint is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` of its origin, then the motion about or along its axis;
-    where the axis points against a coordinate axis, ``JOINT.theta`` still counts along the coordinate axis. Errors
+    where the axis points against a coordinate axis, ``JOINT.theta`` is still positive along the stated axis. Errors
     ``JOINT.x|y|z|yaw|pitch`` are those of the origin's numbers. ``JOINT.roll`` is a turn about x in front of the pitch;
     without pitch it is the error of the number roll. So the three turn about perpendicular axes at every pitch, ±90°
-    included. Fixed joints are constant, masses and shapes of what hangs on them count to the moving link that carries
-    them.
+    included. Fixed joints are constant; masses and shapes of the links fixed to a moving link are added to it.
+
     Source: ROS, "URDF XML specification", elements link and joint.
     """
 
@@ -52,17 +53,17 @@ class UrdfRobot(RobotFormat):
             InputError: no such file, no URDF, no such link, no chain between the links, or a joint in it that a
                 serial arm with one variable a joint cannot have (mimic, floating, planar).
         """
-        file = self._located(folder)
+        file = self._located_file(folder)
         tree = read_urdf(file)
-        path = self._path(tree)
-        if issues := [*_faults(path)]:
+        path = self._chain_path(tree)
+        if issues := [*_chain_faults(path)]:
             raise InputError([in_urdf(issue, file) for issue in issues])
         segments = segments_of(path)
         links = tuple(link_factors(segment, index) for index, segment in enumerate(segments))
-        joints = tuple(_joint(tree, segment) for segment in segments)
+        joints = tuple(_joint_of(tree, segment) for segment in segments)
         free = [s.moving.name for s in segments if s.moving.type == "revolute" and s.moving.lower is None]
         robot = self.assemble(tree.name, joints, links)
-        shape, shape_notes = self._shape(robot, tree, path[0].parent, segments, file)
+        shape, shape_notes = self._capsules_of(robot, tree, path[0].parent, segments, file)
         notes = tuple(f"joint {name} has no <limit>: a turn either way is taken" for name in free)
         return replace(
             robot,
@@ -72,10 +73,14 @@ class UrdfRobot(RobotFormat):
             shape_notes=shape_notes,
         )
 
-    def _shape(
+    def _capsules_of(
         self, robot: Robot, tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], file: Path
     ) -> tuple[tuple[Capsule, ...], tuple[str, ...]]:
-        """The shape that the section states, or that of the file's ``<collision>`` elements, with notes on it."""
+        """The shape that the section states, or that of the file's ``<collision>`` elements, with notes on it.
+
+        Capsules [m] are in the frame behind each joint; of the last joint that is the flange, whatever is fixed in
+        between.
+        """
         # Stated in the child link of the last joint, counted from the tip.
         end = np.linalg.inv(segments[-1].T_child_end).astype(np.float64)
         if isinstance(self.shape, tuple):
@@ -90,40 +95,55 @@ class UrdfRobot(RobotFormat):
         ]
         return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *carried), file)
 
-    def _located(self, folder: Path) -> Path:
+    def _located_file(self, folder: Path) -> Path:
+        """The path of the key ``file``.
+
+        Raises:
+            InputError: no path can have this name.
+        """
         try:
             return located(folder, self.file)
         except InputError as error:
             raise InputError([issue.at("file") for issue in error.issues]) from None
 
-    def _path(self, tree: UrdfTree) -> list[UrdfJoint]:
+    def _chain_path(self, tree: UrdfTree) -> list[UrdfJoint]:
+        """The joints from the base link to the tip link, fixed ones included.
+
+        Raises:
+            InputError: no such link, several roots or tips of which none is named, or no chain between the two.
+        """
         base = self.base_link or _only_root(tree.roots())
         tree.require(base, "base_link")
         tip = self.tip_link or chosen_tip(tree, base)
         tree.require(tip, "tip_link")
         path = tree.path(base, tip)
         if not path and tip == base:
-            raise InputError(Issue(f"no joint hangs on '{base}'", ("file",), None, "choose another base_link"))
+            raise InputError(Issue(f"no joint is attached to '{base}'", ("file",), None, "choose another base_link"))
         if not path:
             below = listed(tree.leaves(base))
             message = f"there is no chain from '{base}' to '{tip}'"
-            raise InputError(Issue(message, ("tip_link",), tip, f"behind '{base}' hang: {below}"))
+            raise InputError(Issue(message, ("tip_link",), tip, f"behind '{base}' are: {below}"))
         return path
 
 
 def _only_root(links: list[str]) -> str:
+    """The root link of a file that has one.
+
+    Raises:
+        InputError: several roots: links that are not connected by joints.
+    """
     if len(links) == 1:
         return links[0]
     message = f"the URDF has {len(links)} root links, the file falls apart"
     raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(links)}"))
 
 
-def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:
-    """Every joint of the chain that cannot be used, and a chain that nothing can be chosen of."""
+def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
+    """Every joint of the chain that cannot be used, and a chain without moving joints or with too many."""
     moving = [joint for joint in path if joint.type != "fixed"]
     for joint in moving:
         try:
-            _check(joint)
+            _check_joint(joint)
         except BadValueError as error:
             yield replace(error.issue(()), line=joint.line)
     if not moving:
@@ -134,26 +154,31 @@ def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:
         yield Issue(message, hint="choose a tip_link nearer to the base_link")
 
 
-def _check(joint: UrdfJoint) -> None:
-    """Refuse a moving joint that cannot stand in the chain."""
-    name, chain = f"joint '{joint.name}'", f"only {', '.join(MOVING)} and fixed joints can stand in the chain"
+def _check_joint(joint: UrdfJoint) -> None:
+    """Refuse a moving joint that cannot be in the chain.
+
+    Raises:
+        BadValueError: a mimic joint, a type with several variables, an axis of length zero, no or crossed limits.
+    """
+    name, chain = f"joint '{joint.name}'", f"only {', '.join(_MOVING_TYPES)} and fixed joints can be in the chain"
     if joint.mimics:
-        message = f"{name} mimics '{joint.mimics}': coupled joints cannot stand in the chain"
+        message = f"{name} mimics '{joint.mimics}': coupled joints cannot be in the chain"
         raise BadValueError(message, "choose another tip_link")
-    if joint.type not in MOVING:
+    if joint.type not in _MOVING_TYPES:
         raise BadValueError(f"{name} {f'is {joint.type}' if joint.type else 'has no type'}", chain)
     check_joint_name(joint.name)
     if not np.any(joint.axis):
         raise BadValueError(f"{name} has an axis of length zero", 'write for example <axis xyz="0 0 1"/>')
     if joint.type == "prismatic" and (joint.lower is None or joint.upper is None):
         raise BadValueError(f"{name} is prismatic and has no limits", 'write <limit lower="0" upper="0.2" …/>')
-    lower, upper = _limits(joint)
+    lower, upper = _joint_limits(joint)
     if not lower < upper:
         message = f"{name} has crossed limits or no range: {lower:g} to {upper:g}"
         raise BadValueError(message, "write lower < upper")
 
 
-def _limits(joint: UrdfJoint) -> tuple[float, float]:
+def _joint_limits(joint: UrdfJoint) -> tuple[float, float]:
+    """(lower, upper) [rad or m]; a whole turn either way where the file has none for a joint that turns."""
     lower, upper = joint.lower, joint.upper
     if lower is None or upper is None or (joint.type == "continuous" and not lower < upper):
         return FULL_TURN  # many files write lower="0" upper="0" for a continuous joint
@@ -161,13 +186,16 @@ def _limits(joint: UrdfJoint) -> tuple[float, float]:
 
 
 def pitched_rolls(robot: Robot) -> tuple[str, ...]:
-    """Names of the errors of roll that stand in front of a pitch, see `UrdfRobot`."""
+    """Names of the roll parameters that come in front of a pitch, see `UrdfRobot`."""
     pairs = [pair for link in robot.links for pair in itertools.pairwise(link)]
     return tuple(a.parameter for a, b in pairs if a.parameter.endswith(".roll") and b.parameter.endswith(".pitch"))
 
 
-def _joint(tree: UrdfTree, segment: ChainSegment) -> Joint:
-    """The joint with the mass of all that is fixed to its child link, its centre in the frame behind the segment."""
+def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
+    """The joint with the mass [kg] of all that is fixed to its child link and their common centre (3,) [m].
+
+    ``com = Σ m_i c_i / Σ m_i``, in the frame behind the segment.
+    """
     moving = segment.moving
     T_child_end = segment.T_child_end
     bodies = [(tree.inertials[link], T) for link, T in tree.rigid(moving.child) if link in tree.inertials]
@@ -179,4 +207,4 @@ def _joint(tree: UrdfTree, segment: ChainSegment) -> Joint:
         x, y, z = (T_child_end[:3, :3].T @ (centre - T_child_end[:3, 3])).tolist()
         com = (x, y, z)
     kind: Literal["revolute", "prismatic"] = "prismatic" if moving.type == "prismatic" else "revolute"
-    return Joint(moving.name, kind, *_limits(moving), mass, com)
+    return Joint(moving.name, kind, *_joint_limits(moving), mass, com)

@@ -12,12 +12,19 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Axis, Factor, frame_factors
 from posture_opt.robot.urdf_tree import UrdfJoint
 
-_ON_AXIS = 1e-14  # how far beside a coordinate axis a unit vector may lie: far below what a pose can show
+_AXIS_TOLERANCE = 1e-14
+"""Largest component of a unit vector across a coordinate axis that it is taken for: far below what poses show."""
 
 
 @dataclass(frozen=True)
 class ChainSegment:
-    """A moving joint with the fixed origins before it and, for the last one, behind it: (4, 4) each."""
+    """A moving joint with the fixed origins before it and, for the last one, behind it.
+
+    Args:
+        before: (4, 4) each, the origins of fixed joints since the last moving one, lengths in [m].
+        moving: the joint itself, with its own origin.
+        behind: (4, 4) each, origins of the fixed joints up to the tip link; empty but for the last segment.
+    """
 
     before: tuple[Array, ...]
     moving: UrdfJoint
@@ -25,12 +32,12 @@ class ChainSegment:
 
     @property
     def T_child_end(self) -> Array:  # noqa: N802
-        """(4, 4) of what is fixed behind the joint."""
-        return _product(self.behind)
+        """(4, 4) the pose of the end of the segment in the child link of its joint, lengths in [m]."""
+        return _product_of(self.behind)
 
 
 def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
-    """One for each moving joint of the path."""
+    """One segment for each moving joint of a path from base to tip, which has at least one."""
     segments: list[ChainSegment] = []
     fixed: tuple[Array, ...] = ()
     for joint in path:
@@ -47,10 +54,10 @@ def link_factors(segment: ChainSegment, index: int) -> tuple[Factor, ...]:
     """Fixed origins (unnamed), the joint's own origin (named), its motion, and what is fixed behind the last joint."""
     joint = segment.moving
     return (
-        *(factor for origin in segment.before for factor in _constant(origin)),
+        *(factor for origin in segment.before for factor in _constant_factors(origin)),
         *_origin_factors(joint),
-        *_motion(joint, index),
-        *(factor for origin in segment.behind for factor in _constant(origin)),
+        *_motion_factors(joint, index),
+        *(factor for origin in segment.behind for factor in _constant_factors(origin)),
     )
 
 
@@ -69,13 +76,14 @@ def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
     return (*before, replace(turn, nominal=0.0), tilt, *([replace(turn, parameter="")] if roll else []))
 
 
-def _constant(origin: Array) -> tuple[Factor, ...]:
+def _constant_factors(origin: Array) -> tuple[Factor, ...]:
+    """An origin (4, 4) as at most six factors without names; those of value zero are left out."""
     named = frame_factors("", *xyz_rpy(origin))
     return tuple(replace(factor, parameter="") for factor in named if factor.nominal != 0.0)
 
 
 def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Position (3,) [m] and (roll, pitch, yaw) [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+    """Position (3,) [m] and (roll, pitch, yaw) [rad] of a frame (4, 4), with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
 
     Roll is taken from what yaw and pitch leave over, so the product is exact at pitch = ±90° too, where yaw and
     roll turn about one axis and only their sum is given.
@@ -90,7 +98,7 @@ def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(T[:3, 3].tolist()), (roll, pitch, yaw)
 
 
-def _motion(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
+def _motion_factors(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
     """The joint variable about or along its axis; any but +x, +y, +z is turned onto z by constants and back."""
     kind: Literal["translate", "rotate"] = "translate" if joint.type == "prismatic" else "rotate"
     parameter = f"{joint.name}.{'d' if kind == 'translate' else 'theta'}"
@@ -98,7 +106,7 @@ def _motion(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
     x, y, z = unit = axis / np.linalg.norm(axis)
     axes: tuple[Axis, ...] = (0, 1, 2)
     for axis in axes:
-        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _ON_AXIS:
+        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _AXIS_TOLERANCE:
             return (Factor(kind, axis, 0.0, parameter, index),)
     yaw, pitch = math.atan2(y, x), math.atan2(math.hypot(x, y), z)
     return (
@@ -110,7 +118,8 @@ def _motion(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
     )
 
 
-def _product(frames: tuple[Array, ...]) -> Array:
+def _product_of(frames: tuple[Array, ...]) -> Array:
+    """(4, 4) the product of frames (4, 4), from left to right."""
     T = np.eye(4)
     for frame in frames:
         T = T @ frame

@@ -1,8 +1,7 @@
-"""A URDF file read into a tree of links and joints: what is wrong with it is told all at once, each with its line.
+"""A URDF file read into a tree of links and joints: all faults are reported at once, each with its line.
 
 Expat reads the elements with their lines; a document type, and with it every entity, is refused.
-
-Source: ROS, "URDF XML specification", elements link and joint. Colours, sensors and plugins are not looked at.
+Source: ROS, "URDF XML specification", elements link and joint. Colours, sensors and plugins are not read.
 """
 
 from __future__ import annotations
@@ -21,7 +20,8 @@ from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
 
-MAX_ELEMENTS = 100_000  # a humanoid with hands has some ten thousand
+MAX_ELEMENTS = 100_000
+"""Elements of a file; a humanoid with hands has some ten thousand."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def read_elements(data: bytes) -> tuple[Element, ...]:
 
 
 class _ElementReader:
-    """Collects what expat tells."""
+    """Collects what expat reports: elements in the order in which they begin, nested as in the file."""
 
     def __init__(self) -> None:
         self.elements: list[Element] = []
@@ -71,6 +71,11 @@ class _ElementReader:
         self.parser.EndElementHandler = self._end
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        """A new element inside the one that is open.
+
+        Raises:
+            InputError: the file has more than ``MAX_ELEMENTS``.
+        """
         if len(self.elements) == MAX_ELEMENTS:
             raise InputError(Issue(f"the file has more than {MAX_ELEMENTS} elements, which no robot description has"))
         element = Element(tag, attributes, self.parser.CurrentLineNumber)
@@ -83,13 +88,19 @@ class _ElementReader:
         self.around.pop()
 
     def _doctype(self, name: str, *declared: object) -> NoReturn:
+        """Refuses a document type.
+
+        Raises:
+            InputError: always.
+        """
         hint = "remove <!DOCTYPE …>, and write numbers and names in place of its &entities;"
         message = "a robot description has no DOCTYPE and no entities"
         raise InputError(Issue(message, hint=hint, line=self.parser.CurrentLineNumber))
 
 
-_LARGEST = 1e18  # limits of 1e16 mean that there is none; squares of squares are still numbers
-_SIZES = {
+_MAX_NUMBER = 1e18
+"""Limits of 1e16 mean that there is none; up to here squares of squares are still numbers."""
+_GEOMETRY_SIZES = {
     # geometry -> its attributes, and how many numbers each holds
     "box": (("size", 3),),
     "cylinder": (("radius", 1), ("length", 1)),
@@ -97,17 +108,19 @@ _SIZES = {
     "sphere": (("radius", 1),),
     "mesh": (("scale", 3),),
 }
-MAX_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
+"""Geometry -> its attributes, and how many numbers each holds."""
+MAX_BYTES = 50_000_000
+"""Largest URDF file that is read; a robot of some hundred links takes a few hundred kB."""
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """The tree of the file at ``path``.
+    """The tree of the file at ``path``; lengths in [m], angles in [rad].
 
     Raises:
         InputError: no such file, not XML, not a URDF, a part missing, numbers that are none, or no tree.
     """
     try:
-        return _tree(_robot(content(path, MAX_BYTES), path.name), path.stem)
+        return _tree_of(_robot_element(content(path, MAX_BYTES), path.name), path.stem)
     except InputError as error:
         raise InputError([in_urdf(issue, path) for issue in error.issues]) from None
 
@@ -119,10 +132,10 @@ def in_urdf(issue: Issue, path: Path) -> Issue:
     return replace(issue, message=f"{path}{line}{where}: {issue.message}", key=("file",), value=str(path), line=0)
 
 
-def _robot(data: bytes, name: str) -> Element:
+def _robot_element(data: bytes, name: str) -> Element:
     """The element ``<robot>`` of the file ``name``."""
     elements = read_elements(data)
-    if unexpanded := next(filter(None, map(_xacro, elements)), None):
+    if unexpanded := next(filter(None, map(_xacro_issue, elements)), None):
         stem = name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
         there = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
         raise InputError(replace(unexpanded, hint=f"expand it first: xacro {name} > {there}"))
@@ -133,8 +146,8 @@ def _robot(data: bytes, name: str) -> Element:
     return root
 
 
-def _xacro(element: Element) -> Issue | None:
-    """The complaint about an element that xacro has still to expand; that a file declares its namespace is no proof."""
+def _xacro_issue(element: Element) -> Issue | None:
+    """The issue about an element that xacro has still to expand; that a file declares its namespace is no proof."""
     given = [f'{key}="{value}"' for key, value in element.attributes.items() if "${" in value or "$(" in value]
     if element.tag.startswith("xacro:"):
         found = f"<{element.tag}>"
@@ -146,7 +159,12 @@ def _xacro(element: Element) -> Issue | None:
     return Issue(message, line=element.line)
 
 
-def _tree(robot: Element, stem: str) -> UrdfTree:
+def _tree_of(robot: Element, stem: str) -> UrdfTree:
+    """The tree of an element ``<robot>``; ``stem`` of the file name stands in for a missing name.
+
+    Raises:
+        InputError: everything wrong with links and joints, or with how they are connected.
+    """
     reader = _UrdfReader([])
     links = [(reader.name(element), element) for element in robot.each("link")]
     tree = UrdfTree(
@@ -168,9 +186,11 @@ class _UrdfReader:
     issues: list[Issue]
 
     def name(self, element: Element) -> str:
+        """The attribute ``name`` of a link or a joint."""
         return self._text(element, "name", f"a <{element.tag}>")
 
     def joint(self, element: Element) -> UrdfJoint:
+        """One ``<joint>``; its axis is x where none is given, its origin the parent's frame."""
         name = self.name(element)
         owner = f"joint '{name}'"
         limit, mimic = element.first("limit"), element.first("mimic")
@@ -181,7 +201,7 @@ class _UrdfReader:
             type=element.attributes.get("type", ""),
             parent=self._end(element, "parent", owner),
             child=self._end(element, "child", owner),
-            origin=_transform(self._vector(element.first("origin"), "xyz", owner), np.array([roll, pitch, yaw])),
+            origin=_origin_transform(self._vector(element.first("origin"), "xyz", owner), np.array([roll, pitch, yaw])),
             rpy=(roll, pitch, yaw),
             axis=self._vector(axis, "xyz", owner) if axis and "xyz" in axis.attributes else np.array([1.0, 0.0, 0.0]),
             lower=self._number(limit, "lower", owner),
@@ -191,6 +211,7 @@ class _UrdfReader:
         )
 
     def inertial(self, link: str, element: Element) -> Inertial:
+        """Mass [kg] and centre of mass (3,) [m] in the frame of the link; a negative mass is an issue."""
         owner = f"link '{link}'"
         mass = self._number(element.first("mass"), "value", owner) or 0.0
         if mass < 0:
@@ -202,21 +223,24 @@ class _UrdfReader:
         owner = f"<collision> of link '{link}'"
         for collision in element.each("collision"):
             for geometry in (inside for part in collision.each("geometry") for inside in part.inside):
-                if geometry.tag in _SIZES:
+                if geometry.tag in _GEOMETRY_SIZES:
                     size = self._sizes(geometry, owner)
                     file = geometry.attributes.get("filename", "")
                     if min(size) > 0 or geometry.tag == "mesh":
                         yield Collision(geometry.tag, size, self._origin(collision, owner), file)  # type: ignore[arg-type]
 
     def _sizes(self, geometry: Element, owner: str) -> tuple[float, ...]:
-        """The numbers that the attributes of a geometry hold, in the order of ``_SIZES``; a scale left out is 1."""
-        given = [(key, geometry.attributes[key], n) for key, n in _SIZES[geometry.tag] if key in geometry.attributes]
+        """The numbers that the attributes of a geometry hold, in that order; a missing scale is 1."""
+        given = [
+            (key, geometry.attributes[key], n) for key, n in _GEOMETRY_SIZES[geometry.tag] if key in geometry.attributes
+        ]
         numbers = [v for key, text, n in given for v in self._numbers(geometry, key, text.split(), n, owner)]
         if geometry.tag == "mesh":
             return tuple(numbers) or (1.0, 1.0, 1.0)
-        return tuple(numbers) if len(given) == len(_SIZES[geometry.tag]) else (0.0,)
+        return tuple(numbers) if len(given) == len(_GEOMETRY_SIZES[geometry.tag]) else (0.0,)
 
     def _text(self, element: Element, key: str, owner: str) -> str:
+        """An attribute that must not be empty; an issue where it is."""
         if not element.attributes.get(key):
             message = f"{owner} lacks its {key}"
             self.issues.append(Issue(message, hint=f'write <{element.tag} {key}="…">', line=element.line))
@@ -230,26 +254,29 @@ class _UrdfReader:
         return ""
 
     def _origin(self, element: Element, owner: str) -> Array:
-        """(4, 4) of the element's ``<origin>``; where there is none, the frame itself."""
+        """(4, 4) the element's ``<origin>`` in the frame of its owner, lengths in [m]; the identity where there is
+        none.
+        """
         origin = element.first("origin")
-        return _transform(self._vector(origin, "xyz", owner), self._vector(origin, "rpy", owner))
+        return _origin_transform(self._vector(origin, "xyz", owner), self._vector(origin, "rpy", owner))
 
     def _vector(self, element: Element | None, key: str, owner: str) -> Array:
-        """(3,) of an attribute; zero where it is left out."""
+        """(3,) the numbers of an attribute ([m], [rad] or none, as there); zeros where it is missing."""
         given = element.attributes.get(key) if element else None
         if element is None or given is None:
             return np.zeros(3)
         return np.array(self._numbers(element, key, given.split(), 3, owner))
 
     def _number(self, element: Element | None, key: str, owner: str) -> float | None:
+        """One number of an attribute; None where it is left out."""
         given = element.attributes.get(key) if element else None
         return None if element is None or given is None else self._numbers(element, key, [given], 1, owner)[0]
 
     def _numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
         """``count`` finite numbers; zeros and an issue where the words are none."""
-        numbers = [_float(word) for word in words]
+        numbers = [_float_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
-        if finite and all(abs(number) < _LARGEST for number in numbers):
+        if finite and all(abs(number) < _MAX_NUMBER for number in numbers):
             return numbers
         given, wanted = element.attributes[key], "one finite number" if count == 1 else f"{count} finite numbers"
         fault = "is not plausible" if finite else f"does not hold {wanted}"
@@ -258,14 +285,15 @@ class _UrdfReader:
         return [0.0] * count
 
 
-def _float(word: str) -> float:
+def _float_or_nan(word: str) -> float:
+    """The number that a word is; NaN where it is none."""
     try:
         return float(word)
     except ValueError:
         return math.nan
 
 
-def _transform(xyz: Array, rpy: Array) -> Array:
+def _origin_transform(xyz: Array, rpy: Array) -> Array:
     """(4, 4) ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` of position (3,) [m] and angles (3,) [rad]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     T = np.eye(4)

@@ -1,7 +1,7 @@
 """The shape of a URDF arm: capsules about the ``<collision>`` elements of its links.
 
 What is fixed to a link belongs to it: all that does not move against the base to ``base``, the rest to the joint that
-carries it, what hangs behind the tip included.
+carries it, links behind the tip included.
 """
 
 from __future__ import annotations
@@ -21,13 +21,21 @@ from posture_opt.robot.meshes import UnreadMeshError, located_mesh, read_mesh
 from posture_opt.robot.shape import BASE, Capsule, Point
 from posture_opt.robot.urdf_tree import Collision, UrdfTree
 
-_CORNERS = 48  # of the polygon about a cylinder's rim: 0.2 % wider than the rim
-_SAME = 1e-6  # m: two lengths or places in a file that are meant to be one
+_RIM_CORNERS = 48
+"""Corners of the polygon about a cylinder's rim: it is 0.2 % wider than the rim."""
+_COINCIDENCE_M = 1e-6
+"""Two lengths or places in a file that differ by less are meant to be one."""
 
 
 @dataclass(frozen=True)
 class Carried:
-    """The link that a joint carries, and where it is in the frame behind the joint; of ``base`` the base link."""
+    """The link that a joint carries.
+
+    Args:
+        joint: name of the joint, or ``base`` for the base link.
+        link: name of the link.
+        T_joint_link: (4, 4) the link in the frame behind the joint, lengths in [m].
+    """
 
     joint: str
     link: str
@@ -35,68 +43,85 @@ class Carried:
 
 
 def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> tuple[tuple[Capsule, ...], tuple[str, ...]]:
-    """The capsules of all links, and what is to be known of links that have none or not all."""
+    """The capsules of all links, and notes on links that have none or not all.
+
+    Args:
+        tree: links with their ``<collision>`` elements.
+        carried: base link and child link of every moving joint.
+        file: path of the URDF, from which mesh names are resolved.
+
+    Returns:
+        Capsules [m] in the frame behind each joint, and one note for each reason why a shape is missing.
+    """
     capsules: list[Capsule] = []
     unread: dict[str, list[str]] = {}
     for body in carried:
         for link, T_link_other in tree.rigid(body.link):
             try:
-                found = [*_of_link(tree.collisions.get(link, ()), file)]
+                found = [*_link_capsules(tree.collisions.get(link, ()), file)]
             except UnreadMeshError as reason:
                 unread.setdefault(str(reason), []).append(link)
                 continue
             T = body.T_joint_link @ T_link_other
             capsules += [moved(replace(capsule, joint=body.joint), T) for capsule in found]
     notes = [f"no shape of {listed(links)}: {reason}" for reason, links in unread.items()]
-    return tuple(capsules), (*notes, *_left_out(tree, carried))
+    return tuple(capsules), (*notes, *_unchained_note(tree, carried))
 
 
-def _left_out(tree: UrdfTree, carried: Sequence[Carried]) -> tuple[str, ...]:
-    """A note on links with a shape that hang on the arm by joints that are not of the chain, as fingers do."""
+def _unchained_note(tree: UrdfTree, carried: Sequence[Carried]) -> tuple[str, ...]:
+    """A note on links with a shape that are carried by joints outside the chain, as fingers are."""
     known = {link for body in carried for link, _ in tree.rigid(body.link)}
-    beside = [
+    unchained = [
         joint.child
         for joint in tree.joints
         if joint.parent in known and joint.child not in known and tree.collisions.get(joint.child)
     ]
-    return (f"not in the shape, as they move beside the chain: {listed(beside)}",) if beside else ()
+    return (f"not in the shape, as they move apart from the chain: {listed(unchained)}",) if unchained else ()
 
 
-def _of_link(collisions: Sequence[Collision], file: Path) -> Iterator[Capsule]:
-    """Capsules in the frame of the link."""
+def _link_capsules(collisions: Sequence[Collision], file: Path) -> Iterator[Capsule]:
+    """Capsules [m] in the frame of the link; a cylinder with a ball at both ends is one capsule.
+
+    Raises:
+        UnreadMeshError: a mesh that is not found or cannot be read.
+    """
     balls = [collision for collision in collisions if collision.kind == "sphere"]
     used: set[int] = set()
     for collision in collisions:
-        if collision.kind == "cylinder" and (ends := _rounded(collision, balls)):
+        if collision.kind == "cylinder" and (ends := _end_spheres(collision, balls)):
             used |= {id(ball) for ball in ends}
-            yield _segment(collision, collision.size[0], collision.size[1])
+            yield _axial_capsule(collision, collision.size[0], collision.size[1])
         elif collision.kind == "capsule":
-            yield _segment(collision, collision.size[0], collision.size[1])
+            yield _axial_capsule(collision, collision.size[0], collision.size[1])
         elif collision.kind != "sphere":
-            yield from (moved(found, collision.origin) for found in _fitted(collision, file))
-    yield from (_segment(ball, ball.size[0], 0.0) for ball in balls if id(ball) not in used)
+            yield from (moved(found, collision.origin) for found in _fitted_body(collision, file))
+    yield from (_axial_capsule(ball, ball.size[0], 0.0) for ball in balls if id(ball) not in used)
 
 
-def _rounded(cylinder: Collision, balls: Sequence[Collision]) -> list[Collision]:
+def _end_spheres(cylinder: Collision, balls: Sequence[Collision]) -> list[Collision]:
     """The two balls that make a capsule of a cylinder, as self-collision models have it; nothing without both."""
     radius, length = cylinder.size
     found = []
     for sign in (-1, 1):
         end = (cylinder.origin @ [0.0, 0.0, sign * length / 2, 1.0])[:3]
-        near = (b for b in balls if abs(b.size[0] - radius) < _SAME and np.linalg.norm(b.origin[:3, 3] - end) < _SAME)
+        near = (
+            b
+            for b in balls
+            if abs(b.size[0] - radius) < _COINCIDENCE_M and np.linalg.norm(b.origin[:3, 3] - end) < _COINCIDENCE_M
+        )
         found += [next(near, None)]
     return [ball for ball in found if ball is not None] if None not in found else []
 
 
-def _segment(collision: Collision, radius: float, length: float) -> Capsule:
-    """A capsule along z of the collision's frame, in the frame of the link."""
+def _axial_capsule(collision: Collision, radius: float, length: float) -> Capsule:
+    """A capsule of radius and length of its segment [m] along z of the collision's frame, in the frame of the link."""
     return moved(Capsule(BASE, (0.0, 0.0, -length / 2), (0.0, 0.0, length / 2), radius), collision.origin)
 
 
-def _fitted(collision: Collision, file: Path) -> tuple[Capsule, ...]:
+def _fitted_body(collision: Collision, file: Path) -> tuple[Capsule, ...]:
     """Capsules about a box, a cylinder or a mesh in its own frame."""
     if collision.kind != "mesh":
-        return tuple(fitted_capsules(_body(collision), BASE))
+        return tuple(fitted_capsules(_body_edges(collision), BASE))
     path = located_mesh(collision.file, file)
     status = path.stat()
     return _fitted_mesh(path, collision.size, status.st_mtime_ns, status.st_size)
@@ -108,25 +133,31 @@ def _fitted_mesh(path: Path, scale: tuple[float, ...], _changed: int, _size: int
     return tuple(fitted_capsules(read_mesh(path, scale), BASE))
 
 
-def _body(collision: Collision) -> Edges:
-    """The edges of a box or a cylinder in its own frame."""
+def _body_edges(collision: Collision) -> Edges:
+    """The edges [m] of a box or a cylinder in its own frame; the cylinder as a prism about its rim."""
     if collision.kind == "box":
         x, y = collision.size[0] / 2, collision.size[1] / 2
         rim, height = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), collision.size[2]
     else:
-        turn = 2 * math.pi * np.arange(_CORNERS) / _CORNERS
+        turn = 2 * math.pi * np.arange(_RIM_CORNERS) / _RIM_CORNERS
         rim, height = np.column_stack([np.cos(turn), np.sin(turn)]) * collision.size[0], collision.size[1]
-        rim /= math.cos(math.pi / _CORNERS)
+        rim /= math.cos(math.pi / _RIM_CORNERS)
     low, high = (np.column_stack([rim, np.full(len(rim), z)]) for z in (-height / 2, height / 2))
     tails = np.vstack([low, high, low])
     return Edges(tails, np.vstack([np.roll(low, -1, axis=0), np.roll(high, -1, axis=0), high]))
 
 
 def moved(capsule: Capsule, T: Array) -> Capsule:
-    """The capsule in another frame, ``T`` (4, 4) of its own seen from there."""
-    return replace(capsule, start=_point(T, capsule.start), end=_point(T, capsule.end))
+    """The capsule in another frame.
+
+    Args:
+        capsule: in a frame a.
+        T: (4, 4) T_b_a, lengths in [m]; a rotation and a shift, as radii are kept.
+    """
+    return replace(capsule, start=_moved_point(T, capsule.start), end=_moved_point(T, capsule.end))
 
 
-def _point(T: Array, point: Point) -> Point:
+def _moved_point(T: Array, point: Point) -> Point:
+    """A point (3,) [m] in the other frame, ``T p``."""
     x, y, z = (T[:3, :3] @ np.array(point) + T[:3, 3]).tolist()
     return x, y, z

@@ -16,12 +16,14 @@ from posture_opt.numerics import Array
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint as it stands in the file.
+    """A joint as it is in the file.
 
     Args:
+        name, type: as written; ``type`` is not checked here.
+        parent, child: names of the two links.
         origin: (4, 4) T_parent_joint, lengths in [m]; ``rpy`` (3,) the angles that the file states for it [rad], which
-            the matrix does not tell at a pitch of ±90°.
-        axis: (3,) in the joint frame.
+            cannot be recovered from the matrix at a pitch of ±90°.
+        axis: (3,) in the joint frame, of any length.
         lower, upper: [rad] or [m]; None where the file has none.
         mimics: the joint that this one follows, or an empty text.
         line: where in the file it begins.
@@ -42,7 +44,12 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass [kg] and centre of mass (3,) [m] of a link, in the link's frame."""
+    """Mass and centre of mass of a link; moments of inertia are not read, as nothing here is dynamic.
+
+    Args:
+        mass: [kg].
+        com: (3,) [m], frame of the link.
+    """
 
     mass: float
     com: Array
@@ -55,7 +62,8 @@ class Collision:
     Args:
         kind: ``size`` is the edges of a box (3,), radius and length of a cylinder or a capsule, the radius of a sphere
             [m], or the scale of the mesh in ``file``, along three axes.
-        origin: (4, 4) T_link_collision.
+        origin: (4, 4) T_link_collision, lengths in [m].
+        file: name of the mesh as written in the URDF; empty of other kinds.
     """
 
     kind: Literal["box", "cylinder", "capsule", "sphere", "mesh"]
@@ -66,7 +74,14 @@ class Collision:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a file; without ``faults`` every link but the roots hangs on one joint."""
+    """Links and joints of a file; without ``faults`` every link but the roots is the child of one joint.
+
+    Args:
+        name: of the robot.
+        links: in the order of the file; ``joints``: likewise.
+        inertials: link -> its mass; links without one are missing.
+        collisions: link -> its bodies.
+    """
 
     name: str
     links: tuple[str, ...]
@@ -91,10 +106,11 @@ class UrdfTree:
 
     def below(self, link: str) -> list[UrdfJoint]:
         """The joints that ``link`` carries."""
-        return self._carried.get(link, [])
+        return self._carried_joints.get(link, [])
 
     @cached_property
-    def _carried(self) -> dict[str, list[UrdfJoint]]:
+    def _carried_joints(self) -> dict[str, list[UrdfJoint]]:
+        """Link -> the joints of which it is the parent."""
         carried: dict[str, list[UrdfJoint]] = defaultdict(list)
         for joint in self.joints:
             carried[joint.parent].append(joint)
@@ -111,7 +127,7 @@ class UrdfTree:
         return found
 
     def path(self, base: str, tip: str) -> list[UrdfJoint]:
-        """The joints from ``base`` to ``tip``; empty where the tip does not hang on the base."""
+        """The joints from ``base`` to ``tip``; empty where the tip is not behind the base."""
         above = {joint.child: joint for joint in self.joints}
         joints: list[UrdfJoint] = []
         link = tip
@@ -121,7 +137,11 @@ class UrdfTree:
         return joints if link == base else []
 
     def require(self, link: str, key: str) -> None:
-        """InputError with the nearest name where the file has no such link."""
+        """Refuse a link that the file does not have.
+
+        Raises:
+            InputError: with the nearest name, under ``key`` of the robot's section.
+        """
         if link not in self.links:
             raise InputError(Issue("the URDF has no such link", (key,), link, one_of(link, self.links, "links")))
 
@@ -135,19 +155,22 @@ class UrdfTree:
                 if end not in known:
                     message = f"joint '{joint.name}' names a link '{end}' that the file does not have"
                     yield Issue(message, hint=one_of(end, self.links, "links"), line=joint.line)
-        for name in _twice(self.links):
+        for name in _doubled_names(self.links):
             yield Issue(f"two links are named '{name}'", hint="rename one, and the joints that mean it")
-        for name in _twice(joint.name for joint in self.joints):
+        for name in _doubled_names(joint.name for joint in self.joints):
             yield Issue(f"two joints are named '{name}'", hint="rename one")
         carrying = {joint.child: joint for joint in self.joints}
-        for name in _twice(joint.child for joint in self.joints):
-            message = f"link '{name}' hangs on two joints, one of them '{carrying[name].name}'"
+        for name in _doubled_names(joint.child for joint in self.joints):
+            message = f"link '{name}' is the child of two joints, one of them '{carrying[name].name}'"
             yield Issue(message, hint="cut the closed loop: a serial arm has none", line=carrying[name].line)
         if len(carrying) == len(self.joints):
-            yield from self._loops()
+            yield from self._closed_loops()
 
-    def _loops(self) -> Iterator[Issue]:
-        """Where no link hangs on two joints, what no root carries goes round in closed loops."""
+    def _closed_loops(self) -> Iterator[Issue]:
+        """An issue where links are not connected to a root: then their joints form closed loops.
+
+        Only asked where every link is the child of at most one joint.
+        """
         reached, open_links = set(), self.roots()
         while open_links:
             link = open_links.pop()
@@ -158,5 +181,6 @@ class UrdfTree:
             yield Issue(message, hint="cut it: a serial arm has none", line=looped[0].line)
 
 
-def _twice(names: Iterable[str]) -> list[str]:
+def _doubled_names(names: Iterable[str]) -> list[str]:
+    """The names that occur more than once, sorted."""
     return sorted(name for name, count in Counter(names).items() if count > 1)

@@ -14,6 +14,8 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.measurements.repeated_readings import ENOUGH
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.measurements.repeated_readings import MIN_FREEDOM
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array
 from posture_opt.selection.problem_data import ProblemData
@@ -69,7 +71,7 @@ def _by_repeats(
 ) -> ScatterLimit | None:
     kept = calibration.residuals.take(calibration.kept_rows)
     contrasts = Contrasts.of(kept.data, slides(kept))
-    if len(contrasts) * len(kept.axes) < ENOUGH:
+    if len(contrasts) * len(kept.axes) < MIN_FREEDOM:
         return None
     errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted
     scale = 1 / np.sqrt(contrasts.reading)

@@ -1,4 +1,4 @@
-"""Where the parts of a computation are worked on: here, in processes beside, in any executor, on a Dask cluster."""
+"""Where the parts of a computation are worked on: here, in other processes, in any executor, on a Dask cluster."""
 
 from posture_opt.workers.opened import Executor, opened
 from posture_opt.workers.serial import Serial

@@ -17,17 +17,21 @@ from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
 from posture_opt.workers.workers import Part, Workers
 
-_FORMAT = "posture_opt checkpoint 1"
-_DIGITS = 16  # of a digest, before each line
-_MOST_HEAD = 1 << 16  # bytes of the first line
+_FILE_FORMAT = "posture_opt checkpoint 1"
+"""Name and version of the format, in the first line of a file."""
+_DIGEST_DIGITS = 16
+"""Hexadecimal digits of a digest, before each line: 64 bits find a line that was cut off."""
+_MAX_FIRST_LINE_BYTES = 1 << 16
+"""A longer first line is not ours."""
 _OPTION = ("--checkpoint",)
+"""The key of messages: the option of the command line."""
 
 
 class Checkpoint(Workers):
     """Has other workers do only those parts that a file does not hold yet, and keeps there what they do.
 
-    The rounds are numbered, so whoever asks the same gets the same: results that a file holds are those of the rounds
-    of the same computation.
+    The rounds are numbered, so the same computation gets the same results back: those of round k in the file belong to
+    the k-th round of the computation.
 
     Args:
         path: made where there is none.
@@ -41,50 +45,56 @@ class Checkpoint(Workers):
 
     def __init__(self, path: Path, asked: Mapping[str, Any], workers: Workers) -> None:
         self._workers, self._rounds, self._path = workers, 0, path
-        head = json.loads(json.dumps({"format": _FORMAT, "version": __version__, **asked}))
+        first_line = json.loads(json.dumps({"format": _FILE_FORMAT, "version": __version__, **asked}))
         try:
-            self._file = _opened(path)
+            self._file = _locked_file(path)
         except OSError as error:
-            raise _unwritable(path, error) from error
+            raise _write_issue(path, error) from error
         try:
-            self._done = self._begun(head)
+            self._done = self._read_or_begin(first_line)
         except BaseException as error:
             self._file.close()
             if isinstance(error, OSError):
-                raise _unwritable(path, error) from error
+                raise _write_issue(path, error) from error
             raise
 
-    def _begun(self, head: Mapping[str, Any]) -> dict[int, dict[int, Any]]:
-        done, whole = _read(self._path, self._file, head)
+    def _read_or_begin(self, first_line: Mapping[str, Any]) -> dict[int, dict[int, Any]]:
+        """Round -> number of a part -> its result, of a file that is cut off behind its last whole line.
+
+        An empty file gets its first line, ``first_line``.
+        """
+        done, whole = _read_records(self._path, self._file, first_line)
         self._file.truncate(whole)
         self._file.seek(whole)
         if not whole:
-            self._write(head)
+            self._write_record(first_line)
         return done
 
     def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """As of `Workers`, what is kept at first.
+        """As of `Workers`, what is kept comes first.
 
         Raises:
             InputError: the file cannot be written; what it holds stays.
         """
         self._rounds += 1
-        return self._run(self._rounds, part, shared, items)
+        return self._run_round(self._rounds, part, shared, items)
 
-    def _run(self, number: int, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def _run_round(self, number: int, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """The parts of one round: those of the file, then the others as they are done and written down."""
         known = self._done.pop(number, {})
         left = [k for k in range(len(items)) if k not in known]
         yield from known.items()
         for i, result in self._workers.run(part, shared, Chosen(items, left)):
             try:
-                self._write([number, left[i], result])
+                self._write_record([number, left[i], result])
             except OSError as error:
-                raise _unwritable(self._path, error) from error
+                raise _write_issue(self._path, error) from error
             yield left[i], result
 
-    def _write(self, record: Any) -> None:
+    def _write_record(self, record: Any) -> None:
+        """Append one line with its digest, and wait until it is on the disk."""
         text = json.dumps(record, separators=(",", ":")).encode()
-        self._file.write(_digest(text) + b" " + text + b"\n")
+        self._file.write(_line_digest(text) + b" " + text + b"\n")
         self._file.flush()
         os.fsync(self._file.fileno())
 
@@ -107,8 +117,13 @@ class Chosen(Sequence[Any]):
         return self._items[self._chosen[k]]
 
 
-def _opened(path: Path) -> BinaryIO:
-    """The file, for reading and for writing at its end, by no other run at the same time."""
+def _locked_file(path: Path) -> BinaryIO:
+    """The file, for reading and for writing at its end, by no other run at the same time.
+
+    Raises:
+        InputError: no file name, a folder, or a file that another run has locked.
+        OSError: it cannot be opened.
+    """
     try:
         there = path.exists()
     except ValueError:
@@ -129,22 +144,22 @@ def _opened(path: Path) -> BinaryIO:
     return stream
 
 
-def _read(path: Path, stream: BinaryIO, head: Mapping[str, Any]) -> tuple[dict[int, dict[int, Any]], int]:
+def _read_records(path: Path, stream: BinaryIO, first_line: Mapping[str, Any]) -> tuple[dict[int, dict[int, Any]], int]:
     """Round -> number of a part -> its result, and how many bytes of the file are whole.
 
     Raises:
         InputError: it was made for something else.
     """
-    line = stream.readline(_MOST_HEAD)
-    first = _record(line)
+    line = stream.readline(_MAX_FIRST_LINE_BYTES)
+    first = _record_of(line)
     if first is None:
-        _check_begun(path, line, head)
+        _check_begun(path, line, first_line)
         return {}, 0
-    _check_head(path, first, head)
+    _check_first_line(path, first, first_line)
     done: dict[int, dict[int, Any]] = {}
     whole = len(line)
     for line in stream:
-        record = _record(line)
+        record = _record_of(line)
         if record is None:
             break  # the run was ended while it wrote this; what follows cannot be trusted
         number, k, result = record
@@ -153,40 +168,54 @@ def _read(path: Path, stream: BinaryIO, head: Mapping[str, Any]) -> tuple[dict[i
     return done, whole
 
 
-def _record(line: bytes) -> Any:
-    """What a line says; None where it is not whole."""
+def _record_of(line: bytes) -> Any:
+    """What a line holds; None where it is not whole."""
     digest, _, text = line.partition(b" ")
-    if not line.endswith(b"\n") or digest != _digest(text[:-1]):
+    if not line.endswith(b"\n") or digest != _line_digest(text[:-1]):
         return None
     return json.loads(text)
 
 
-def _check_begun(path: Path, content: bytes, head: Mapping[str, Any]) -> None:
-    """A file without a whole first line is empty, or the beginning of that line."""
-    text = json.dumps(head, separators=(",", ":")).encode()
-    if not (_digest(text) + b" " + text + b"\n").startswith(content):
+def _check_begun(path: Path, content: bytes, first_line: Mapping[str, Any]) -> None:
+    """A file without a whole first line is empty, or the beginning of that line.
+
+    Raises:
+        InputError: it is anything else.
+    """
+    text = json.dumps(first_line, separators=(",", ":")).encode()
+    if not (_line_digest(text) + b" " + text + b"\n").startswith(content):
         hint = "name a new file, or one that --checkpoint made"
         raise InputError(Issue("this is no checkpoint", _OPTION, str(path), hint, str(path)))
 
 
-def _check_head(path: Path, found: Any, head: Mapping[str, Any]) -> None:
-    if not isinstance(found, dict) or found.get("format") != _FORMAT:
+def _check_first_line(path: Path, found: Any, first_line: Mapping[str, Any]) -> None:
+    """Refuse a file that was made for something else.
+
+    Raises:
+        InputError: with everything that differs.
+    """
+    if not isinstance(found, dict) or found.get("format") != _FILE_FORMAT:
         raise InputError(Issue("this is no checkpoint", _OPTION, str(path), "name a new file", str(path)))
-    other = [key for key in {**head, **found} if found.get(key) != head.get(key)]
+    other = [key for key in {**first_line, **found} if found.get(key) != first_line.get(key)]
     if other:
-        told = [f"{key} ({_told(found.get(key))} there, {_told(head.get(key))} here)" for key in other]
-        what = f"this checkpoint was made for another {', another '.join(told)}"
+        differences = [
+            f"{key} ({_value_text(found.get(key))} there, {_value_text(first_line.get(key))} here)" for key in other
+        ]
+        what = f"this checkpoint was made for another {', another '.join(differences)}"
         raise InputError(Issue(what, _OPTION, str(path), "name a new file, or ask for the same", str(path)))
 
 
-def _told(value: Any) -> str:
+def _value_text(value: Any) -> str:
+    """A value of the first line in words."""
     return "none" if value is None else str(value)
 
 
-def _unwritable(path: Path, error: OSError) -> InputError:
+def _write_issue(path: Path, error: OSError) -> InputError:
+    """The error of a file that cannot be written."""
     what = f"the checkpoint cannot be written ({error.strerror or error})"
     return InputError(Issue(what, _OPTION, str(path), "what it holds is kept; go on by the same command", str(path)))
 
 
-def _digest(text: bytes) -> bytes:
-    return hashlib.sha256(text).hexdigest()[:_DIGITS].encode()
+def _line_digest(text: bytes) -> bytes:
+    """The first hexadecimal digits of the SHA-256 of a text."""
+    return hashlib.sha256(text).hexdigest()[:_DIGEST_DIGITS].encode()

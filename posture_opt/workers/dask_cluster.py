@@ -19,10 +19,12 @@ from posture_opt.workers.workers import AHEAD, Part, Workers, worked
 LOCAL = "local"
 """In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
 
-_SECONDS = 10  # to wait for a scheduler that has taken a connection, and for the first worker
-_HASTE = 0.5  # s to close it all when the work was given up
-_ANSWER = 3  # s to wait for a connection
+_SCHEDULER_TIMEOUT_S = 10
+"""Time [s] to wait for a scheduler that has taken a connection, for the first worker, and for the end of both."""
+_CONNECT_TIMEOUT_S = 3
+"""Time [s] to wait for a connection."""
 _OPTION = ("--scheduler",)
+"""The key of messages: the option of the command line."""
 
 
 class DaskWorkers(Workers):
@@ -62,6 +64,7 @@ class DaskWorkers(Workers):
             self._client.cancel(list(running))
 
     def _submitted(self, running: dict[Any, int], part: Part, shared: Any, item: Any, k: int) -> Any:
+        """The future of one part, which is in ``running`` from now on."""
         future = self._client.submit(worked, part, shared, item, pure=False)
         running[future] = k
         return future
@@ -71,13 +74,14 @@ class DaskWorkers(Workers):
         while self._own:
             # Workers that are slow to end do so with this process.
             with suppress(TimeoutError):
-                self._own.pop(0).close(timeout=_SECONDS)
+                self._own.pop(0).close(timeout=_SCHEDULER_TIMEOUT_S)
 
 
 def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     """The workers of the scheduler at ``tcp://HOST:PORT``; or of one started for this, ``local``.
 
     Args:
+        address: of the scheduler.
         workers: processes of a local one.
 
     Raises:
@@ -88,7 +92,7 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     except ImportError:
         hint = "install it: pip install 'posture_opt[cluster]'; on one machine --workers does as well"
         raise InputError(Issue("this needs the library Dask distributed", _OPTION, address, hint)) from None
-    # What befalls workers is told by whether there is an answer.
+    # Whether there is an answer says what has become of the workers.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if address == LOCAL:
         cluster = dask.LocalCluster(
@@ -102,7 +106,7 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
         return DaskWorkers(client, (client, cluster))
     _check_answer(address)
     try:
-        client = dask.Client(address, timeout=_SECONDS, set_as_default=False)
+        client = dask.Client(address, timeout=_SCHEDULER_TIMEOUT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         hint = "is it a scheduler of Dask, of a like version? start one: dask scheduler"
         raise InputError(Issue(f"what answers is no scheduler ({error})", _OPTION, address, hint)) from error
@@ -116,7 +120,11 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
 
 
 def _check_answer(address: str) -> None:
-    """An address that nobody answers at is told at once; Dask would go on trying."""
+    """Refuse an address at which no process answers at once; Dask would go on trying.
+
+    Raises:
+        InputError: no address, or no connection within `_CONNECT_TIMEOUT_S`.
+    """
     hint = "start one, dask scheduler --port 8786, or take --scheduler local"
     try:
         host, port = urlsplit(address).hostname, urlsplit(address).port
@@ -125,15 +133,20 @@ def _check_answer(address: str) -> None:
     if not host or not port or urlsplit(address).scheme not in ("tcp", "tls"):
         raise InputError(Issue(f"'{address}' is no address of a scheduler", _OPTION, address, "write tcp://HOST:PORT"))
     try:
-        socket.create_connection((host, port), _ANSWER).close()
+        socket.create_connection((host, port), _CONNECT_TIMEOUT_S).close()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError(Issue(f"no scheduler answers ({reason})", _OPTION, address, hint)) from error
 
 
 def _check_workers(client: Any, address: str) -> None:
+    """Refuse a scheduler without workers, or with workers of another version.
+
+    Raises:
+        InputError: with a hint how to start or update them.
+    """
     try:
-        client.wait_for_workers(1, timeout=_SECONDS)
+        client.wait_for_workers(1, timeout=_SCHEDULER_TIMEOUT_S)
     except TimeoutError as error:
         hint = f"start one: dask worker {address} --nworkers 2 --nthreads 1"
         raise InputError(Issue("the scheduler has no workers", _OPTION, address, hint)) from error
@@ -152,5 +165,5 @@ def _check_workers(client: Any, address: str) -> None:
 
 
 def version() -> str:
-    """Of the package where this is called."""
+    """Version of the package where this is called: in a worker that of the worker."""
     return __version__

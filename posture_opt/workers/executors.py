@@ -13,7 +13,11 @@ from posture_opt.workers.workers import AHEAD, Part, Workers, worked
 
 
 class ExecutorWorkers(Workers):
-    """Works on parts wherever an executor sends them; it is not shut down."""
+    """Works on parts wherever an executor sends them; it is not shut down.
+
+    Args:
+        executor: at most `AHEAD` parts are submitted at once; those that are left when the work ends are cancelled.
+    """
 
     def __init__(self, executor: FuturesExecutor) -> None:
         self._executor = executor

@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class DaskClient(Protocol):
-    """What a ``distributed.Client`` has and this needs."""
+    """The methods of a ``distributed.Client`` that are used here."""
 
     def submit(self, function: Any, *arguments: Any, **options: Any) -> Any:
         """A future of what the function gives on a worker."""
 
     def cancel(self, futures: Any) -> Any:
-        """Futures that nobody waits for."""
+        """Cancels futures whose results are not needed any more."""
 
     def get_executor(self, **options: Any) -> FuturesExecutor:
-        """Executors of `concurrent.futures` lack this."""
+        """Not used: executors of `concurrent.futures` lack it, which distinguishes the two."""
 
 
 Executor: TypeAlias = "FuturesExecutor | DaskClient | Workers"
@@ -40,19 +40,24 @@ def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
 
     Raises:
         InputError: an executor that is none.
+
+    Example:
+        >>> type(opened(1)).__name__
+        'Serial'
     """
     # What a solve in one process can do without is imported when it is asked for.
     if executor is None:
-        return Serial() if workers == 1 else _made("processes", "ProcessWorkers", workers)
+        return Serial() if workers == 1 else _workers_of("processes", "ProcessWorkers", workers)
     if isinstance(executor, Workers):
         return executor
     if isinstance(executor, import_module("concurrent.futures").Executor):
-        return _made("executors", "ExecutorWorkers", executor)
+        return _workers_of("executors", "ExecutorWorkers", executor)
     if isinstance(executor, DaskClient):
-        return _made("dask_cluster", "DaskWorkers", executor)
+        return _workers_of("dask_cluster", "DaskWorkers", executor)
     hint = "give one of concurrent.futures, or a dask.distributed Client"
     raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), hint=hint))
 
 
-def _made(file: str, name: str, argument: Any) -> Workers:
+def _workers_of(file: str, name: str, argument: Any) -> Workers:
+    """Workers of a class whose file is imported only now."""
     return cast(Workers, getattr(import_module(f"posture_opt.workers.{file}"), name)(argument))

@@ -25,8 +25,10 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
 from posture_opt.workers.workers import Part, Workers, worked
 
-_MOST_LOST = 3  # workers that may be lost over one part, before it is to blame
-_DEATH_OF_PARENT = 1  # PR_SET_PDEATHSIG of <sys/prctl.h>
+_MAX_LOST_WORKERS = 3
+"""Workers that may be lost over one part, before the part is taken for the cause."""
+_PR_SET_PDEATHSIG = 1
+"""Option of ``prctl``, as of ``<sys/prctl.h>``: a signal when the parent ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +40,26 @@ class ProcessWorker:
 
     @classmethod
     def started(cls) -> ProcessWorker:
-        """A new one."""
+        """A new process with its pipe, which waits for parts."""
         here, there = multiprocessing.Pipe()
-        process = multiprocessing.Process(target=_serve, args=(there, os.getpid()), daemon=True)
+        process = multiprocessing.Process(target=_serve_parts, args=(there, os.getpid()), daemon=True)
         with undisturbed():  # among what Python does at a fork an interrupt would be swallowed
             process.start()
         there.close()
         return cls(process, here)
 
     def end(self) -> None:
-        """At once, whatever it does: it holds nothing that others need."""
+        """End it at once, whatever it does: it holds nothing that others need."""
         self.process.kill()
         self.process.join()
         self.pipe.close()
 
 
 class ProcessWorkers(Workers):
-    """Works on ``count`` parts at once, each in a process of its own."""
+    """Works on ``count`` parts at once, each in a process of its own.
+
+    Processes are started when they are first needed and kept for the next round.
+    """
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -73,7 +78,7 @@ class ProcessWorkers(Workers):
                 while waiting and len(busy) < self._count:
                     worker, k = self._idle.pop() if self._idle else ProcessWorker.started(), waiting.popleft()
                     busy[worker.pipe] = worker, k
-                    _send(worker, (part, shared, items[k]))
+                    _send_message(worker, (part, shared, items[k]))
                 for pipe in wait(list(busy)):
                     worker, k = busy.pop(pipe)  # type: ignore[call-overload]
                     try:
@@ -81,7 +86,7 @@ class ProcessWorkers(Workers):
                     except (EOFError, OSError):
                         worker.end()
                         waiting.appendleft(k)
-                        lost[k] = _counted(lost[k])
+                        lost[k] = _losses_counted(lost[k])
                         continue
                     self._idle.append(worker)
                     if not done:
@@ -90,7 +95,7 @@ class ProcessWorkers(Workers):
                         # Before anything is made of the result: no worker waits for that.
                         following = waiting.popleft()
                         busy[self._idle.pop().pipe] = worker, following
-                        _send(worker, (part, shared, items[following]))
+                        _send_message(worker, (part, shared, items[following]))
                     yield k, result
         finally:
             for worker, _ in busy.values():
@@ -102,28 +107,36 @@ class ProcessWorkers(Workers):
             self._idle.pop().end()
 
 
-def _send(worker: ProcessWorker, message: Any) -> None:
+def _send_message(worker: ProcessWorker, message: Any) -> None:
+    """Send a part to a worker; that the worker has ended shows when its answer is read."""
     try:
         worker.pipe.send(message)
     except OSError:
-        worker.process.join()  # it has ended: reading from it will tell
+        worker.process.join()
 
 
-def _counted(lost: int) -> int:
-    if lost + 1 < _MOST_LOST:
+def _losses_counted(lost: int) -> int:
+    """One more than so many workers that a part has lost.
+
+    Raises:
+        InputError: these are too many.
+    """
+    if lost + 1 < _MAX_LOST_WORKERS:
         return lost + 1
     hint = "take fewer workers (--workers 1): most often memory is short"
-    raise InputError(Issue(f"{_MOST_LOST} worker processes were ended over one part of the work", hint=hint))
+    raise InputError(Issue(f"{_MAX_LOST_WORKERS} worker processes were ended over one part of the work", hint=hint))
 
 
-def _serve(pipe: Connection, parent: int) -> None:
-    """What a worker does, until it is ended."""
+def _serve_parts(pipe: Connection, parent: int) -> None:
+    """What a worker does: receive a part, compute it, send ``(True, result)`` or ``(False, error)``, until it is
+    ended.
+    """
     # An interrupt from the keyboard goes to all processes: the parent answers for them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGTERM", "SIGHUP", "SIGALRM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_DFL)
-    _end_with(parent)
+    _end_with_parent(parent)
     while True:
         try:
             part, shared, item = pipe.recv()
@@ -137,10 +150,12 @@ def _serve(pipe: Connection, parent: int) -> None:
         pipe.send(message)
 
 
-def _end_with(parent: int) -> None:
-    """Make sure that this process does not outlive its parent."""
+def _end_with_parent(parent: int) -> None:
+    """Make sure that this process does not outlive its parent: by the kernel on Linux, elsewhere by a thread that
+    waits.
+    """
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_DEATH_OF_PARENT, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent and multiprocessing.get_start_method() == "fork":
         os._exit(1)  # it ended before this was asked for
     parent_process = multiprocessing.parent_process()

@@ -9,7 +9,13 @@ from posture_opt.workers.workers import Part, Workers, worked
 
 
 class Serial(Workers):
-    """Works on one part after the other, here."""
+    """Works on one part after the other, in this process.
+
+    Example:
+        >>> with Serial() as workers:
+        ...     workers.in_order(pow, 2, [1, 2, 3])
+        [2, 4, 8]
+    """
 
     def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """As of `Workers`, in the order of the items."""

@@ -1,8 +1,8 @@
-"""``Workers``: whoever works on the parts of a computation, so that the computation need not know.
+"""``Workers``: whoever works on the parts of a computation, so that the computation does not depend on it.
 
 A computation is a sequence of rounds. The parts of one round are computed by a pure function and depend on nothing but
 its arguments, so that no answer depends on who computes them, how many do, or in which order. Arguments and results
-travel between processes; results of what a checkpoint keeps are lists, dicts, text and numbers, as JSON has them.
+are sent between processes; results of what a checkpoint keeps are lists, dicts, text and numbers, as JSON has them.
 """
 
 from __future__ import annotations
@@ -18,27 +18,33 @@ Part = Callable[[Any, Any], Any]
 
 AHEAD = 64
 """Parts that other machines have at once: enough for any cluster, and memory does not grow with the work."""
-_ONE_AT_A_TIME = threading.RLock()  # a part may have parts of its own
+_PART_LOCK = threading.RLock()
+"""Held while a part is computed; a part may have parts of its own."""
 
 
 class Workers(ABC):
-    """Works on the parts of a round, each a pure function of what all parts share and of its own item."""
+    """Works on the parts of a round, each a pure function of what all parts share and of its own item.
+
+    Used in a ``with`` block, which closes it.
+    """
 
     @abstractmethod
     def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """The number of each item with ``part(shared, item)``, in the order in which they are done.
 
         Args:
+            part: a function of a module.
             shared: sent to every worker; expensive things pickle as their recipe and are built once in each.
+            items: one for each part.
         """
 
     def in_order(self, part: Part, shared: Any, items: Sequence[Any]) -> list[Any]:
-        """The results of all items, in their order."""
+        """The results of all items, in their order; it waits for the last one."""
         done = dict(self.run(part, shared, items))
         return [done[k] for k in range(len(items))]
 
     def close(self) -> None:  # noqa: B027 # most have nothing to close
-        """Let go of what was started for this; nothing runs on."""
+        """End what was started for this: processes and connections of its own."""
 
     def __enter__(self) -> Self:
         return self
@@ -50,6 +56,6 @@ class Workers(ABC):
 
 
 def worked(part: Part, shared: Any, item: Any) -> Any:
-    """One part, and no other at the same time in this process: solvers are not made for threads."""
-    with _ONE_AT_A_TIME:
+    """``part(shared, item)``, and no other part at the same time in this process: solvers are not made for threads."""
+    with _PART_LOCK:
         return part(shared, item)

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.collision.scene import FAR, ITSELF
+from posture_opt.collision.scene import ITSELF, SEPARATION_M
 from posture_opt.collision.smooth_bounds import ROUNDING, SLACK
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.problem.load import problem_from_dict
@@ -37,7 +37,7 @@ def test_rows_are_never_optimistic_and_little_pessimistic(preset: str) -> None:
         apart = true > -0.002  # deeper, where centre lines of thin capsules cross, a line takes the place of the root
         assert np.all(found[apart, k] <= true[apart])
         assert np.all(found[true < 0, k] < 0)
-        near = (true >= 0) & (true < scene.margin + FAR / 2)
+        near = (true >= 0) & (true < scene.margin + SEPARATION_M / 2)
         most = SLACK + ROUNDING / 2 * np.ceil(np.log2(len(columns) + 1)) + TOLERANCE
         assert np.max(true[near] - found[near, k], initial=0.0) <= most
         assert most < 0.005

@@ -265,7 +265,7 @@ def test_columns_that_are_not_there_are_refused(tmp_path: Path) -> None:
         read(tmp_path, PLAIN.replace("x [mm]", "Posn X [mm]") + "\n" + rows(","), columns={"x": "Pos X"})
     with pytest.raises(InputError, match="the columns 7, 8 are called 'X' – name it by its number"):
         read(tmp_path, PLAIN.replace("x [", "X [").replace("y [", "X [") + "\n" + rows(","), columns={"x": "X"})
-    with pytest.raises(InputError, match="the head says 'mm', the problem file 'm'"):
+    with pytest.raises(InputError, match="the column header says 'mm', the problem file 'm'"):
         read(tmp_path, PLAIN + "\n" + rows(","), units={"x": "m"})
 
 

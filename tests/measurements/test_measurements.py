@@ -80,7 +80,7 @@ def six_points(q: np.ndarray, tool=(0.05, -0.02, 0.11), base=(1.2, -0.7, 0.3), t
 
 
 def six_table(rows: int = 80, seed: int = 1) -> dict[str, np.ndarray]:
-    """Measurements of ``SIX`` with 0.5 mm of noise, as columns with their heads."""
+    """Measurements of ``SIX`` with 0.5 mm of noise, as columns with their headers."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.5, 2.5, (rows, 6))
     x = six_points(q) + rng.normal(0, 5e-4, (rows, 3))
@@ -88,7 +88,7 @@ def six_table(rows: int = 80, seed: int = 1) -> dict[str, np.ndarray]:
 
 
 def renamed(table: dict[str, np.ndarray], **heads: str) -> dict[str, np.ndarray]:
-    """The table with other heads: ``x="x [mm]"`` replaces the head that begins with x."""
+    """The table with other headers: ``x="x [mm]"`` replaces the header that begins with x."""
     return {heads.get(head.split(" ")[0], head): values for head, values in table.items()}
 
 
@@ -254,7 +254,7 @@ FAULTS = {
     "text": (HEAD + "\n0,zero,2000,0\n", [(2, "joint2: 'zero' is not a number")]),
     "unit in a cell": (
         HEAD + "\n0,0,2000 mm,0\n",
-        [(2, "x: '2000 mm' is not a number – the unit stands in the header")],
+        [(2, "x: '2000 mm' is not a number – the unit is in the header")],
     ),
     "two decimal marks": (
         HEAD + '\n0,0.5,"2000,5",0\n',

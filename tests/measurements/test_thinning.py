@@ -89,6 +89,6 @@ def test_many_readings_of_one_posture_are_linked_without_looking_at_all_pairs(mo
     data = table(poses)
     data = replace(data, q=data.q + rng.normal(0, 1e-4, data.q.shape), pose=np.arange(len(poses)), pose_given=False)
     slides = np.zeros(2, dtype=bool)
-    monkeypatch.setattr(repeats, "_MANY", 100)
+    monkeypatch.setattr(repeats, "_MAX_PAIRED_ROWS", 100)
     found = repeats.repeat_groups(data, slides)
     assert len(np.unique(found)) == len(np.unique(np.column_stack([found, poses]), axis=0)) == 40

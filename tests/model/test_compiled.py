@@ -40,14 +40,14 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
     """The compiler calls so far, the version queries left out."""
     calls: list[tuple[str, ...]] = []
-    run = toolchain._run
+    run = toolchain._run_command
 
     def counting(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
         if "--version" not in command:
             calls.append(command)
         return run(*command, **environment)
 
-    monkeypatch.setattr(toolchain, "_run", counting)
+    monkeypatch.setattr(toolchain, "_run_command", counting)
     return calls
 
 

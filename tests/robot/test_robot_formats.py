@@ -292,7 +292,7 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
     (GOOD.replace('name="link1"', 'name="base"'), "two links are named 'base'"),
     (CHAIN.replace('name="second"', 'name="first"'), "two joints are named 'first'"),
     (CHAIN.replace('<parent link="link1"/><child link="link2"/>', '<parent link="base"/><child link="link1"/>'),
-     "hangs on two joints"),
+     "is the child of two joints"),
     (CHAIN.replace('<parent link="base"/>', '<parent link="link2"/>').replace('<link name="base"/>', ""),
      "closed loop"),
     (GOOD.replace('<child link="link1"/>', '<child link="hand"/>'), "'hand' that the file does not have"),
@@ -364,7 +364,7 @@ def test_what_the_kinematics_do_not_need_is_not_looked_at(tmp_path):
     ({"tip_link": "link_1"}, "tip_link", "did you mean 'link1'"),
     ({"base_link": "bass"}, "base_link", "did you mean 'base'"),
     ({"base_link": "link1", "tip_link": "base"}, "tip_link", "no chain from 'link1' to 'base'"),
-    ({"tip_link": "link2", "base_link": "link2"}, "file", "no joint hangs on 'link2'"),
+    ({"tip_link": "link2", "base_link": "link2"}, "file", "no joint is attached to 'link2'"),
 ])  # fmt: skip
 def test_links_that_make_no_chain(tmp_path, keys, key, message):
     (tmp_path / "arm.urdf").write_text(CHAIN)

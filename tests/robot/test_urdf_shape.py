@@ -94,7 +94,7 @@ def test_capsules_contain_boxes_cylinders_and_spheres(tmp_path: Path) -> None:
     robot = built(tmp_path, BODIES)
     assert {capsule.joint for capsule in robot.shape} == {"base", "turn", "lift"}
     assert outside(robot, PinArm(BODIES), tmp_path / "arm.urdf", OWNER, "foot") < 1e-8
-    assert robot.shape_notes == ("not in the shape, as they move beside the chain: finger",)
+    assert robot.shape_notes == ("not in the shape, as they move apart from the chain: finger",)
 
 
 def least_volume(radius: float, length: float) -> float:

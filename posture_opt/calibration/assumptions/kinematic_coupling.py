@@ -9,7 +9,7 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.measurements.affine_fit import affine_fit, sample_rows, touch_misfit
-from posture_opt.measurements.measurements import Measurements, stands
+from posture_opt.measurements.measurements import Measurements, carried_joint_values
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import JointCoupling
 from posture_opt.numerics import Array
@@ -26,7 +26,7 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
     of another joint's: no small effect, and none that a linear search could find.
     """
     robot, rows = arm.robot, sample_rows(data)
-    q = stands(arm, data.q[rows])
+    q = carried_joint_values(arm, data.q[rows])
 
     def misfit(values: Array) -> float:
         if data.position is None:

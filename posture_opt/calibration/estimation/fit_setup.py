@@ -20,7 +20,7 @@ from posture_opt.selection.problem_data import ProblemData
 
 FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
 ALIKE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
-NEAR = (
+SAME_POSTURE_RAD = (
     f"the data tell {{}} less well than to {LENGTH * 1e3:g} mm or {np.degrees(ANGLE):g} deg: geometry is taken to lie "
     "within that of its nominal value (one σ)"
 )
@@ -80,7 +80,7 @@ def determine(
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
     prior = full_prior(parameters, problem.robot, scale, indices, covariance)
-    notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
+    notes = (*_alike(design), *([SAME_POSTURE_RAD.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
     return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes)

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.calibration.estimation.parameters import Parameter, tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals, _stacked, matrices
 from posture_opt.measurements.affine_fit import reach
-from posture_opt.measurements.measurements import group_means, stands
+from posture_opt.measurements.measurements import carried_joint_values, group_means
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Factor, Robot
@@ -136,7 +136,7 @@ def _flange(residuals: Residuals) -> tuple[Array, Array]:
     """Position (N, 3) and orientation (N, 3, 3) of the flange in the base."""
     n = len(residuals.data)
     factors = tuple(f for link in residuals.robot.links for f in link)
-    reached = walk(factors, factor_values(factors, list(stands(residuals.arm, residuals.data.q).T)))
+    reached = walk(factors, factor_values(factors, list(carried_joint_values(residuals.arm, residuals.data.q).T)))
     return _stacked(reached.position, n), np.stack([_stacked(c, n) for c in reached.columns], axis=-1)
 
 

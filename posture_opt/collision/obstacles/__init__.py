@@ -12,6 +12,7 @@ from posture_opt.collision.obstacles.sphere import Sphere
 from posture_opt.spec import one_of
 
 OBSTACLES: tuple[type[Obstacle], ...] = (Box, Cylinder, Sphere, HalfSpace)
+"""Every kind of obstacle; the key ``kind`` of an entry selects one."""
 
 if TYPE_CHECKING:
     ObstacleSpec = Obstacle

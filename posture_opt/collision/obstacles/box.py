@@ -13,7 +13,8 @@ from posture_opt.collision.segment_distances import to_box
 from posture_opt.collision.smooth_bounds import box_bound
 from posture_opt.numerics import Array
 
-_PIECES = 10, 40  # of an edge, in drawings: where the box is as large as the drawing, and at most
+_EDGE_PIECES = 10, 40
+"""Faces along an edge in drawings: where the box is as large as the drawing, and at most."""
 
 
 class Box(PlacedObstacle):
@@ -23,19 +24,22 @@ class Box(PlacedObstacle):
 
     kind: Literal["box"]
     size: tuple[Side, Side, Side]
+    """(3,) sides along x, y, z of its frame [m]."""
 
     @property
     def half(self) -> tuple[float, float, float]:
-        """(3,) half sides [m]."""
+        """(3,) half sides [m], frame of the box."""
         x, y, z = self.size
         return x / 2, y / 2, z / 2
 
     def distance(self, start: Array, end: Array) -> Array:
+        """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""
         return to_box(self.local(start), self.local(end), np.array(self.half))
 
     def facets(self, lower: Array, upper: Array) -> Array:
+        """(k, 4, 3) small faces of all sides [m], world; more of them the larger the box is in the drawing's box."""
         sides = self.rotation * np.array(self.half)
-        least, most = _PIECES
+        least, most = _EDGE_PIECES
         pieces = int(np.clip(least * max(self.size) / np.linalg.norm(upper - lower), least, most))
         faces = [
             rectangle(np.array(self.xyz) + sign * sides[:, k], sides[:, k - 1], sides[:, k - 2], pieces)
@@ -45,4 +49,5 @@ class Box(PlacedObstacle):
         return np.concatenate(faces)
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        """One smooth lower bound of the distance of a capsule [m]."""
         return [box_bound(*self.local_symbols(start, along), self.half, radius)]

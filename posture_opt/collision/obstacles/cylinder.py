@@ -13,7 +13,8 @@ from posture_opt.collision.segment_distances import to_cylinder
 from posture_opt.collision.smooth_bounds import cylinder_bound
 from posture_opt.numerics import Array
 
-_PIECES = 8  # of its length, in drawings
+_LENGTH_PIECES = 8
+"""Faces along its length in drawings."""
 
 
 class Cylinder(PlacedObstacle):
@@ -23,16 +24,20 @@ class Cylinder(PlacedObstacle):
 
     kind: Literal["cylinder"]
     radius: Side
+    """[m]; ``length`` [m] along z of its frame."""
     length: Side
 
     def distance(self, start: Array, end: Array) -> Array:
+        """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""
         return to_cylinder(self.local(start), self.local(end), self.radius, self.length / 2)
 
     def facets(self, lower: Array, upper: Array) -> Array:
-        heights = np.linspace(-self.length / 2, self.length / 2, _PIECES + 1)
-        around = np.column_stack([np.full(_PIECES + 1, self.radius), heights])
+        """(k, 4, 3) small faces of its side and both ends [m], world."""
+        heights = np.linspace(-self.length / 2, self.length / 2, _LENGTH_PIECES + 1)
+        around = np.column_stack([np.full(_LENGTH_PIECES + 1, self.radius), heights])
         ends = [[[0.0, z], [self.radius / 2, z], [self.radius, z]] for z in (heights[0], heights[-1])]
         return np.concatenate([revolved(profile, self.placed) for profile in (around, *map(np.array, ends))])
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        """One smooth lower bound of the distance of a capsule [m]."""
         return [cylinder_bound(*self.local_symbols(start, along), self.radius, self.length / 2, radius)]

@@ -17,7 +17,8 @@ from posture_opt.errors import BadValueError
 from posture_opt.numerics import Array
 from posture_opt.units import Length
 
-_PIECES = 24  # of the side of the patch that is drawn
+_PATCH_PIECES = 24
+"""Faces along the side of the patch that is drawn."""
 
 
 class HalfSpace(Obstacle):
@@ -27,33 +28,43 @@ class HalfSpace(Obstacle):
 
     kind: Literal["half_space"]
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """(3,) out of the solid, world; of any length but zero."""
     offset: Length = 0.0
+    """Height [m] of the surface over the world's origin, along the normal."""
 
     @field_validator("normal")
     @classmethod
     def _points_somewhere(cls, normal: tuple[float, float, float]) -> tuple[float, float, float]:
+        """The normal as it is.
+
+        Raises:
+            BadValueError: its length is zero.
+        """
         if math.hypot(*normal) < 1e-12:
             raise BadValueError("a normal of length zero points nowhere", "write for example [0, 0, 1]")
         return normal
 
     @property
     def unit_normal(self) -> tuple[float, float, float]:
-        """(3,) out of the solid."""
+        """(3,) unit vector out of the solid, world."""
         x, y, z = self.normal
         size = math.hypot(x, y, z)
         return x / size, y / size, z / size
 
     def distance(self, start: Array, end: Array) -> Array:
+        """(...) least height of segments (..., 3) over the surface [m], world; negative by the depth below it."""
         return to_half_space(start, end, np.array(self.unit_normal), self.offset)
 
     def facets(self, lower: Array, upper: Array) -> Array:
+        """(k, 4, 3) small faces of its surface in the box from ``lower`` to ``upper`` (3,), (3,) [m], world."""
         normal, middle = np.array(self.unit_normal), (lower + upper) / 2
         foot = middle - (middle @ normal - self.offset) * normal
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         u *= float(np.linalg.norm(upper - lower)) / 2 / np.linalg.norm(u)
-        faces = rectangle(foot, u, np.cross(normal, u), _PIECES)
+        faces = rectangle(foot, u, np.cross(normal, u), _PATCH_PIECES)
         inside = np.all((faces >= lower - 1e-9) & (faces <= upper + 1e-9), axis=(1, 2))
         return np.asarray(faces[inside])
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        """Heights of both ends of a capsule over the surface [m]."""
         return half_space_bounds(start, along, self.unit_normal, self.offset, radius)

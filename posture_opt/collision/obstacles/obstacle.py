@@ -1,4 +1,4 @@
-"""``Obstacle``: a solid that stands in the world; a ``PlacedObstacle`` has a frame of its own."""
+"""``Obstacle``: a solid in the world; a ``PlacedObstacle`` has a frame of its own."""
 
 from __future__ import annotations
 
@@ -18,11 +18,17 @@ from posture_opt.spec import Spec
 from posture_opt.units import Angle, Length
 
 Side = Annotated[Length, Field(gt=0)]
+"""A length greater than zero [m]."""
 Points = tuple[ca.SX, ca.SX]
-"""Where a segment starts and the vector to its end."""
+"""Start (3,) of a segment and the vector (3,) to its end [m]."""
 
 
-def _told(name: str) -> str:
+def _given_name(name: str) -> str:
+    """The name as it is.
+
+    Raises:
+        BadValueError: it is empty or blank.
+    """
     if not name.strip():
         raise BadValueError("an obstacle needs a name, by which reports speak of it", "write for example name: table")
     return name
@@ -34,12 +40,16 @@ class Obstacle(Spec):
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
 
-    name: Annotated[str, AfterValidator(_told)]
+    name: Annotated[str, AfterValidator(_given_name)]
     kind: str
 
     @abstractmethod
     def distance(self, start: Array, end: Array) -> Array:
-        """(...) exact distance of segments (..., 3) [m], world; zero or less where they touch it."""
+        """(...) exact distance of segments to the solid [m]; zero or less where they touch it.
+
+        Args:
+            start, end: (..., 3) ends of the segments [m], world.
+        """
 
     @abstractmethod
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
@@ -52,7 +62,11 @@ class Obstacle(Spec):
 
     @abstractmethod
     def facets(self, lower: Array, upper: Array) -> Array:
-        """(k, 4, 3) small faces of its surface [m], world, for drawing; of an endless one those in a box (3,), (3,)."""
+        """(k, 4, 3) small faces of its surface [m], world, for drawing.
+
+        Args:
+            lower, upper: (3,) corners of the box that is drawn [m]; of an endless solid the faces in it.
+        """
 
 
 class PlacedObstacle(Obstacle):
@@ -63,22 +77,22 @@ class PlacedObstacle(Obstacle):
 
     @cached_property
     def rotation(self) -> Array:
-        """(3, 3) from its frame to the world."""
+        """(3, 3) R_world_obstacle."""
         factors = frame_factors("obstacle", (0.0, 0.0, 0.0), self.rpy)
         return np.array(walk(factors, [factor.nominal for factor in factors]).columns, dtype=float).T
 
     def local(self, points: Array) -> Array:
-        """(..., 3) points of the world in its frame [m]."""
+        """(..., 3) points of the world [m] in its frame."""
         return np.asarray((points - np.array(self.xyz)) @ self.rotation)
 
     def local_symbols(self, start: ca.SX, along: ca.SX) -> Points:
-        """A segment in its frame."""
+        """A segment of the world, its start (3,) and the vector to its end (3,) [m], in its frame."""
         R = ca.DM(self.rotation.T)
         return R @ (start - ca.DM(list(self.xyz))), R @ along
 
     @property
     def placed(self) -> Array:
-        """(4, 4) its frame in the world."""
+        """(4, 4) T_world_obstacle, lengths in [m]."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.rotation, self.xyz
         return T

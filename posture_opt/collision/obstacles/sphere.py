@@ -22,13 +22,17 @@ class Sphere(Obstacle):
 
     kind: Literal["sphere"]
     radius: Side
+    """[m]; ``xyz`` (3,) its middle [m], world."""
     xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
 
     def distance(self, start: Array, end: Array) -> Array:
+        """(...) exact distance of segments (..., 3) [m], world; negative where they enter it."""
         return to_point(start, end, np.array(self.xyz)) - self.radius
 
     def facets(self, lower: Array, upper: Array) -> Array:
+        """(k, 4, 3) small faces of its surface [m], world."""
         return capsule_facets(np.array(self.xyz), np.array(self.xyz), self.radius)
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        """The distance of a capsule [m], which is smooth and exact."""
         return [point_bound(start, along, length, self.xyz, radius + self.radius)]

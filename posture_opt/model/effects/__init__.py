@@ -58,12 +58,15 @@ NOISY = (
 """The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`."""
 
 _FILES = {kind: kind for kind in MOVING} | {kind: f"noise.{kind}" for kind in NOISY}
+"""Kind -> the file of its class, in this folder."""
 _LISTS = {"EFFECTS": MOVING, "NOISES": NOISY, "CATALOGUE": (*MOVING, *NOISY)}
+"""Name of a list of classes -> the kinds in it."""
 _KINDS = {class_name(kind): kind for kind in _FILES}
+"""Class name -> kind."""
 
 
 def effect_class(kind: str) -> type[CatalogueEntry] | None:
-    """The effect of a kind; None where there is none."""
+    """The class of a kind; None where there is none. Its file is imported when it is first asked for."""
     if kind not in _FILES:
         return None
     found: type[CatalogueEntry] = getattr(import_module(f"posture_opt.model.effects.{_FILES[kind]}"), class_name(kind))
@@ -71,6 +74,11 @@ def effect_class(kind: str) -> type[CatalogueEntry] | None:
 
 
 def __getattr__(name: str) -> Any:
+    """A list of classes, or one class by its name, imported when it is first used.
+
+    Raises:
+        AttributeError: no kind and no list has this name.
+    """
     if name in _LISTS:
         value: Any = tuple(map(effect_class, _LISTS[name]))
     elif name in _KINDS:

@@ -1,4 +1,4 @@
-"""Backlash: a joint stops short of the side from which it arrives."""
+"""Backlash: the joint value depends on the side from which it was reached."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class Backlash(JointEffect):
-    """``dq = b s / 2``, s the side from which the joint arrived."""
+    """``dq = b s / 2``, s the side from which the joint arrived: +1 with increasing values, −1 with decreasing ones.
+
+    The two sides are b [rad] apart. Where s is not known it is 0, and the effect is not seen.
+    """
 
     summary: ClassVar[str] = "lost motion: the joint value depends on the side from which it was reached"
     phrase: ClassVar[str] = "{target} has backlash"
@@ -33,8 +36,10 @@ class Backlash(JointEffect):
     kind: Literal["backlash"] = "backlash"
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(s/2,) for the parameter ``width`` [rad]; 0 where the side is not known."""
         return (state.inputs.side(joint) / 2,)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The joint value [deg or mm], a curve for each side."""
         joint = self.index(state)
         return over_joint(state, joint, ", by side of approach", np.sign(state.inputs.side(joint)))

@@ -1,4 +1,4 @@
-"""Compliance of what the arm stands on."""
+"""Compliance of what the arm is mounted on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from posture_opt.model.effects.base.effect import POSITIVE, Sensitivity, SoleEff
 
 
 class BaseCompliance(SoleEffect):
-    """``φ = c M``: the base turns about the overturning moment of links and payload about the first joint's foot."""
+    """``φ = c M``: the base turns about the overturning moment of links and payload about the first joint's foot.
+
+    M is the moment [N m] of all weights without its vertical part; φ [rad] turns everything behind the foot.
+    """
 
     summary: ClassVar[str] = "the base tilts under the overturning moment"
     phrase: ClassVar[str] = "the base is compliant: it tilts under the weight of the arm"
@@ -25,6 +28,9 @@ class BaseCompliance(SoleEffect):
     kind: Literal["base_compliance"] = "base_compliance"
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """Turn (3,) [rad/(N m)] per unit of ``compliance`` and the shift of the tool point that follows, ``φ × (x −
+        foot)``.
+        """
         foot = state.walk.screws[len(state.robot.base)].origin
         moment = state.moment(-1, foot)
         g = state.robot.gravity
@@ -32,4 +38,5 @@ class BaseCompliance(SoleEffect):
         return (Sensitivity(twist=(cross(turn, subtract(state.tool, foot)), turn)),)
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        """The compliance with the stiffness that it is the inverse of."""
         return compliance_size(name, value, std)

@@ -11,7 +11,7 @@ from posture_opt.model.effects.base.joint_effect import Harmonic
 
 
 class GearEccentricity(Harmonic):
-    """``dq = a sin q + b cos q``."""
+    """``dq = a sin q + b cos q``: one cycle per revolution, amplitude ``√(a² + b²)`` [rad]."""
 
     summary: ClassVar[str] = "joint error of one cycle per revolution, as of an eccentric gear or encoder disc"
     phrase: ClassVar[str] = "{target} has an eccentric gear or encoder (one cycle per revolution)"
@@ -25,7 +25,9 @@ class GearEccentricity(Harmonic):
 
     @property
     def frequency(self) -> float:
+        """1 cycle per revolution."""
         return 1.0
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The joint value [deg]; over its phase it would look the same."""
         return over_joint(state, self.index(state))

@@ -15,7 +15,7 @@ from posture_opt.units import number
 
 
 class GearRipple(Harmonic):
-    """``dq = a sin(n N q) + b cos(n N q)``, N the gear ratio and n the harmonic."""
+    """``dq = a sin(n N q) + b cos(n N q)``, N the gear ratio and n the harmonic; amplitude ``√(a² + b²)`` [rad]."""
 
     summary: ClassVar[str] = "joint error once or twice per revolution of the motor; needs the gear ratio"
     phrase: ClassVar[str] = "the gear of {target} has ripple at its input shaft"
@@ -31,18 +31,22 @@ class GearRipple(Harmonic):
 
     @property
     def frequency(self) -> float:
+        """n N, cycles per revolution of the joint."""
         return self.harmonic * self.ratio
 
     @property
     def spectral_lines(self) -> tuple[float, ...]:
+        """Its one line."""
         return (self.frequency,)
 
     @property
     def qualifier(self) -> str:
+        """Its cycles per revolution."""
         return f"{number(self.frequency, 4)} cycles per revolution"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """The first two harmonics of every moving joint with a stated gear ratio above 2."""
         ratios = {j.name: abs(j.gear_ratio) for j in case.robot.joints if math.isfinite(j.gear_ratio)}
         moving = [name for name in case.moving("revolute") if ratios.get(name, 0.0) > 2]
         return [cls(joint=name, ratio=ratios[name], harmonic=n) for name in moving for n in (1, 2)]

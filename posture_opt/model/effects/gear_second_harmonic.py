@@ -10,7 +10,7 @@ from posture_opt.model.effects.base.joint_effect import Harmonic
 
 
 class GearSecondHarmonic(Harmonic):
-    """``dq = a sin 2q + b cos 2q``."""
+    """``dq = a sin 2q + b cos 2q``: two cycles per revolution, amplitude ``√(a² + b²)`` [rad]."""
 
     summary: ClassVar[str] = "joint error of two cycles per revolution, as of an oval or tilted disc"
     phrase: ClassVar[str] = "{target} has a second harmonic (two cycles per revolution), as of an oval gear"
@@ -21,7 +21,9 @@ class GearSecondHarmonic(Harmonic):
 
     @property
     def frequency(self) -> float:
+        """2 cycles per revolution."""
         return 2.0
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The joint value [deg]."""
         return over_joint(state, self.index(state))

@@ -17,11 +17,15 @@ from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.units import Angle, plus_minus
 
-_GRID = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)  # rad
+_TRAVEL_GRID_RAD = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)
+"""Travels d0 [rad] that are tried: from 1 to 90 degrees, by factors of about two."""
 
 
 class Hysteresis(JointEffect):
-    """``dq = h s (1 − exp(−d / d0))``, s and d side and length of the last move."""
+    """``dq = h s (1 − exp(−d / d0))``, s and d side and length of the last move.
+
+    h [rad] is reached after long moves; s is +1 with increasing values, −1 with decreasing ones, 0 where not known.
+    """
 
     summary: ClassVar[str] = "lost motion that grows with the length of the last move"
     phrase: ClassVar[str] = "{target} has hysteresis that grows with the last move"
@@ -36,19 +40,23 @@ class Hysteresis(JointEffect):
     travel: Angle = Field(gt=0, description="d0, travel after which 63 % is reached")
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(s (1 − exp(−d/d0)),) for the parameter ``height`` [rad]."""
         return (state.inputs.side(joint) * (1 - exp(-state.inputs.travel(joint) / self.travel)),)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """Length of the last move [deg], with the sign of its side."""
         joint = self.index(state)
         move = np.sign(state.inputs.side(joint)) * np.degrees(state.inputs.travel(joint))
         return Abscissa.of(state, move, f"last move of {self.joint} [deg]")
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The height and the travel d0 [deg]."""
         travel = plus_minus(*estimate.entry("travel"), math.degrees(1.0), "deg")
         return (*super().sizes(estimate), Size("63 % reached after", f"a move of {travel}"))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """Every moving revolute joint with each travel of the grid, where sides of approach are known."""
         if not cls.needs <= case.inputs:
             return []
-        return [cls(joint=name, travel=f"{d} rad") for name in case.moving("revolute") for d in _GRID]
+        return [cls(joint=name, travel=f"{d} rad") for name in case.moving("revolute") for d in _TRAVEL_GRID_RAD]

@@ -12,13 +12,14 @@ from posture_opt.model.chain import ZERO, subtract
 from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
-_PRODUCTS = ("xx", "xy", "xz", "yy", "yz", "zz")
+_COORDINATE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
+"""The six products of two coordinates that a quadratic function has."""
 
 
 class InstrumentField(SoleEffect):
     """``dp = Σ w_ij p_i p_j``: the measured point is off by a quadratic function of where it is, seen from the base.
 
-    What is constant or linear in the place looks like a frame or like lengths.
+    What is constant or linear in the place looks like a frame or like lengths. 18 coefficients [1/m]: six a coordinate.
     """
 
     summary: ClassVar[str] = "the instrument errs smoothly over its volume"
@@ -27,7 +28,7 @@ class InstrumentField(SoleEffect):
     decisive: ClassVar[bool] = True
     sole: ClassVar[str] = "instrument"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = tuple(
-        (f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS
+        (f"{axis}_{product}", "per length") for axis in "xyz" for product in _COORDINATE_PAIRS
     )
     flexible: ClassVar[bool] = True
     for_planning: ClassVar[bool] = False
@@ -35,8 +36,11 @@ class InstrumentField(SoleEffect):
     kind: Literal["instrument_field"] = "instrument_field"
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """A shift (3,) along one world axis by one product of coordinates [m²], origin at the foot of the first
+        joint.
+        """
         p = subtract(state.tool, state.walk.screws[len(state.robot.base)].origin)
-        products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _PRODUCTS]
+        products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _COORDINATE_PAIRS]
         found = []
         for axis in range(3):
             for product in products:
@@ -47,14 +51,18 @@ class InstrumentField(SoleEffect):
 
     @property
     def omitted(self) -> str:
+        """Why no task is planned with it."""
         return "left out: it belongs to the instrument and not to the arm"
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """How many coefficients there are: none of them alone is a size."""
         return (Size("size", f"{len(estimate.values)} coefficients, see the JSON document"),)
 
     def headline(self, estimate: FittedSizes) -> str:
+        """None: no single number says how large it is."""
         return ""
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """The one instance, where more than one joint moves."""
         return [cls()] if np.count_nonzero(np.array(case.span) > 1e-6) > 1 else []

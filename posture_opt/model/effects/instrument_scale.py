@@ -17,7 +17,7 @@ class InstrumentScale(SoleEffect):
     An arm whose lengths are all wrong by that share does the same, so that it is no candidate of any diagnosis.
     """
 
-    summary: ClassVar[str] = "the instrument reads all distances too long by one factor; only a scale bar tells"
+    summary: ClassVar[str] = "the instrument reads all distances too long by one factor; only a scale bar shows it"
     phrase: ClassVar[str] = "the instrument has a scale error"
     measurement: ClassVar[str] = "measure a scale bar of known length with the same instrument"
     sole: ClassVar[str] = "instrument"
@@ -27,18 +27,22 @@ class InstrumentScale(SoleEffect):
     kind: Literal["instrument_scale"] = "instrument_scale"
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """A shift (3,) by the tool point itself [m]: distances grow from the world's origin."""
         return (Sensitivity(twist=(state.tool, ZERO)),)
 
     @property
     def omitted(self) -> str:
+        """Why no task is planned with it."""
         return "left out: it belongs to the instrument and not to the arm"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """None: no measurement of the arm alone can show it."""
         return []
 
     @classmethod
     def unknowable(cls, evidence: Evidence) -> Limit | None:
+        """Why positions can never show it; None of touched points, which no instrument measured."""
         if not evidence.positions:
             return None
         return Limit(

@@ -18,10 +18,10 @@ from posture_opt.units import number
 
 
 class JointCompliance(JointEffect):
-    """``dq = c τ(q, m)``, τ the torque of gravity from links and payload.
+    """``dq = c τ(q, m)``, τ the torque of gravity from links and payload [N m], c in rad/(N m).
 
-    With ``loads: points`` the masses of the links are unknown and stand as point masses at the frames beyond the
-    joint: ``dq = Σ_i θ_i τ_i(q) + c τ_payload``, τ_i the torque of 1 kg at frame i and θ_i compliance times mass.
+    With ``loads: points`` the masses of the links are unknown and are modelled as point masses at the frames beyond the
+    joint: ``dq = Σ_i θ_i τ_i(q)``, τ_i the torque of 1 kg at frame i and θ_i compliance times mass.
     """
 
     summary: ClassVar[str] = "the joint is compliant under the torque of gravity and payload"
@@ -45,23 +45,29 @@ class JointCompliance(JointEffect):
 
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
+        """The compliance; or one product of compliance and mass for each point [rad kg/(N m)]."""
         if self.loads == "masses":
             return self.parameters
         return tuple((f"mass at {name}", "angle mass per torque") for name in self.points)
 
     @property
     def asks(self) -> frozenset[Input]:
+        """The masses of the links, unless they are unknown."""
         return frozenset({"masses"}) if self.loads == "masses" else frozenset()
 
     @property
     def limits(self) -> tuple[float, float]:  # type: ignore[override] # of this very instance
-        """Of loads that nobody stated, what a counterweight or a compensation of gravity does is among the unknown."""
+        """Not below zero; unbounded for unknown loads, as a counterweight or a compensation by the controller is one
+        of them.
+        """
         return Effect.limits if self.unstated_loads else POSITIVE
 
     def acts(self, state: ArmState) -> bool:
+        """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > UPRIGHT
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(τ,) [N m], or (k,) the torque of 1 kg at each point [N m/kg]."""
         if self.loads == "masses":
             return (state.torque(joint),)
         names = state.robot.joint_names
@@ -70,17 +76,21 @@ class JointCompliance(JointEffect):
 
     @property
     def unstated_loads(self) -> bool:
+        """Whether masses are unknown, so that no parameter is the compliance itself."""
         return self.loads == "points"
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
+        """The torque of gravity [N m]; None for unknown loads."""
         if self.unstated_loads:
             return None
         return Abscissa.of(state, state.torque(self.index(state)), f"torque of gravity on {self.joint} [N m]")
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        """The compliance with the stiffness that it is the inverse of."""
         return compliance_size(name, value, std)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The compliance; of unknown loads the turn of the joint in the data [mrad] and what that costs."""
         if not self.unstated_loads:
             return super().sizes(estimate)
         low, high = estimate.turn or (math.nan, math.nan)
@@ -93,10 +103,12 @@ class JointCompliance(JointEffect):
         )
 
     def headline(self, estimate: FittedSizes) -> str:
+        """The compliance; nothing for unknown loads."""
         return "" if self.unstated_loads else super().headline(estimate)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """Every moving revolute joint, where the masses of the links are known."""
         if "masses" in case.inputs:
             return [cls(joint=name) for name in case.moving("revolute")]
         return []

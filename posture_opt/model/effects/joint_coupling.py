@@ -15,11 +15,14 @@ from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.robot.robot import Robot
 
-_WHOLE = 0.5  # of a ratio: no slack or bearing carries a joint so far along, but a gear or a controller does
+_CARRYING_RATIO = 0.5
+"""Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller
+does.
+"""
 
 
 class JointCoupling(JointEffect):
-    """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``)."""
+    """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``) with the ratio c [rad/rad]."""
 
     summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
     measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
@@ -31,29 +34,40 @@ class JointCoupling(JointEffect):
 
     @property
     def target(self) -> str:
+        """``A->B``."""
         return f"{self.follows}->{self.joint}"
 
     @property
     def words(self) -> str:
+        """The cause in one clause."""
         return f"{self.joint} is coupled to {self.follows}"
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(q_A,) [rad], the value of the joint that it follows."""
         return (state.q[state.robot.joint_names.index(self.follows)],)
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
+        """``c q_A`` [rad] of a ratio above `_CARRYING_RATIO`; nothing below, where loads hardly change."""
         ratio = self.values[0]
         names = robot.joint_names
-        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > _WHOLE else {}
+        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > _CARRYING_RATIO else {}
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The value of the joint that it follows [deg]."""
         return over_joint(state, state.robot.joint_names.index(self.follows))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """All ordered pairs of moving revolute joints."""
         names = case.moving("revolute")
         return [cls(joint=b, follows=a) for a in names for b in names if a != b]
 
     def check_robot(self, robot: Robot) -> None:
+        """Refuse joints that the robot lacks.
+
+        Raises:
+            BadValueError: one of the two is no joint, or the following one does not turn.
+        """
         if self.follows not in robot.joint_names:
             raise BadValueError(
                 f"the robot has no joint '{self.follows}'", f"its joints: {', '.join(robot.joint_names)}"

@@ -12,7 +12,7 @@ from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class JointScale(JointEffect):
-    """``dq = c q``."""
+    """``dq = c q``: the joint moves by the factor ``1 + c`` of what is commanded, from its zero."""
 
     summary: ClassVar[str] = "the joint moves by a constant factor more or less than commanded"
     phrase: ClassVar[str] = "{target} has a scale error"
@@ -30,7 +30,9 @@ class JointScale(JointEffect):
     kind: Literal["joint_scale"] = "joint_scale"
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(q,) [rad or m]."""
         return (state.q[joint],)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The joint value [deg or mm]."""
         return over_joint(state, self.index(state))

@@ -16,7 +16,9 @@ from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class LoadBacklash(JointEffect):
-    """``dq = h s |τ|``, s the side from which the joint arrived and τ the torque of gravity."""
+    """``dq = h s |τ|``, s the side from which the joint arrived (±1) and τ the torque of gravity [N m]; h in rad/(N
+    m).
+    """
 
     summary: ClassVar[str] = "backlash in proportion to the load of the joint, as of friction"
     phrase: ClassVar[str] = "{target} has backlash in proportion to its load"
@@ -31,12 +33,15 @@ class LoadBacklash(JointEffect):
     kind: Literal["load_backlash"] = "load_backlash"
 
     def acts(self, state: ArmState) -> bool:
+        """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > UPRIGHT
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(s |τ|,) [N m]; 0 where the side is not known."""
         return (state.inputs.side(joint) * magnitude(state.torque(joint)),)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The size of the torque [N m], with the sign of the side."""
         joint = self.index(state)
         torque = np.sign(state.inputs.side(joint)) * np.abs(state.torque(joint))
         return Abscissa.of(state, torque, f"torque on {self.joint} [N m], with the sign of the side of approach")

@@ -30,5 +30,6 @@ class PayloadError(SoleEffect):
     kind: Literal["payload_error"] = "payload_error"
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """The torque of the payload [N m] on every joint that turns, for the parameter ``sag`` [rad/(N m)]."""
         turning = [i for i, joint in enumerate(state.robot.joints) if joint.type == "revolute"]
         return (Sensitivity({i: state.payload_torque(i) for i in turning}),)

@@ -16,12 +16,16 @@ from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.units import Angle, number, plus_minus
 
-_BITS = range(9, 17)
-_DECIMALS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # deg
+_ENCODER_BITS = range(9, 17)
+"""Encoders that are tried: steps of a revolution over 2^bits."""
+_DISPLAY_STEPS_DEG = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+"""Steps [deg] of rounded joint values that are tried."""
 
 
 class Quantisation(JointEffect):
-    """``dq = c (round(q / lsb) lsb − q)``, c near one, lsb the step of the encoder or of the controller's numbers."""
+    """``dq = c (round(q / lsb) lsb − q)``, c near one, lsb the step of the encoder or of the controller's numbers
+    [rad].
+    """
 
     summary: ClassVar[str] = "the joint reaches discrete steps only"
     phrase: ClassVar[str] = "{target} is quantised: it reaches discrete steps only"
@@ -36,21 +40,26 @@ class Quantisation(JointEffect):
     lsb: Angle = Field(gt=0, description="the step")
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(round(q/lsb) lsb − q,) [rad]."""
         steps = state.q[joint] / self.lsb
         return (self.lsb * (nearest_integer(steps) - steps),)
 
     @property
     def smooth_shape(self) -> str:
-        return ""  # a step that differs by a little is another column altogether: the grid has those that are built
+        """None: a step that differs by a little is another column altogether; the grid has the steps that are built."""
+        return ""
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The fraction of a step that the commanded value is at, 0 to 1."""
         return Abscissa.of(state, np.mod(np.asarray(state.q[self.index(state)]) / self.lsb, 1.0), "fraction of a step")
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The step [arcsec], and the share of it that shows."""
         step = f"{number(math.degrees(self.lsb) * 3600)} arcsec"
         return Size("step", step), Size("share of it that shows", plus_minus(*estimate.entry("share")))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        sizes = [2 * math.pi / 2**bits for bits in _BITS] + [math.radians(d) for d in _DECIMALS]
+        """Every moving revolute joint with the steps of encoders and of rounded degrees."""
+        sizes = [2 * math.pi / 2**bits for bits in _ENCODER_BITS] + [math.radians(d) for d in _DISPLAY_STEPS_DEG]
         return [cls(joint=name, lsb=f"{lsb!r} rad") for name in case.moving("revolute") for lsb in sizes]

@@ -1,4 +1,4 @@
-"""A slip: from some moment on a joint, or the base, stands elsewhere."""
+"""A slip: from some moment on a joint, or the base, is elsewhere."""
 
 from __future__ import annotations
 
@@ -20,20 +20,30 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number
 
 _Way = Literal["shift", "slide", "settle"]
-STEPS = 50  # moments at which a slip is looked for, before those between two of them
-_SEEN = 10  # rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm stood
-_SHARE = 4  # one part in so many of the rows is enough where they are few
-_AXES = np.eye(3)
-_WAYS: dict[_Way, tuple[str, ...]] = {
+SLIP_MOMENTS = 50
+"""Moments at which a slip is looked for, before those between two of them."""
+_MIN_ROWS_EACH_SIDE = 10
+"""Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was."""
+_MIN_ROWS_DIVISOR = 4
+"""One part in so many of the rows is enough where they are few."""
+_WORLD_AXES = np.eye(3)
+_BASE_PARAMETERS: dict[_Way, tuple[str, ...]] = {
     "shift": ("x", "y", "z"),
     "slide": ("x", "y", "yaw"),
     "settle": ("x", "y", "z", "roll", "pitch", "yaw"),
 }
-_TURNS = ("roll", "pitch", "yaw")
+"""Way of a slip of the base -> its parameters: shifted in space, slid and turned on the floor, or shifted and
+tilted.
+"""
+_BASE_ANGLES = ("roll", "pitch", "yaw")
+"""Parameters about the world's x, y and z axis [rad]."""
 
 
 class Slip(Effect):
-    """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or both tilted, from ``t0`` on."""
+    """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or both tilted, from ``t0`` on.
+
+    h in rad; of the base a shift [m] and a turn [rad] about the foot of the first joint, world axes.
+    """
 
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
     phrase: ClassVar[str] = "{target} slipped during the measurements"
@@ -53,13 +63,15 @@ class Slip(Effect):
 
     @property
     def target(self) -> str:
+        """The joint, or ``base``."""
         return self.of
 
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
+        """``step`` [rad] of a joint; of the base the coordinates and angles of its way."""
         if self.of != "base":
             return (("step", "angle"),)
-        return tuple((name, "angle" if name in _TURNS else "length") for name in _WAYS[self.way])
+        return tuple((name, "angle" if name in _BASE_ANGLES else "length") for name in _BASE_PARAMETERS[self.way])
 
     @property
     def name(self) -> str:
@@ -68,33 +80,40 @@ class Slip(Effect):
 
     @property
     def moved_joint(self) -> str:
+        """The joint; none where the base slipped."""
         return "" if self.of == "base" else self.of
 
     @property
     def words(self) -> str:
+        """The cause in one clause."""
         return self.phrase.format(target="the base" if self.of == "base" else self.of)
 
     @property
     def omitted(self) -> str:
+        """Why no task is planned with it, and what to do."""
         if self.of == "base":
             return "left out: delivered with the base as it stood on average; set it up again and measure anew"
         return "left out: delivered with the joint as it stood on average; undo the slip, and measure anew"
 
     @property
     def smooth_shape(self) -> str:
-        return ""  # any moment between two rows gives the same column
+        """None: any moment between two rows gives the same column."""
+        return ""
 
     def shape_steps(self, state: ArmState) -> Array:
+        """(k,) moments [s] half way between rows, about this one, with enough rows on either side."""
         times = np.unique(np.asarray(state.inputs.time, dtype=float))
-        step = float(np.ptp(times)) / STEPS
+        step = float(np.ptp(times)) / SLIP_MOMENTS
         near = (times[:-1] < self.moment + step) & (times[1:] > self.moment - step)
         between = ((times[:-1] + times[1:]) / 2)[near]
-        return np.asarray(between[_seen(between, state.inputs.time)])
+        return np.asarray(between[_well_covered(between, state.inputs.time)])
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """Time [min], or the row."""
         return over_time(state, timed)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The step, and the moment [min] or the row at which it happened."""
         moment, _ = estimate.entry("moment")
         row = Size("at", f"row {math.ceil(moment) + 1}", ", as no times are logged")
         timed = Size("at", f"{number(moment / 60)} min after the first row")
@@ -105,36 +124,51 @@ class Slip(Effect):
         return "" if self.of == "base" else super().headline(estimate)
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """A unit step of the joint from ``moment`` on; of the base a shift or a turn about its foot for each
+        parameter.
+        """
         after = at_least(state.inputs.time, self.moment)
         if self.of != "base":
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
         foot = state.walk.screws[len(state.robot.base)].origin
         lever = subtract(state.tool, foot)
-        vectors: list[Any] = [tuple(after * float(a) for a in axis) for axis in _AXES]
+        vectors: list[Any] = [tuple(after * float(a) for a in axis) for axis in _WORLD_AXES]
         units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
-        units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_TURNS, vectors, strict=True)}
-        return tuple(units[name] for name in _WAYS[self.way])
+        units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_BASE_ANGLES, vectors, strict=True)}
+        return tuple(units[name] for name in _BASE_PARAMETERS[self.way])
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """Every moving revolute joint, and the base in each way, at each of `SLIP_MOMENTS` that rows cover on both
+        sides.
+        """
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
-        moments = case.duration * (np.arange(STEPS) + 0.5) / STEPS
-        moments = moments[_seen(moments, case.times)]
+        moments = case.duration * (np.arange(SLIP_MOMENTS) + 0.5) / SLIP_MOMENTS
+        moments = moments[_well_covered(moments, case.times)]
         joints = [cls(of=name, moment="0 s") for name in case.moving("revolute")]
-        bases = [cls(of="base", moment="0 s", way=way) for way in _WAYS]
+        bases = [cls(of="base", moment="0 s", way=way) for way in _BASE_PARAMETERS]
         return [one.model_copy(update={"moment": t}) for one in (*joints, *bases) for t in moments.tolist()]
 
     def check_robot(self, robot: Robot) -> None:
+        """Refuse a target that the robot lacks.
+
+        Raises:
+            BadValueError: neither ``base`` nor a joint.
+        """
         known = ("base", *robot.joint_names)
         if self.of not in known:
             raise BadValueError(f"the robot has no joint '{self.of}'", "write base or one of its joints")
 
 
-def _seen(moments: Array, times: Any) -> Mask:
-    """Which moments (k,) have enough rows of the ``times`` (N,) on either side; all, where nothing is measured."""
+def _well_covered(moments: Array, times: Any) -> Mask:
+    """Which moments (k,) [s] have enough rows of the ``times`` (N,) [s] on either side; all, where nothing is
+    measured.
+    """
     rows = np.sort(np.asarray(times, dtype=float))
     if not len(rows):
         return np.ones(len(moments), dtype=bool)
     before = np.searchsorted(rows, moments, side="left")
-    return np.asarray(np.minimum(before, len(rows) - before) >= min(_SEEN, len(rows) // _SHARE))
+    return np.asarray(
+        np.minimum(before, len(rows) - before) >= min(_MIN_ROWS_EACH_SIDE, len(rows) // _MIN_ROWS_DIVISOR)
+    )

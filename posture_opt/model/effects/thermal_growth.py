@@ -15,7 +15,7 @@ from posture_opt.robot.robot import Factor, Robot
 
 
 class ThermalGrowth(Effect):
-    """``dL = α L (T − T0)`` of one length, or of all lengths of the links."""
+    """``dL = α L (T − T0)`` of one length, or of all lengths of the links; α in 1/K, T0 = 20 degC (ISO 1)."""
 
     summary: ClassVar[str] = "lengths expand with temperature"
     phrase: ClassVar[str] = "{target} expands with temperature"
@@ -33,34 +33,45 @@ class ThermalGrowth(Effect):
 
     @property
     def target(self) -> str:
+        """The length, or ``all``."""
         return self.length
 
     @property
     def words(self) -> str:
+        """The cause in one clause."""
         return self.phrase.format(target="the whole arm" if self.length == "all" else self.length)
 
     @property
     def place(self) -> str:
+        """What a label says of the target."""
         return "all lengths" if self.length == "all" else self.length
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """``L (T − T0)`` [m K] for each length that grows."""
         grown = {
             name: factor.nominal * state.inputs.temperature
-            for name, factor in _lengths(state.robot).items()
+            for name, factor in _link_lengths(state.robot).items()
             if self.length in ("all", name)
         }
         return (Sensitivity(lengths=grown),)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        return [cls(length=name) for name in ("all", *_lengths(case.robot))] if cls.needs <= case.inputs else []
+        """All lengths together and each alone, where temperatures are known."""
+        return [cls(length=name) for name in ("all", *_link_lengths(case.robot))] if cls.needs <= case.inputs else []
 
     def check_robot(self, robot: Robot) -> None:
-        known = ("all", *_lengths(robot))
+        """Refuse a length that the robot lacks.
+
+        Raises:
+            BadValueError: neither ``all`` nor a named length of a link that is not zero.
+        """
+        known = ("all", *_link_lengths(robot))
         if self.length not in known:
             raise BadValueError(f"there is no length '{self.length}'", f"lengths: {', '.join(known)}")
 
 
-def _lengths(robot: Robot) -> dict[str, Factor]:
+def _link_lengths(robot: Robot) -> dict[str, Factor]:
+    """Parameter -> factor of every fixed length of the links above 1 µm; base and tool are no links."""
     links = [f for link in robot.links for f in link]
     return {f.parameter: f for f in links if f.kind == "translate" and f.parameter and abs(f.nominal) > 1e-6}

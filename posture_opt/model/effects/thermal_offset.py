@@ -13,7 +13,7 @@ from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class ThermalOffset(JointEffect):
-    """``dq = c (T − T0)``."""
+    """``dq = c (T − T0)``: the zero of the joint moves by c [rad/K]; T0 = 20 degC (ISO 1)."""
 
     summary: ClassVar[str] = "the zero of the joint drifts with temperature"
     phrase: ClassVar[str] = "the zero of {target} drifts with temperature"
@@ -27,7 +27,9 @@ class ThermalOffset(JointEffect):
     kind: Literal["thermal_offset"] = "thermal_offset"
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(T − T0,) [K]."""
         return (state.inputs.temperature,)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        """The temperature above 20 degC [K]."""
         return Abscissa.of(state, state.inputs.temperature, "temperature above 20 degC [K]")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.measurements.table import LINES
+from posture_opt.measurements.table import LINE_INDEX
 from posture_opt.report.page.presenter import SummaryPresenter, pandas_module
 from posture_opt.report.text.blocks import Summary
 
@@ -27,7 +27,7 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
             InputError: pandas is not installed.
         """
         data, pandas = self.result, pandas_module()
-        frame = pandas.DataFrame(dict(_columns(data)), index=pandas.Index(data.line, name=LINES))
+        frame = pandas.DataFrame(dict(_columns(data)), index=pandas.Index(data.line, name=LINE_INDEX))
         frame.attrs["file"] = data.file
         return frame
 

@@ -56,9 +56,9 @@ def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str
     """The text that ``read_covariance`` reads back: names with units, and the covariance (k, k), SI, in these."""
     scale = [_scale_of(unit) for unit in units]
     rows = covariance / np.outer(scale, scale)
-    head = ", ".join(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
+    title = ", ".join(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
     lines = [", ".join([name, *(f"{value:.15g}" for value in row)]) for name, row in zip(names, rows, strict=True)]
-    return "\n".join([head, *lines, ""])
+    return "\n".join([title, *lines, ""])
 
 
 def _scale_of(unit: str) -> float:

@@ -16,11 +16,17 @@ from posture_opt.spec import Spec
 Input = str
 """A key of ``INPUTS``."""
 Quantity = Annotated[Any, WithJsonSchema({"type": ["string", "number"]})]
+"""A number for a ratio, else a text with a unit; read where the dimension of the parameter is known."""
 
 
 @dataclass(frozen=True)
 class NeededInput:
-    """What an effect may need to be seen: its name in words, and how to supply it."""
+    """What an effect may need to be seen.
+
+    Args:
+        words: its name in reports.
+        hint: how to supply it.
+    """
 
     words: str
     hint: str
@@ -36,11 +42,18 @@ INPUTS: dict[Input, NeededInput] = {
     "masses": NeededInput("masses", "state 'mass' and 'com' of every joint in the problem file"),
     "gear_ratio": NeededInput("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
 }
+"""Key of an input -> its name and how to supply it."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A cause that cannot be known from data of a kind, why, and what would tell."""
+    """A cause that cannot be known from data of a kind.
+
+    Args:
+        kind, target: of the cause.
+        reason: why not.
+        hint: what would show it.
+    """
 
     kind: str
     target: str
@@ -58,7 +71,7 @@ class Evidence:
 
     Args:
         positions: whether an instrument measured places, in place of touched points.
-        lengths: names of the arm's lengths that the data could tell something about.
+        lengths: names of the arm's lengths that the data could say something about.
     """
 
     positions: bool
@@ -66,7 +79,7 @@ class Evidence:
 
 
 class CatalogueEntry(Cause, Spec):
-    """One kind of the catalogue at one target."""
+    """One kind of the catalogue at one target: an entry of ``effects:`` in a problem file."""
 
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
@@ -100,7 +113,11 @@ class CatalogueEntry(Cause, Spec):
         """The size that the entry states, with its unit."""
 
     def planning_note(self, kept: bool) -> str:
-        """Whether a task is planned with it and why not; empty where it simply is. ``kept``: on request."""
+        """Whether a task is planned with it and why not; empty where it simply is.
+
+        Args:
+            kept: whether the file asks for it although it changes with time.
+        """
         return ""
 
     @classmethod
@@ -121,7 +138,7 @@ class CatalogueEntry(Cause, Spec):
         return None
 
     def to_dict(self) -> dict[str, Any]:
-        """The entry of ``effects:`` in a problem file."""
+        """The entry of ``effects:`` in a problem file, with units; empty and absent fields are left out."""
         entry = {key: value for key, value in self.model_dump(exclude_none=True).items() if value not in ({}, ())}
         for name, unit in self.shape_units.items():
             if name in entry:

@@ -14,12 +14,19 @@ from posture_opt.model.chain import Scalar
 from posture_opt.numerics import Array
 from posture_opt.units import plus_minus, shown
 
-_ANY = "measure postures in which the two predict different errors"
+_ANY_MEASUREMENT = "measure postures in which the two predict different errors"
+"""What to measure where neither of two causes says it."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """One size of a cause in words; ``more`` explains the number."""
+    """One size of a cause in words.
+
+    Args:
+        label: what it is, ``amplitude`` say.
+        text: the number with its unit and standard error.
+        more: explains the number; empty where nothing is to be explained.
+    """
 
     label: str
     text: str
@@ -46,7 +53,11 @@ class FittedSizes:
     turn: tuple[float, float] | None = None
 
     def entry(self, name: str) -> tuple[float, float]:
-        """Value and standard error [SI]."""
+        """Value and standard error [SI] of a parameter or a shape.
+
+        Raises:
+            KeyError: the fit has none of this name.
+        """
         value, std, _ = self.values[name]
         return value, std
 
@@ -54,7 +65,7 @@ class FittedSizes:
 class Cause:
     """A named effect, a kind of noise, a geometric deviation or an unnamed component, at one target.
 
-    Subclasses have ``kind`` and ``target``, the names that stand in files.
+    Subclasses have ``kind`` and ``target``, the names in files.
     """
 
     phrase: ClassVar[str] = ""
@@ -91,7 +102,7 @@ class Cause:
 
     @property
     def qualifier(self) -> str:
-        """What tells two causes of one kind and target apart, such as the cycles per revolution."""
+        """What distinguishes two causes of one kind and target, such as the cycles per revolution."""
         return ""
 
     @property
@@ -107,7 +118,7 @@ class Cause:
 
     @property
     def spectral_lines(self) -> tuple[float, ...]:
-        """Cycles per revolution at which it stands in the periodogram of its joint; none where it is no line."""
+        """Cycles per revolution at which it appears in the periodogram of its joint; none where it is no line."""
         return ()
 
     @property
@@ -116,28 +127,44 @@ class Cause:
         return ""
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """How large it is, the most telling size first."""
+        """How large it is, the size that says most first.
+
+        Args:
+            estimate: values and standard errors of its parameters and shapes.
+        """
         return ()
 
     def headline(self, estimate: FittedSizes) -> str:
-        """The size that stands beside the words in one line; empty where no single number says it."""
+        """The size next to the words in one line; empty where no single number says it."""
         sizes = self.sizes(estimate)
         return sizes[0].text if sizes else ""
 
     def discrimination(self, rival: Cause) -> str:
-        """What to measure so that one of the two is refuted."""
+        """What to measure so that one of the two is refuted.
+
+        First what the pair says of each other, then a measurement that is decisive alone, then both measurements.
+        """
         if self.kind == rival.kind and self.moved_joint and rival.moved_joint:
-            return f"move {self.moved_joint} while {rival.moved_joint} stands still, and vice versa"
+            return f"move {self.moved_joint} while {rival.moved_joint} is at rest, and vice versa"
         pair = self.rivals.get(rival.kind) or rival.rivals.get(self.kind, "")
         if pair:
             return pair.format(target=self.target)
         each = [cause.measurement.format(target=cause.target) for cause in (self, rival) if cause.measurement]
         decisive = [cause.measurement.format(target=cause.target) for cause in (self, rival) if cause.decisive]
-        return "; ".join(dict.fromkeys(decisive[:1] or each)) or _ANY
+        return "; ".join(dict.fromkeys(decisive[:1] or each)) or _ANY_MEASUREMENT
 
 
 def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, float]:
-    """Length of the vector (sin, cos) and its standard error from the covariance (2, 2), to first order."""
+    """``√(sin² + cos²)`` and its standard error, to first order.
+
+    Args:
+        sin, cos: the two coefficients [rad].
+        covariance: (2, 2) of them [rad²]; NaN as standard error where it is not known, or the vector is zero.
+
+    Example:
+        >>> amplitude(3.0, 4.0, np.eye(2))
+        (5.0, 1.0)
+    """
     size = math.hypot(sin, cos)
     if covariance is None or size == 0:
         return size, math.nan
@@ -147,25 +174,36 @@ def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, 
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Some words in one: "a, b and c"."""
+    """Some words in one: "a, b and c".
+
+    Example:
+        >>> listed(["a", "b", "c"])
+        'a, b and c'
+    """
     return " and ".join(filter(None, (", ".join(texts[:-1]), *texts[-1:])))
 
 
 def compliance_size(name: str, value: float, std: float) -> Size:
-    """A compliance [rad/(N m)] with the stiffness that it is the inverse of."""
+    """A compliance [rad/(N m)] with the stiffness that it is the inverse of.
+
+    Args:
+        name: label of the size.
+        value, std: estimate and standard error [rad/(N m)]; the stiffness ``1/c`` has ``std/c²``.
+    """
     text = shown(value, "angle per torque", std)
     if value <= 0:
-        return Size(name, text, " (negative, so that it stands for something else)")
+        return Size(name, text, " (negative, so that it represents something else)")
     return Size(name, text, f" (stiffness {plus_minus(1e-3 / value, 1e-3 * std / value**2, 1.0, 'kN m/rad')})")
 
 
 @dataclass(frozen=True, eq=False)
 class Abscissa:
-    """Values (N,) of one axis.
+    """Values (N,) of one axis of a figure.
 
     Args:
+        values: (N,) in the unit of the label.
         label: quantity and unit.
-        side: (N,) side of approach −1 or +1 where the effect is one curve for each, 0 where no one knows it.
+        side: (N,) side of approach −1 or +1 where the effect is one curve for each, 0 where it is not known.
     """
 
     values: Array
@@ -174,30 +212,44 @@ class Abscissa:
 
     @classmethod
     def of(cls, state: ArmState, values: Scalar, label: str, side: Scalar = 1.0) -> Abscissa:
-        """An axis of values that are the same in all rows, or one a row."""
+        """An axis of values that are the same in all rows, or one a row.
+
+        Args:
+            state: of N rows.
+            values, side: numbers or (N,).
+            label: quantity and unit.
+        """
         n = len(np.atleast_1d(np.asarray(state.q[0])))
-        return cls(_rows(values, n), label, _rows(side, n))
+        return cls(_as_rows(values, n), label, _as_rows(side, n))
 
 
-def _rows(values: Any, n: int) -> Array:
+def _as_rows(values: Any, n: int) -> Array:
+    """(N,) a number repeated, or the values as they are."""
     return np.broadcast_to(np.asarray(values, dtype=float), (n,))
 
 
 def over_joint(state: ArmState, joint: int, note: str = "", side: Scalar = 1.0) -> Abscissa:
-    """The value of a joint."""
+    """The value of a joint, in degrees or millimetres.
+
+    Args:
+        state: of N rows.
+        joint: index.
+        note: behind the label.
+        side: (N,) where the effect is one curve for each side.
+    """
     of = state.robot.joints[joint]
     factor, unit = (math.degrees(1.0), "deg") if of.type == "revolute" else (1e3, "mm")
     return Abscissa.of(state, factor * np.asarray(state.q[joint]), f"{of.name} [{unit}]{note}", side)
 
 
 def over_phase(state: ArmState, joint: int, cycles: float) -> Abscissa:
-    """The phase of an error of so many cycles per revolution of a joint."""
+    """The phase of an error of so many cycles per revolution of a joint, 0 to 360 deg."""
     phase = np.degrees(np.mod(cycles * np.asarray(state.q[joint]), 2 * np.pi))
     return Abscissa.of(state, phase, f"phase of the cycle [deg], {cycles:.4g} cycles per revolution")
 
 
 def over_time(state: ArmState, timed: bool) -> Abscissa:
-    """The time of each row; its number where no times are logged."""
+    """The time of each row [min]; its number from 1 where no times are logged."""
     time = np.asarray(state.inputs.time, dtype=float)
     return (
         Abscissa.of(state, time / 60, "time [min]")

@@ -21,8 +21,9 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, number, parse_quantity, shown
 
 POSITIVE = (0.0, math.inf)
-"""Limits of what gives way along a load, or lags behind a motion: the other way it is none of that."""
-_NEIGHBOUR = 1.6  # factor to either side on a geometric grid of shapes
+"""Limits of a parameter [SI] that yields along a load, or lags behind a motion: with the other sign it is neither."""
+_SHAPE_NEIGHBOUR = 1.6
+"""Factor to either side of a point on a geometric grid of shapes, between which the best shape is searched."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Sensitivity:
     Args:
         joints: joint index -> increment of the joint value [rad or m].
         lengths: name of a model parameter -> increment [rad or m].
-        twist: shift of the tool point and small rotation of the tool (v, ω), world axes.
+        twist: shift (3,) of the tool point [m] and small rotation (3,) of the tool [rad], (v, ω), world axes.
     """
 
     joints: Mapping[int, Scalar] = field(default_factory=dict)
@@ -45,10 +46,11 @@ class Excitation:
     """What measurements, or a problem, can show of effects.
 
     Args:
+        robot: whose joints they are.
         inputs: those that are known and vary: approach, payload, temperature, time.
         span: (n,) range of each joint in the data [rad or m].
         duration: of the measurements [s].
-        times: of the rows [s]; empty where nothing is measured.
+        times: (N,) of the rows [s]; empty where nothing is measured.
     """
 
     robot: Robot
@@ -76,6 +78,7 @@ def _schema_of_estimate(schema: dict[str, Any], cls: type[Any]) -> None:
 
 
 def _schema_of(dimension: str) -> dict[str, Any]:
+    """The JSON Schema of a parameter of a dimension."""
     if dimension == "ratio":
         return {"type": "number", "description": "a ratio", "examples": [2e-4]}
     return {
@@ -110,24 +113,28 @@ class Effect(CatalogueEntry):
 
     @abstractmethod
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """What each parameter does, in the order of ``parameters``."""
+        """What one unit [SI] of each parameter does at a posture, in the order of ``parameters``; it does not depend
+        on their size.
+        """
 
     @classmethod
     @abstractmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every instance that the data of ``case`` could show, one for each value of the shape's grid."""
+        """Every instance that data of this excitation could show, one for each value of the shape's grid."""
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
-        """Joints that stand far off their commands ``q`` (n,) by its estimate, so that loads change [rad]."""
+        """Joint index -> how far joints are off their commands ``q`` (n,) by its estimate, where loads change by it
+        [rad].
+        """
         return {}
 
     def acts(self, state: ArmState) -> bool:
-        """Whether it can do anything in these postures."""
+        """Whether it can do anything in these postures; False leaves it out of a diagnosis."""
         return True
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """``kind(target).parameter``."""
+        """``kind(target).parameter`` of each parameter, unique in an arm."""
         return tuple(f"{self.name}.{name}" for name, _ in self.dimensions)
 
     @property
@@ -142,9 +149,11 @@ class Effect(CatalogueEntry):
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The estimate in SI units, zero for what is not stated."""
+        """The estimate in SI units, in the order of `dimensions`; zero for a parameter that is not stated."""
         given = self.estimate
-        return tuple(_read(given[name], dimension) if name in given else 0.0 for name, dimension in self.dimensions)
+        return tuple(
+            _read_parameter(given[name], dimension) if name in given else 0.0 for name, dimension in self.dimensions
+        )
 
     @property
     def smooth_shape(self) -> str:
@@ -152,9 +161,11 @@ class Effect(CatalogueEntry):
         return self.shape[0] if self.shape else ""
 
     def bracket(self, span: float) -> tuple[float, float]:
-        """Where a better smooth shape can lie about a point of the grid; ``span`` of its joint in the data [rad]."""
+        """Where a better smooth shape [SI] can lie about a point of the grid; ``span`` of its joint in the data
+        [rad].
+        """
         value = float(getattr(self, self.smooth_shape))
-        return value / _NEIGHBOUR, value * _NEIGHBOUR
+        return value / _SHAPE_NEIGHBOUR, value * _SHAPE_NEIGHBOUR
 
     def shape_steps(self, state: ArmState) -> Array:
         """(k,) the shapes about this one that differ in the data, where it depends on its shape in steps."""
@@ -165,19 +176,23 @@ class Effect(CatalogueEntry):
         return self.model_copy(update={self.shape[0]: value})
 
     def reshaped(self, deviation: float) -> Effect:
-        """The same with its smooth shape off by so much, by so much of its logarithm where errors are relative."""
+        """The same with its smooth shape off by ``deviation``: of its logarithm where errors are relative, else
+        [SI].
+        """
         value = float(getattr(self, self.smooth_shape))
         return self.with_shape(value * math.exp(deviation) if self.relative_shape else value + deviation)
 
     def shape_deviation(self, known: Effect) -> float:
-        """By how much its smooth shape deviates from that of another of its kind, see `reshaped`."""
+        """By how much its smooth shape deviates from that of another of its kind; the inverse of `reshaped`."""
         one, other = (float(getattr(effect, self.smooth_shape)) for effect in (known, self))
         return math.log(other / one) if self.relative_shape else other - one
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
         """What it is a curve of, in every row; ``None`` where it depends on several things at once.
 
-        ``timed`` says whether the time of the rows is known; otherwise it counts them.
+        Args:
+            state: of N rows.
+            timed: whether the time of the rows is known; otherwise it counts them.
         """
         return None
 
@@ -187,17 +202,24 @@ class Effect(CatalogueEntry):
         return False
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """Each parameter of the estimate with its standard error, in the units of reports."""
         dimensions = dict(self.dimensions)
         found = [self.size(n, dimensions[n], *estimate.entry(n)) for n in dimensions if n in estimate.values]
         return tuple(found)
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """One parameter in words."""
+        """One parameter in words.
+
+        Args:
+            name, dimension: of the parameter.
+            value, std: estimate and standard error [SI].
+        """
         more = f" ({number(math.degrees(value) * 3600, 2)} arcsec)" if dimension == "angle" else ""
         return Size(name.replace("_", " "), shown(value, dimension, std), more)
 
     @property
     def stated_size(self) -> str:
+        """The first size that the entry states, without standard error."""
         values = {n: (v, math.nan, "") for (n, _), v in zip(self.dimensions, self.values, strict=True)}
         values |= {n: (float(getattr(self, n)), math.nan, "") for n in self.shape}
         estimate = FittedSizes(values)
@@ -206,6 +228,7 @@ class Effect(CatalogueEntry):
         return str(self.sizes(estimate)[0])
 
     def planning_note(self, kept: bool) -> str:
+        """Why no task is planned with an effect that changes with time, or that it is kept on request."""
         if self.for_planning:
             return ""
         return "kept, as requested: the 'time' of the task says when it is done" if kept else self.omitted
@@ -217,22 +240,33 @@ class Effect(CatalogueEntry):
 
     @model_validator(mode="after")
     def _estimate_fits(self) -> Effect:
+        """The effect as it is, if its estimate names its parameters with quantities of their dimensions.
+
+        Raises:
+            BadValueError: an unknown parameter, or a value without its unit.
+        """
         known = dict(self.dimensions)
         for name, value in self.estimate.items():
             if name not in known:
                 raise BadValueError(f"{self.kind} has no parameter '{name}'", f"its parameters: {', '.join(known)}")
-            _read(value, known[name])
+            _read_parameter(value, known[name])
         return self
 
     def with_estimate(self, values: Sequence[float]) -> Effect:
-        """The same effect with this estimate [SI]."""
+        """The same effect with this estimate [SI], in the order of `dimensions`; written with twelve digits."""
         texts = {
-            name: _text(value, dimension) for (name, dimension), value in zip(self.dimensions, values, strict=True)
+            name: _parameter_text(value, dimension)
+            for (name, dimension), value in zip(self.dimensions, values, strict=True)
         }
         return self.model_copy(update={"estimate": texts})
 
 
-def _read(value: Any, dimension: str) -> float:
+def _read_parameter(value: Any, dimension: str) -> float:
+    """A parameter in SI units.
+
+    Raises:
+        BadValueError: no ratio, or no quantity of that dimension.
+    """
     if dimension == "ratio":
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
             given = f"'{value}'" if isinstance(value, str) else "this"
@@ -241,7 +275,8 @@ def _read(value: Any, dimension: str) -> float:
     return parse_quantity(value, dimension)
 
 
-def _text(value: float, dimension: str) -> Any:
+def _parameter_text(value: float, dimension: str) -> Any:
+    """A parameter as the file has it: a number for a ratio, else a text with its SI unit."""
     return float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
 
 
@@ -253,8 +288,10 @@ class SoleEffect(Effect):
 
     @property
     def target(self) -> str:
+        """The class variable ``sole``."""
         return self.sole
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """The one instance, where the inputs that it needs are known."""
         return [cls(kind=cls.model_fields["kind"].default)] if cls.needs <= case.inputs else []

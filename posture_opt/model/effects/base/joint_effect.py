@@ -17,11 +17,12 @@ from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivit
 from posture_opt.robot.robot import Robot
 from posture_opt.units import fixed, number, shown
 
-_ARCSEC = math.degrees(1.0) * 3600
+_ARCSEC_PER_RAD = math.degrees(1.0) * 3600
+"""Arc seconds in a radian."""
 
 
 class EffectOfJoint(Effect):
-    """An effect of one joint, or of the link behind it."""
+    """An effect of one joint, or of the link behind it; ``types`` are the joints that can have it."""
 
     types: ClassVar[tuple[str, ...]] = ("revolute",)
 
@@ -29,14 +30,17 @@ class EffectOfJoint(Effect):
 
     @property
     def target(self) -> str:
+        """The joint."""
         return self.joint
 
     @property
     def moved_joint(self) -> str:
+        """The joint."""
         return self.joint
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """One for every joint of its types that moves in the data, where the inputs that it needs are known."""
         return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
 
     @classmethod
@@ -45,6 +49,11 @@ class EffectOfJoint(Effect):
         return cls(joint=joint, **shape)
 
     def check_robot(self, robot: Robot) -> None:
+        """Refuse a joint that the robot lacks.
+
+        Raises:
+            BadValueError: no such joint, or one of another type.
+        """
         types = {j.name: j.type for j in robot.joints}
         if self.joint not in types:
             raise BadValueError(f"the robot has no joint '{self.joint}'", f"its joints: {', '.join(types)}")
@@ -54,23 +63,29 @@ class EffectOfJoint(Effect):
 
 
 class JointEffect(EffectOfJoint):
-    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
+    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)`` [rad or m], with parameters θ and inputs u."""
 
     @abstractmethod
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """``φ_k`` of each parameter."""
+        """``φ_k`` of each parameter, in their order: numbers, arrays (N,) or CasADi expressions.
+
+        Args:
+            state: the arm and its inputs.
+            joint: index of the joint that errs.
+        """
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        """Each feature as an increment of the joint, per unit of its parameter."""
         joint = self.index(state)
         return tuple(Sensitivity({joint: feature}) for feature in self.features(state, joint))
 
     def index(self, state: ArmState) -> int:
-        """Place of the joint in the arm."""
+        """Index of the joint in the arm."""
         return state.robot.joint_names.index(self.joint)
 
 
 class Harmonic(JointEffect):
-    """``dq = a sin(k q) + b cos(k q)``, k cycles per revolution."""
+    """``dq = a sin(k q) + b cos(k q)``, k cycles per revolution; a and b in rad."""
 
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("sin", "angle"), ("cos", "angle"))
 
@@ -80,17 +95,21 @@ class Harmonic(JointEffect):
         """k, cycles per revolution of the joint."""
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """(sin(k q), cos(k q))."""
         angle = self.frequency * state.q[joint]
         return sin(angle), cos(angle)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
+        """The phase of the cycle [deg]."""
         return over_phase(state, self.index(state), self.frequency)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude and phase, in place of sine and cosine."""
+        """Amplitude [mrad, arcsec] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x +
+        phase)``.
+        """
         (a, _), (b, _) = estimate.entry("sin"), estimate.entry("cos")
         size, std = amplitude(a, b, estimate.covariance)
         return (
-            Size("amplitude", shown(size, "angle", std), f" ({number(_ARCSEC * size, 2)} arcsec)"),
+            Size("amplitude", shown(size, "angle", std), f" ({number(_ARCSEC_PER_RAD * size, 2)} arcsec)"),
             Size("phase", f"{fixed(math.degrees(math.atan2(b, a)), 0)} deg"),
         )

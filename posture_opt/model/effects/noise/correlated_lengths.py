@@ -1,4 +1,4 @@
-"""Two lengths that are long or short together from one robot of a type to the next."""
+"""Two lengths whose errors are correlated from one robot of a type to the next."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from posture_opt.model.effects.noise.noise_effect import NoiseEffect
 from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus
 
-FEW_ROBOTS = 10
+MIN_ROBOTS = 10
+"""Robots of a type below which their correlations are not worth stating."""
 
 
 class CorrelatedLengths(NoiseEffect):
@@ -31,26 +32,40 @@ class CorrelatedLengths(NoiseEffect):
 
     @model_validator(mode="after")
     def _are_two(self) -> CorrelatedLengths:
+        """The effect as it is, if it names two lengths.
+
+        Raises:
+            BadValueError: one length twice.
+        """
         if self.lengths[0] == self.lengths[1]:
             raise BadValueError(f"'{self.lengths[0]}' is correlated with itself", "name two different lengths")
         return self
 
     @property
     def target(self) -> str:
+        """The names of both lengths."""
         return ", ".join(self.lengths)
 
     @property
     def stated(self) -> tuple[tuple[str, float, str], ...]:
+        """The coefficient of correlation, −1 to 1."""
         return (("correlation", self.rho, "factor"),)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The coefficient with its standard error."""
         return (Size("correlation", plus_minus(*estimate.entry("correlation"))),)
 
     @property
     def correlation(self) -> tuple[tuple[str, str, float], ...]:
+        """Both lengths with their coefficient."""
         return ((*self.lengths, self.rho),)
 
     def check_robot(self, robot: Robot) -> None:
+        """Refuse names that are no lengths.
+
+        Raises:
+            BadValueError: with the nearest length.
+        """
         known = [name for name, factor in robot.parameters.items() if factor.kind == "translate"]
         for name in self.lengths:
             if name not in known:
@@ -58,11 +73,12 @@ class CorrelatedLengths(NoiseEffect):
 
     @classmethod
     def unknowable(cls, evidence: Evidence) -> Limit | None:
+        """Why one robot can never show it; None where fewer than two lengths are in question."""
         if len(evidence.lengths) < 2:
             return None
         return Limit(
             cls.kind_name(),
             ", ".join(evidence.lengths[:2]),
             "whether lengths err together shows only from robot to robot: one robot has one error of each",
-            f"measure {FEW_ROBOTS} robots of the type or more, with a column 'robot'",
+            f"measure {MIN_ROBOTS} robots of the type or more, with a column 'robot'",
         )

@@ -17,7 +17,7 @@ from posture_opt.units import shown
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What the covariance of measured rows may hang on.
+    """What the covariance of measured rows may depend on.
 
     Args:
         robot: whose joints they are.
@@ -59,11 +59,11 @@ class Pattern(ABC):
 
     @abstractmethod
     def size(self, value: float, s2: float) -> float:
-        """The size at a value of the grid with the s² that goes with it."""
+        """The size [SI] at a value of the grid with the s² that belongs to it."""
 
     @abstractmethod
     def error(self, value: float, s2: float) -> float:
-        """The standard error of that size, by Fisher's information; infinite for none."""
+        """The standard error [SI] of that size, by Fisher's information; infinite for none."""
 
     @abstractmethod
     def named(self, value: float, s2: float, std: float) -> NoiseEffect:
@@ -96,11 +96,13 @@ class NoiseEffect(CatalogueEntry):
 
     @property
     def stated_size(self) -> str:
+        """Name and value of each stated number, in brackets."""
         return f"({', '.join(f'{name} {shown(value, dimension)}' for name, value, dimension in self.stated)})"
 
     def planning_note(self, kept: bool) -> str:
+        """What of the arm is added to its scatter; what is of the measurement is left out."""
         if self.of_arm:
-            return "it spreads the tool point from repeat to repeat, and stands under effects in extended.yaml"
+            return "it spreads the tool point from repeat to repeat, and is under effects in extended.yaml"
         return "left out: it belongs to the measurement and not to the arm"
 
     def scatter(self, robot: Robot) -> dict[str, float]:
@@ -113,7 +115,12 @@ class NoiseEffect(CatalogueEntry):
         return ()
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
-        """(N,) the instrument's σ of a coordinate at these distances [m], where without the effect it is ``sigma``."""
+        """(N,) the instrument's σ of a coordinate [m] at these distances.
+
+        Args:
+            sigma: (N,) without the effect [m].
+            ranges: (N,) from the instrument [m].
+        """
         return sigma
 
     def turning(self, sigma: float) -> float:
@@ -126,7 +133,7 @@ class NoiseEffect(CatalogueEntry):
 
     @property
     def usable(self) -> float:
-        """The share of measurements that are left to learn from."""
+        """The share of measurements that are left to learn from, 0 to 1."""
         return 1.0
 
     def joined(self, other: NoiseEffect) -> NoiseEffect:

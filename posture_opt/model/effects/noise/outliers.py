@@ -26,15 +26,19 @@ class Outliers(NoiseEffect):
 
     @property
     def target(self) -> str:
+        """``data``."""
         return "data"
 
     @property
     def stated(self) -> tuple[tuple[str, float, str], ...]:
+        """The share w of the rows."""
         return (("share", self.share, "share"),)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """How many rows are outliers."""
         return (Size("rows", number(estimate.entry("count")[0], 1)),)
 
     @property
     def usable(self) -> float:
+        """1 − w."""
         return 1.0 - self.share

@@ -13,13 +13,16 @@ from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, R
 from posture_opt.numerics import Array
 from posture_opt.units import Length, LengthPerLength, number
 
-_SLOPES = np.linspace(-2.5, 2.5, 51)
-_LEAST = 1e-2  # of the largest σ: a line that falls below zero is none of standard deviations
-_FEW = 8
+_LOG_GROWTHS = np.linspace(-2.5, 2.5, 51)
+"""Values of the grid: the logarithm of σ grows by so much from the nearest to the farthest row."""
+_MIN_SIGMA_SHARE = 1e-2
+"""Of the largest σ: a line that falls below zero is none of standard deviations."""
+_MIN_ROWS = 8
+"""Rows up to which a growth with distance is not looked for."""
 
 
 class RangeNoise(NoiseEffect):
-    """``σ = a + b r`` of every measured coordinate, r the distance from the instrument at the world's origin."""
+    """``σ = a + b r`` of every measured coordinate, r the distance from the instrument at the world's origin [m]."""
 
     summary: ClassVar[str] = "the noise of the instrument grows with distance"
     phrase: ClassVar[str] = "the noise of the instrument grows with distance"
@@ -35,25 +38,31 @@ class RangeNoise(NoiseEffect):
 
     @property
     def target(self) -> str:
+        """``instrument``."""
         return "instrument"
 
     @property
     def stated(self) -> tuple[tuple[str, float, str], ...]:
+        """a [m], where it is stated, and b [m/m]."""
         return (*([("a", self.a, "length")] if self.a is not None else []), ("b", self.b, "length per length"))
 
     @property
     def of_stated(self) -> bool:  # type: ignore[override] # of this very instance
+        """Whether a is the instrument's stated σ."""
         return self.a is None
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """How many times larger the noise is at the farthest point than at the nearest."""
         times = number(1 + estimate.entry("growth")[0], 2)
         return (Size("noise", f"{times} times larger at the farthest point than at the nearest"),)
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
+        """(N,) ``a + b r`` [m], at least 1 % of its largest value."""
         found = (sigma if self.a is None else self.a) + self.b * ranges
-        return np.maximum(found, _LEAST * float(np.max(found, initial=0.0)))
+        return np.maximum(found, _MIN_SIGMA_SHARE * float(np.max(found, initial=0.0)))
 
     def shape(self, rows: Rows) -> Array | None:
+        """(N, d, d) ``(σ_i / σ)² I``; None where no distances are known."""
         if rows.ranges is None:
             return None
         own = self.reading(np.full(len(rows.ranges), rows.sigma), rows.ranges) / rows.sigma
@@ -61,17 +70,23 @@ class RangeNoise(NoiseEffect):
 
     @classmethod
     def patterns(cls, rows: Rows) -> Sequence[Pattern]:
-        if rows.ranges is None or np.ptp(rows.ranges) <= 1e-6 or len(rows.ranges) <= _FEW:
+        """The one pattern, where enough rows lie at different distances."""
+        if rows.ranges is None or np.ptp(rows.ranges) <= 1e-6 or len(rows.ranges) <= _MIN_ROWS:
             return []
         return [Growing(rows.ranges, rows.sigma, rows.levers.shape[2])]
 
 
 class Growing(Pattern):
-    """Rows whose σ grows with their range: its logarithm does, so that it stays above zero on the whole grid."""
+    """Rows whose σ grows with their range: its logarithm does, so that it stays above zero on the whole grid.
+
+    Args:
+        ranges: (N,) [m]; sigma: the instrument's σ as stated [m].
+        dimension: d, measured coordinates of a row.
+    """
 
     effect: type[NoiseEffect] = RangeNoise
     target: str = "instrument"
-    grid = _SLOPES
+    grid = _LOG_GROWTHS
     quantity: tuple[str, str] = ("growth", "1")
 
     def __init__(self, ranges: Array, sigma: float, dimension: int) -> None:
@@ -81,17 +96,19 @@ class Growing(Pattern):
         self.dimension: int = dimension
 
     def level(self, value: float) -> Array:
+        """(N,) logarithm of the variance over s²: linear in the range, centred."""
         return np.asarray(2 * value * self.z)
 
     def size(self, value: float, s2: float) -> float:
-        """Growth of σ from the nearest to the farthest row."""
+        """Growth of σ from the nearest to the farthest row, ``exp(value) − 1``."""
         return float(np.expm1(value))
 
     def error(self, value: float, s2: float) -> float:
+        """Standard error of that growth, to first order in the slope's."""
         return float(np.exp(value) / np.sqrt(2 * self.dimension * np.sum(self.z**2)))
 
     def named(self, value: float, s2: float, std: float) -> RangeNoise:
-        """The line through the nearest and the farthest row."""
+        """The noise whose line goes through σ of the nearest and of the farthest row."""
         low, high = float(self.ranges.min()), float(self.ranges.max())
         near, far = (self.sigma * np.sqrt(s2) * np.exp(value * z) for z in (self.z.min(), self.z.max()))
         b = float(far - near) / (high - low)

@@ -24,17 +24,22 @@ class StatedSigma(NoiseEffect):
 
     @property
     def target(self) -> str:
+        """``data``."""
         return "data"
 
     @property
     def stated(self) -> tuple[tuple[str, float, str], ...]:
+        """The factor f."""
         return (("factor", self.factor, "factor"),)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The factor with its standard error."""
         return (Size("noise", f"{plus_minus(*estimate.entry('factor'))} times what is stated"),)
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
+        """(N,) ``f σ`` [m]."""
         return self.factor * sigma
 
     def turning(self, sigma: float) -> float:
+        """``f σ`` [rad]."""
         return self.factor * sigma
