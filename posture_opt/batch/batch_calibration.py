@@ -15,7 +15,7 @@ from posture_opt.batch.batch_covariance import (
     pairs_of,
     stated_sigmas,
 )
-from posture_opt.calibration.calibrate import MOST_ROWS, calibrate
+from posture_opt.calibration.calibrate import MAX_FITTED_ROWS, calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.data_checks import state_a_distance
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
@@ -28,10 +28,10 @@ from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.validation.coverage import P, distances, share_interval
+from posture_opt.validation.coverage import REGION_PROBABILITY, distances, share_interval
 from posture_opt.validation.spread_check import predictions
 
-FEWEST = 3  # robots: with two, a standard deviation is known to within a factor of thirty
+MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,7 +140,7 @@ def calibrate_batch(
     *,
     folds: int = 5,
     by: By | None = None,
-    most_rows: int = MOST_ROWS,
+    most_rows: int = MAX_FITTED_ROWS,
     progress: Progress | None = None,
 ) -> Batch:
     """Calibrate every robot of a type by itself, and estimate how their geometry varies from one to the next.
@@ -202,9 +202,9 @@ def _check(problem: CalibrationProblem, data: Measurements) -> None:
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
         raise InputError(Issue("the data are of one robot: how a batch varies cannot be known from it", hint=hint))
-    if len(names) < FEWEST:
+    if len(names) < MIN_ROBOTS:
         raise InsufficientDataError(
-            f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {FEWEST} robots or "
+            f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {MIN_ROBOTS} robots or "
             "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
         )
     if data.position is None and not problem.data.distances:
@@ -273,7 +273,7 @@ def _coverage(
     inside: dict[str, list[Mask]] = {}
     for calibration in calibrations:
         for name, (errors, predicted, _) in predictions(problem, calibration, folds).items():
-            radius = coverage_factor(P, errors.shape[1])
+            radius = coverage_factor(REGION_PROBABILITY, errors.shape[1])
             inside.setdefault(name, []).append(distances(errors, predicted.covariance) <= radius**2)
     found = {}
     for name, parts in inside.items():

@@ -15,8 +15,8 @@ from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.model_errors import holm
 
-_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
-_SETTLED = 1e-6  # of a scaled covariance
+_MAX_EM_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
+_COVARIANCE_TOLERANCE = 1e-6  # of a scaled covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovarianc
 def _restricted(x: Array, S: Array) -> tuple[Array, Array, Array]:
     """Ω, μ and the covariance of μ."""
     omega = np.atleast_2d(np.cov(x, rowvar=False)) + 1e-6 * np.eye(x.shape[1])
-    for _ in range(_STEPS):
+    for _ in range(_MAX_EM_STEPS):
         W = np.linalg.inv(omega + S)
         mean_covariance = np.linalg.inv(W.sum(axis=0))
         mean = mean_covariance @ np.einsum("rij,rj->i", W, x)
@@ -100,7 +100,7 @@ def _restricted(x: Array, S: Array) -> tuple[Array, Array, Array]:
         new = (u.T @ u) / len(x) + omega - omega @ P.mean(axis=0) @ omega
         moved = float(np.abs(new - omega).max())
         omega = (new + new.T) / 2
-        if moved < _SETTLED:
+        if moved < _COVARIANCE_TOLERANCE:
             break
     return omega, mean, mean_covariance
 

@@ -35,11 +35,11 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
 
-MOST_ROWS = 100_000
+MAX_FITTED_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
-_ROUNDS = 3  # of fitting and judging the noise anew
-SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
-RECOUNTED = (
+_NOISE_ROUNDS = 3  # of fitting and judging the noise anew
+SIZE_NOTE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
+RECOUNTED_NOTE = (
     "{} that the calibration leaves out as {} here, as effects explain it: RMS errors are of all rows that count "
     "(without {}, {:.3g} mm calibrated)"
 )
@@ -57,7 +57,7 @@ def calibrate(
     refit_frames: bool = False,
     plan: bool = True,
     seed: int | None = None,
-    most_rows: int = MOST_ROWS,
+    most_rows: int = MAX_FITTED_ROWS,
     progress: Progress | None = None,
 ) -> Calibration:
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
@@ -164,7 +164,7 @@ def _fit(
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
-    notes = () if held is None else (SIZE.format(residuals.parameters[held].name),)
+    notes = () if held is None else (SIZE_NOTE.format(residuals.parameters[held].name),)
     return _Fitted(x_nominal, known, found, held, notes)
 
 
@@ -176,7 +176,7 @@ def _settled(
     An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
     directions are judged again.
     """
-    for _ in range(_ROUNDS):
+    for _ in range(_NOISE_ROUNDS):
         found = estimate(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
         again = determine(problem, residuals, x, held, priors, found)
         if again.noise > known.noise / 2:
@@ -232,7 +232,7 @@ def recounted(calibration: Calibration, kept: Mask) -> Calibration:
     nominal, calibrated = (Statistics.of(held[n].errors[kept], groups[kept]) for n in ("nominal", "calibrated"))
     more = int(kept.sum()) - len(calibration.kept_rows)
     words = ("1 row", "an outlier counts", "it") if more == 1 else (f"{more} rows", "outliers count", "them")
-    note = RECOUNTED.format(*words, calibration.calibrated.rms * 1e3)
+    note = RECOUNTED_NOTE.format(*words, calibration.calibrated.rms * 1e3)
     notes = (*calibration.notes, note) if more else calibration.notes
     return replace(calibration, fit=fit, held=held, nominal=nominal, calibrated=calibrated, notes=notes)
 

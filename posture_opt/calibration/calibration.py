@@ -14,7 +14,7 @@ from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fitted_arm import FitRequest
-from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability
+from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M, Identifiability
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_file import OtherFile
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from posture_opt.calibration.large_file import LargeFile
     from posture_opt.model.effects import Effect
 
-_NEVER = 5.0  # times its tolerance, or its standard error
-CORRELATED = 0.9  # from here on, one of two estimates leans on the other
+_MAX_DEVIATION_RATIO = 5.0  # times its tolerance, or its standard error
+CORRELATION_SHOWN = 0.9  # from here on, one of two estimates leans on the other
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,12 +80,12 @@ class Calibration(Result):
     @property
     def implausible(self) -> dict[str, tuple[float, float, str]]:
         """Geometry farther off its drawing than parts ever are, surely so: (deviation, standard error, SI unit)."""
-        far = {"m": _NEVER * LENGTH, "rad": _NEVER * ANGLE}
+        far = {"m": _MAX_DEVIATION_RATIO * LENGTH_TOLERANCE_M, "rad": _MAX_DEVIATION_RATIO * ANGLE_TOLERANCE_RAD}
         rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), self.prior.tolist(), strict=True)
         return {
             p.name: (x, std, p.unit)
             for p, x, std, stated in rows
-            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], _NEVER * std)
+            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], _MAX_DEVIATION_RATIO * std)
         }
 
     @property
@@ -231,5 +231,5 @@ class Calibration(Result):
     def _correlations(self) -> list[dict[str, Any]]:
         """Pairs of estimates that hang together closely."""
         C, names = self.correlation, [p.name for p in self.parameters]
-        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATED, 1))
+        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))
         return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]

@@ -20,7 +20,9 @@ from posture_opt.numerics import Array, Codes, Mask
 
 Folds = Sequence[Codes]
 
-_NONE = 1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
+_INFORMATION_TOLERANCE = (
+    1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,7 @@ def _step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
-    V, root = V[:, values > _NONE], np.sqrt(values[values > _NONE])
+    V, root = V[:, values > _INFORMATION_TOLERANCE], np.sqrt(values[values > _INFORMATION_TOLERANCE])
     slope = V.T @ (linear.U.T @ r - F.T @ r[left_out])
     spread = np.linalg.pinv(root[:, None] * (V.T @ K), rcond=1e-10)
     return np.asarray(spread @ (-slope / root)), np.asarray(spread)

@@ -16,12 +16,14 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 
-_STILL = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
-_SPARE = 5  # poses beyond as many coordinates as unknowns: what errors are told from
-_LOST = 0.1  # of the reach: no drawing is that wrong
-_SENSE = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
-_GROSS = 0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
-_PLAN = "'optimize-posture plan-measurements' proposes postures"
+_STILL_JOINT_RANGE = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
+_SPARE_POSES = 5  # poses beyond as many coordinates as unknowns: what errors are told from
+_MAX_NOMINAL_ERROR = 0.1  # of the reach: no drawing is that wrong
+_MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
+_DISAGREEING_MOTION = (
+    0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
+)
+_PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
 def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -31,7 +33,7 @@ def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
         if joint.unit == "rad"
         else f"{joint.name} at {q[0] * 1e3:.4g} mm"
         for joint, q in zip(robot.joints, data.q.T, strict=True)
-        if np.ptp(q) < _STILL
+        if np.ptp(q) < _STILL_JOINT_RANGE
     )
 
 
@@ -126,8 +128,8 @@ def _counted(residuals: Residuals) -> str:
 
 def spread_poses(residuals: Residuals) -> str:
     """How many poses to measure at least, and how to choose them."""
-    need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE
-    return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN}"
+    need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE_POSES
+    return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN_HINT}"
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,11 @@ class Disagreement:
         """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
         found = cls(_rms(errors), _motion(residuals))
         long = reach(residuals.robot)
-        return found if found.left > max(_GROSS * found.motion, _GROSS * _LOST * long) else None
+        return (
+            found
+            if found.left > max(_DISAGREEING_MOTION * found.motion, _DISAGREEING_MOTION * _MAX_NOMINAL_ERROR * long)
+            else None
+        )
 
 
 def _motion(residuals: Residuals) -> float:
@@ -158,7 +164,9 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
         InputError: they are another robot's, or joints have other signs.
     """
     motion, left = _motion(residuals), _rms(errors)
-    if left < _SENSE * motion or left < _SENSE * _LOST * reach(residuals.robot):
+    if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
+        residuals.robot
+    ):
         return
     message = (
         f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "

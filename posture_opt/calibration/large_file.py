@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.thinning import Thinning
 from posture_opt.numerics import Array
 
-_LOOKED_AT = 2000  # rows: enough for the mean of what parameters do to the tool
+_SAMPLED_ROWS = 2000  # rows: enough for the mean of what parameters do to the tool
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class LargeFile:
 def tool_uncertainty(fit: Fit) -> float:
     """Root mean square over the rows of what the standard errors of a fit move the tool by [m]: ``√ tr(J C Jᵀ)``."""
     used = fit.residuals
-    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _LOOKED_AT).astype(np.intp)))
+    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _SAMPLED_ROWS).astype(np.intp)))
     J = some.both(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
     L = J[:, : len(some.axes)] * some.sigma @ fit.directions
     return float(np.sqrt(np.einsum("nij,jk,nik->", L, fit.C, L, optimize=True) / len(some.data)))

@@ -17,7 +17,7 @@ from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 
-_ROUNDING = 1e-9  # rad or m
+_RANGE_TOLERANCE = 1e-9  # rad or m
 
 Model = tuple[Residuals, Array]
 """An arm against the file that it was fitted to, and its deviations (k,)."""
@@ -80,7 +80,7 @@ def predicted(models: Mapping[str, Model], learned: Measurements, other: Measure
         InputError: unknown targets, several robots, or too few poses to fit base and tool again.
     """
     other = matched(learned, other)
-    low, high = learned.q.min(axis=0) - _ROUNDING, learned.q.max(axis=0) + _ROUNDING
+    low, high = learned.q.min(axis=0) - _RANGE_TOLERANCE, learned.q.max(axis=0) + _RANGE_TOLERANCE
     out = (other.q < low) | (other.q > high)
     joints = tuple(name for name, beyond in zip(other.joint_names, out.any(axis=0), strict=True) if beyond)
     errors = {name: errors_on(model, other, refit_frames) for name, model in models.items()}

@@ -12,8 +12,8 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.numerics import Array, Mask
 
-_MOVES = 1e-12  # rad or m: a smaller step is rounding
-_LONG = 1e6  # rad or m: the move to the first row, of which nothing is known but that it was long
+_MOVE_TOLERANCE = 1e-12  # rad or m: a smaller step is rounding
+_LONG_MOVE = 1e6  # rad or m: the move to the first row, of which nothing is known but that it was long
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,8 @@ def arrivals(arm: Arm, rows: Targets, q: Array) -> Arrivals:
     the first row what the task states.
     """
     step = np.diff(q, axis=0, prepend=q[:1])
-    last = np.where(np.abs(step) > _MOVES, np.arange(len(q))[:, None], 0)
+    last = np.where(np.abs(step) > _MOVE_TOLERANCE, np.arange(len(q))[:, None], 0)
     move = np.take_along_axis(step, np.maximum.accumulate(last, axis=0), axis=0)
     task = [arm.inputs.side(j) if joint.name in arm.inputs.stated else 0.0 for j, joint in enumerate(arm.robot.joints)]
     side = np.where(move != 0, np.sign(move), np.array(task, dtype=float))
-    return Arrivals(np.where(rows.side != 0, rows.side, side), np.where(move != 0, np.abs(move), _LONG))
+    return Arrivals(np.where(rows.side != 0, rows.side, side), np.where(move != 0, np.abs(move), _LONG_MOVE))

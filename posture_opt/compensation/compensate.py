@@ -24,12 +24,12 @@ from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
-_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
-_FREE = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not settle
-_SAME = 1e-10  # rad or m
-_AT_LIMIT = 1e-9  # rad or m
-_FAR = 3.0  # times the length of the arm: a target beyond is probably in another unit
-_LISTED = 20  # lines named in an error
+_MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
+_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not settle
+_JOINT_TOLERANCE = 1e-10  # rad or m
+_LIMIT_TOLERANCE = 1e-9  # rad or m
+_OTHER_UNIT_LENGTHS = 3.0  # times the length of the arm: a target beyond is probably in another unit
+_MAX_LISTED_LINES = 20  # lines named in an error
 
 
 class HasNominal(Protocol):
@@ -106,15 +106,15 @@ def _settled(
         q = solver.solve(wanted, near)
         return q, arrivals(arm, rows, q), solver.reached(q, wanted)
     q, came, aimed = near, arrivals(arm, rows, near), wanted
-    for round_ in range(_ROUNDS):
+    for round_ in range(_MAX_ROUNDS):
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
         there = solver.reached(moved, aimed)  # the others would not come to rest
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
         fresh = arrivals(arm, rows, q)
-        if round_ >= _FREE:
+        if round_ >= _FREE_SIDE_ROUNDS:
             fresh = Arrivals(came.side, fresh.way)
-        if change < _SAME and (fresh.side == came.side).all():
+        if change < _JOINT_TOLERANCE and (fresh.side == came.side).all():
             break
         came = fresh
     return q, came, solver.reached(q, aimed)
@@ -148,8 +148,8 @@ def _sided(arm: Arm) -> Mask:
 def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
     """A line for each target that the arm does not come to: by how much, and which joints are at their limits."""
     bad = np.flatnonzero(~found.reached)
-    places = [f"{found.targets.file}:{found.targets.line[k]}: {_reason(found, k)}" for k in bad[:_LISTED]]
-    more = [f"and {len(bad) - _LISTED} more"] if len(bad) > _LISTED else []
+    places = [f"{found.targets.file}:{found.targets.line[k]}: {_reason(found, k)}" for k in bad[:_MAX_LISTED_LINES]]
+    more = [f"and {len(bad) - _MAX_LISTED_LINES} more"] if len(bad) > _MAX_LISTED_LINES else []
     head = f"{len(bad)} of {len(found)} targets cannot be reached"
     return "\n".join([head, *places, *more, *_why_all(found, solver)])
 
@@ -161,7 +161,7 @@ def _why_all(found: Compensation, solver: NearestPostures) -> tuple[str, ...]:
     robot = found.problem.robot
     first, longest = stretched(robot)
     distance = float(np.linalg.norm(found.wanted.position - first, axis=1).min())
-    if distance > _FAR * longest:
+    if distance > _OTHER_UNIT_LENGTHS * longest:
         return (f"the arm stretches to {longest * 1e3:.0f} mm: is the unit of x, y, z right?",)
     origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
     return (
@@ -175,7 +175,7 @@ def _reason(found: Compensation, k: int) -> str:
     held = [
         f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
         for joint, value in zip(robot.joints, found.q[k], strict=True)
-        if min(value - joint.lower, joint.upper - value) < max(_AT_LIMIT, found.digits.turn)
+        if min(value - joint.lower, joint.upper - value) < max(_LIMIT_TOLERANCE, found.digits.turn)
     ]
     because = f" ({', '.join(held)})" if held else ""
     off, turned = found.after.off[k], found.after.turned[k]

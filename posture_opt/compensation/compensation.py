@@ -19,8 +19,8 @@ from posture_opt.robot.robot import Joint
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
-_DECIMALS = 5  # of a mm: off and left to 10 nm
-_LISTED = 8  # lines named in a note
+_LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
+_MAX_LISTED_LINES = 8  # lines named in a note
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +90,7 @@ class Compensation(Result):
         for k, cells in enumerate(self.targets.cells):
             joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.heads, self.q[k], strict=True)]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
-            off, left = (fixed(1e3 * float(values[k]), _DECIMALS) for values in (self.off, self.left))
+            off, left = (fixed(1e3 * float(values[k]), _LENGTH_DECIMALS) for values in (self.off, self.left))
             rows.append([*([] if self._given else joints), *texts, off, left])
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(rows)
@@ -133,7 +133,7 @@ class Compensation(Result):
         joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
         if not joints:
             return ()
-        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_LISTED])
+        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_MAX_LISTED_LINES])
         verb = "moves" if len(joints) == 1 else "move"
         return (
             f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "

@@ -18,18 +18,18 @@ from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import Reach
 
-REACHED = 1e-7
+REACHED_TOLERANCE = 1e-7
 """m and rad: what a posture leaves of a pose that it reaches; steps that converge leave 1e-12."""
-_STEPS = 80
-_LONGEST = 0.3  # rad or m: longer steps of a linear model of a rotation mean nothing
-_STILL = 1e-11  # rad or m: rounding, where the Jacobian is poor
-_DAMPING = 0.1  # of the squared error (Sugihara 2011)
-_LEAST = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
-_INSIDE = 1e-9  # rad or m: a fit within bounds starts off them
-_DIFFERENCE = 1e-7  # rad or m
-_FITS = 100  # evaluations of a least squares fit; where a pose can be reached it takes 10 to 30
-_FITS_BEYOND = 15  # where none can: a fit only says by how much it fails
-_SAMPLES = 12  # random postures at which freedom is counted
+_MAX_STEPS = 80
+_MAX_STEP = 0.3  # rad or m: longer steps of a linear model of a rotation mean nothing
+_STEP_TOLERANCE = 1e-11  # rad or m: rounding, where the Jacobian is poor
+_DAMPING_SHARE = 0.1  # of the squared error (Sugihara 2011)
+_MIN_DAMPING = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
+_BOUND_MARGIN = 1e-9  # rad or m: a fit within bounds starts off them
+_DIFFERENCE_STEP = 1e-7  # rad or m
+_MAX_FIT_EVALUATIONS = 100  # evaluations of a least squares fit; where a pose can be reached it takes 10 to 30
+_MAX_FIT_EVALUATIONS_BEYOND = 15  # where none can: a fit only says by how much it fails
+_FREEDOM_SAMPLES = 12  # random postures at which freedom is counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class NearestPostures:
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
-            q[row] = self._fitted(one, q[row], _FITS_BEYOND if beyond[row] else _FITS)
+            q[row] = self._fitted(one, q[row], _MAX_FIT_EVALUATIONS_BEYOND if beyond[row] else _MAX_FIT_EVALUATIONS)
         return q
 
     def beyond(self, wanted: Poses) -> Mask:
@@ -94,12 +94,12 @@ class NearestPostures:
         """(N, n) where Newton's method ends: at the poses, or anywhere where it does not settle."""
         q = np.clip(near if start is None else start, self._lower, self._upper).copy()
         open_rows = np.ones(len(q), dtype=bool)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             step = self._step(q[open_rows], wanted.take(open_rows), near[open_rows])
             longest = np.abs(step).max(axis=1, initial=0.0)
-            step *= np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]
+            step *= np.minimum(1.0, _MAX_STEP / np.maximum(longest, 1e-300))[:, None]
             q[open_rows] = np.clip(q[open_rows] + step, self._lower, self._upper)
-            open_rows[np.flatnonzero(open_rows)[longest < _STILL]] = False
+            open_rows[np.flatnonzero(open_rows)[longest < _STEP_TOLERANCE]] = False
             if not open_rows.any():
                 break
         return q
@@ -117,11 +117,11 @@ class NearestPostures:
 
         def slopes(q: Array) -> Array:
             """All forward differences in one call: one posture costs as much as many."""
-            moved = self.misses(np.vstack([q, q + _DIFFERENCE * np.eye(len(q))]), one.repeated(len(q) + 1))
+            moved = self.misses(np.vstack([q, q + _DIFFERENCE_STEP * np.eye(len(q))]), one.repeated(len(q) + 1))
             rows = np.hstack([moved.position @ self.directions, moved.rotation * self._oriented])
-            return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE)
+            return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE_STEP)
 
-        start = np.clip(near, self._lower + _INSIDE, self._upper - _INSIDE)
+        start = np.clip(near, self._lower + _BOUND_MARGIN, self._upper - _BOUND_MARGIN)
         found = least_squares(
             left, start, slopes, bounds=(self._lower, self._upper), xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=most
         )
@@ -137,7 +137,7 @@ class NearestPostures:
         left = self.misses(q, wanted)
         off = np.linalg.norm(left.position @ self.directions, axis=1)
         turned = np.linalg.norm(left.rotation, axis=1) if self.turns >= 3 else np.zeros(len(q))
-        return np.asarray((off < REACHED) & (turned < REACHED))
+        return np.asarray((off < REACHED_TOLERANCE) & (turned < REACHED_TOLERANCE))
 
     def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
         """(N, n) one step of every row, joints beyond their limits held at them."""
@@ -161,7 +161,7 @@ class NearestPostures:
     def _freedom(self) -> int:
         """The largest number of ways in which the tool moves and turns at once; leaning by corrections is none."""
         rng = np.random.default_rng(0)
-        q = rng.uniform(*drawn_between(self.robot), (_SAMPLES, self.robot.n))
+        q = rng.uniform(*drawn_between(self.robot), (_FREEDOM_SAMPLES, self.robot.n))
         J = np.asarray(self._arm.jacobian(q), dtype=float)
         parts = np.concatenate([self.directions.T @ J[:, :3], J[:, 3:]], axis=1)
         return int(np.linalg.matrix_rank(parts, tol=max(1e-7, 2 * min(self.robot.skew, 0.05))).max())
@@ -206,6 +206,6 @@ def _damped_inverse(A: Array, rank: int, squared: Array) -> Array:
     """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each."""
     U, s, V = np.linalg.svd(A, full_matrices=False)
     kept = s[:, :rank]
-    weights = kept / (kept**2 + (_DAMPING * squared + _LEAST)[:, None])
+    weights = kept / (kept**2 + (_DAMPING_SHARE * squared + _MIN_DAMPING)[:, None])
     inverse: Array = np.einsum("nki,nk,nmk->nim", V[:, :rank], weights, U[:, :, :rank])
     return inverse

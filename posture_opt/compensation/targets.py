@@ -17,8 +17,8 @@ from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
-_MEASURED_ONLY = ("target", "robot", "point")
-_BEYOND = 1e-6  # rad or m: rounding of a limit that was written with six digits
+_MEASURED_ONLY_COLUMNS = ("target", "robot", "point")
+_LIMIT_TOLERANCE = 1e-6  # rad or m: rounding of a limit that was written with six digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def rotation_matrices(quaternions: Array) -> Array:
 
 def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
     there = {*columns, *meant}
-    for name in _MEASURED_ONLY:
+    for name in _MEASURED_ONLY_COLUMNS:
         if name in columns:
             faults.add("targets have no such column", name, hint="leave it out: it belongs to measurements", line=line)
     joints = [joint for joint in robot.joints if joint.name in there]
@@ -128,7 +128,9 @@ def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Fau
     q = np.column_stack([values for values in found if values is not None])
     for values, joint in zip(q.T, robot.joints, strict=True):
         column = columns[joint.name]
-        for row in np.flatnonzero((values > joint.upper + _BEYOND) | (values < joint.lower - _BEYOND)):
+        for row in np.flatnonzero(
+            (values > joint.upper + _LIMIT_TOLERANCE) | (values < joint.lower - _LIMIT_TOLERANCE)
+        ):
             bounds = ", ".join(f"{bound / column.factor:.6g}" for bound in (joint.lower, joint.upper))
             message = f"{values[row] / column.factor:.6g} {column.unit} lies beyond its limits [{bounds}]"
             hint = "correct the value, its unit, or the limits of the joint"

@@ -21,15 +21,15 @@ from posture_opt.robot.robot import Joint, Robot
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 ANYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
 
-STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
+POSTURE_STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 """What postures are rounded to [rad, m]: numbers that a teach pendant takes as they are."""
-_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
-_MOST_MARGIN = 0.05  # of a joint's range
-_TRIED = 200_000  # random postures before the search for allowed ones is given up
-_BATCH = 5000
+_LIMIT_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
+_MAX_MARGIN_SHARE = 0.05  # of a joint's range
+_MAX_TRIED_POSTURES = 200_000  # random postures before the search for allowed ones is given up
+_TRIED_AT_ONCE = 5000
 # Candidate rows of each sort, before those that are not allowed go: enough for a design and a few seconds.
-_MEASURED, _SWUNG, _RANDOM = 150, 350, 500
-_PAYLOADS = 4  # of the data; of more the least, the largest and some between
+_MEASURED_CANDIDATES, _SWUNG_CANDIDATES, _RANDOM_CANDIDATES = 150, 350, 500
+_MAX_PAYLOADS = 4  # of the data; of more the least, the largest and some between
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,10 @@ class Workspace:
         """
         found: list[Array] = []
         have = tried = 0
-        while have < count and tried < _TRIED:
-            q = self.rounded(rng.uniform(self.lower, self.upper, (_BATCH, self.robot.n)))
+        while have < count and tried < _MAX_TRIED_POSTURES:
+            q = self.rounded(rng.uniform(self.lower, self.upper, (_TRIED_AT_ONCE, self.robot.n)))
             found.append(q[self.allowed(q)])
-            have, tried = have + len(found[-1]), tried + _BATCH
+            have, tried = have + len(found[-1]), tried + _TRIED_AT_ONCE
         if have < count:
             around = " and of the obstacles" if self.scene.explicit else ""
             above = f", above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
@@ -105,7 +105,7 @@ class Workspace:
 
     def rounded(self, q: Array) -> Array:
         """Postures as they stand in the file: to 0.01 deg and 0.01 mm, inside the limits."""
-        step = np.array([STEP[joint.type] for joint in self.robot.joints])
+        step = np.array([POSTURE_STEP[joint.type] for joint in self.robot.joints])
         return np.asarray(np.clip(np.round(q / step), np.ceil(self.lower / step), np.floor(self.upper / step)) * step)
 
 
@@ -117,7 +117,9 @@ def _range(joint: Joint, margin: float) -> tuple[float, float]:
         lower = -math.pi if lower <= -math.pi and upper >= math.pi else max(lower, upper - 2 * math.pi)
         return lower, lower + 2 * math.pi
     stated = margin if joint.type == "revolute" else 0.0
-    inward = max(min(_MARGIN[joint.type], _MOST_MARGIN * (upper - lower)), min(stated, 0.49 * (upper - lower)))
+    inward = max(
+        min(_LIMIT_MARGIN[joint.type], _MAX_MARGIN_SHARE * (upper - lower)), min(stated, 0.49 * (upper - lower))
+    )
     return lower + inward, upper - inward
 
 
@@ -137,8 +139,8 @@ def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
 def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
     """Payloads [kg] that are at hand: those of the data, the one that the file states, and none."""
     measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
-    if len(measured) > _PAYLOADS:
-        measured = measured[np.linspace(0, len(measured) - 1, _PAYLOADS).round().astype(int)]
+    if len(measured) > _MAX_PAYLOADS:
+        measured = measured[np.linspace(0, len(measured) - 1, _MAX_PAYLOADS).round().astype(int)]
     return tuple(sorted({0.0, round(stated, 3), *map(float, measured)}))
 
 
@@ -160,11 +162,13 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
     known = np.unique(data.q, axis=0)
     known = known[rng.permutation(len(known))]
     workspace = Workspace.of(robot, height=_lowest_point(residuals))
-    swung = known[rng.integers(len(known), size=_SWUNG)]
+    swung = known[rng.integers(len(known), size=_SWUNG_CANDIDATES)]
     columns = list(joints) or list(range(robot.n))
-    swung[:, columns] = rng.uniform(workspace.lower[columns], workspace.upper[columns], (_SWUNG, len(columns)))
-    anywhere = rng.uniform(workspace.lower, workspace.upper, (_RANDOM, robot.n))
-    q = workspace.rounded(np.concatenate([known[:_MEASURED], swung, anywhere]))
+    swung[:, columns] = rng.uniform(
+        workspace.lower[columns], workspace.upper[columns], (_SWUNG_CANDIDATES, len(columns))
+    )
+    anywhere = rng.uniform(workspace.lower, workspace.upper, (_RANDOM_CANDIDATES, robot.n))
+    q = workspace.rounded(np.concatenate([known[:_MEASURED_CANDIDATES], swung, anywhere]))
     q = q[workspace.allowed(q)]
     rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], residuals.oriented)
     loads = available_payloads(data, robot.payload)

@@ -15,11 +15,11 @@ import numpy as np
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Serial, Workers
 
-_RIDGE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
-_BETTER = 1e-9  # of the criterion: what an exchange must gain to be one
-_SWEEPS = 50  # through all places of a design; ten suffice
-_ESTIMABLE = 1e-10  # of the information of an average design: what has less counts as unknown
-_LEAK = 1e-6  # of a quantity: so much of it may lie in what is unknown, by rounding
+_RIDGE_SHARE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
+_GAIN_TOLERANCE = 1e-9  # of the criterion: what an exchange must gain to be one
+_MAX_SWEEPS = 50  # through all places of a design; ten suffice
+_INFORMATION_TOLERANCE = 1e-10  # of the information of an average design: what has less counts as unknown
+_LEAK_TOLERANCE = 1e-6  # of a quantity: so much of it may lie in what is unknown, by rounding
 
 
 class Criterion(Protocol):
@@ -116,7 +116,7 @@ def exchange(
     assert replicate or count <= len(A), "no more places than candidates"
     T, A, information = _normed(A, information, count)
     criterion = criterion.transformed(T)
-    search = _Search(A, information + _RIDGE * np.eye(len(T)), criterion, count, replicate, places)
+    search = _Search(A, information + _RIDGE_SHARE * np.eye(len(T)), criterion, count, replicate, places)
     rng = np.random.default_rng(seed)
     drawn = [rng.choice(len(A), count, replace=replicate) for _ in range(0 if former is not None else starts - 1)]
     begins = [former, *drawn]
@@ -179,14 +179,14 @@ class _Search:
         """The design after exchanges, until none gains anything."""
         chosen = chosen.copy()
         beside = np.array([self._beside(i) for i in chosen])
-        for _ in range(_SWEEPS):
+        for _ in range(_MAX_SWEEPS):
             changed = False
             M = self.information(chosen)  # afresh in every sweep: differences pile up rounding
             for place, former in enumerate(chosen):
                 without = M - self.A[former].T @ self.A[former]
                 gains = self._gains(without, np.asarray(np.delete(beside, place, axis=0).any(axis=0)))
                 found, now = int(np.argmax(gains)), gains[former]
-                if gains[found] > (now + _BETTER * abs(now) if np.isfinite(now) else now):
+                if gains[found] > (now + _GAIN_TOLERANCE * abs(now) if np.isfinite(now) else now):
                     chosen[place], beside[place], changed = found, self._beside(found), True
                     M = without + self.A[found].T @ self.A[found]
             if not changed:
@@ -225,7 +225,7 @@ def variances(M: Array, L: Array, T: Array) -> Array:
     """
     values, vectors = np.linalg.eigh(T.T @ M @ T)
     parts = L @ T @ vectors
-    known = values > _ESTIMABLE
+    known = values > _INFORMATION_TOLERANCE
     found = np.sum(parts[:, known] ** 2 / values[known], axis=1)
-    leak = np.linalg.norm(parts[:, ~known], axis=1) > _LEAK * np.linalg.norm(parts, axis=1)
+    leak = np.linalg.norm(parts[:, ~known], axis=1) > _LEAK_TOLERANCE * np.linalg.norm(parts, axis=1)
     return np.where(leak, np.nan, found)

@@ -16,7 +16,7 @@ from posture_opt.experiments.exchange import Criterion, Determinant, Variance, n
 from posture_opt.experiments.information import GivenInformation
 from posture_opt.numerics import Array, Mask
 
-_ROUNDING = 1e-7  # of the largest singular value
+_RANK_TOLERANCE = 1e-7  # of the largest singular value
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ class Unknowns:
 
     def _indices(self, J: Array) -> dict[str, float]:
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
-        if len(s) < self.seen.shape[1] or s[-1] <= _ROUNDING * s[0]:
+        if len(s) < self.seen.shape[1] or s[-1] <= _RANK_TOLERANCE * s[0]:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
         return observability(np.asarray(s, dtype=float), self.given.rows + len(J))
 

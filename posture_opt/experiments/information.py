@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frames import SIGMA, compare, fit_frames, held_length, unknowns
+from posture_opt.calibration.assumptions.frames import DEFAULT_SIGMA_M, compare, fit_frames, held_length, unknowns
 from posture_opt.calibration.assumptions.instrument import (
     planned_sigma,
     position_sigma,
@@ -26,7 +26,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 
-_TRUSTED = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
+_MIN_VARIANCE_FREEDOM = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ def measurement_model(
     """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
     robot, rotation = problem.robot, rotation_sigma(problem)
     sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
-    notes = [] if sigma else [f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken"]
+    notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
     positions = given is not None and given.position is not None
     axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
     if given is not None and not positions:
@@ -145,7 +145,7 @@ def measurement_model(
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknowns(problem, data, orientation=rotation > 0)
     return MeasurementModel(
-        Residuals.of(problem.arm, data, parameters, sigma or SIGMA, rotation), problem, repeats
+        Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, rotation), problem, repeats
     ), tuple(notes)
 
 
@@ -184,7 +184,7 @@ def given_information(
     names = [p.name for p in residuals.parameters]
     known = determine(problem, residuals, x, held_length(residuals), priors=True)
     variance, kept = expected, np.arange(len(data))
-    if len(J) >= known.directions.shape[1] + _TRUSTED:
+    if len(J) >= known.directions.shape[1] + _MIN_VARIANCE_FREEDOM:
         found = estimate(residuals, x, known.directions, known.prior, weight=known.noise)
         x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
         _, J = residuals.take(kept).both(x)

@@ -19,7 +19,7 @@ from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
 
 Purpose = Literal["parameters", "task"]
-_NO_TABLE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
+_NO_TABLE_NOTE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ class MeasurementPlan(Result):
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
-            "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE])],
+            "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE_NOTE])],
         }
 
     def _task(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:

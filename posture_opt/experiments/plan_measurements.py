@@ -31,12 +31,12 @@ from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
 from posture_opt.workers import Executor, Serial, Workers, opened
 
-NO_TOOL = (
+NO_TOOL_NOTE = (
     "the tool is free and starts at the flange: the plan is better where the measured point is roughly stated "
     "(tool: {xyz: [...], free: true})"
 )
-_DRAWS = 21  # random plans of the same size that the chosen one is compared with
-_SHOWN = 1500  # random postures that are kept to be drawn
+_RANDOM_PLANS = 21  # random plans of the same size that the chosen one is compared with
+_MAX_SHOWN_POINTS = 1500  # random postures that are kept to be drawn
 
 
 class PlannedProblem(CalibrationProblem, HasTask, Protocol):
@@ -102,7 +102,7 @@ def plan_measurements(
     workspace = Workspace.of(problem.robot, problem.cell, height=height, margin=margin, box=within or ANYWHERE)
     target, notes = _target(problem, needed=purpose == "task")
     floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
-    notes += (NO_TOOL,) * (given is None and _at_flange(problem))
+    notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(problem))
     with opened(workers, executor) as pool:
         return plan(
             problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
@@ -174,7 +174,7 @@ def plan(
     q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
     way = tour(q, _unit_travel(workspace), workspace.allowed)
     q, chosen = q[way.order], chosen[way.order]
-    random = [J[rng.permutation(len(pool))] for _ in range(_DRAWS)]
+    random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
     equivalent, gain = search.compared(chosen, random)
     residuals = measuring.residuals
     return MeasurementPlan(
@@ -183,8 +183,9 @@ def plan(
         before=unknowns.before(J), after=unknowns.after(chosen),
         random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
         equivalent=equivalent,
-        tried=len(pool), draws=_DRAWS, target=target, tour=way, workspace=workspace, share=share,
-        reach=nominal_poses(problem.robot, pool[:_SHOWN])[0], given=given, spread=float(np.sqrt(known.variance)),
+        tried=len(pool), draws=_RANDOM_PLANS, target=target, tour=way, workspace=workspace, share=share,
+        reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS])[0], given=given,
+        spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
         axes=tuple("xyz"[i] for i in residuals.axes), targets=measuring.targets,
         keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),

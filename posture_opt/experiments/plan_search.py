@@ -14,16 +14,16 @@ from posture_opt.experiments.information import MeasurementModel
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Workers
 
-_STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
-_STARTED = 240  # postures in all starts together
-_NEW, _MOST_NEW = 24, 3000  # postures tried near each chosen one, and near all, in each round
-_NEAR = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
+_MAX_STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
+_MAX_STARTED_POSTURES = 240  # postures in all starts together
+_NEW_PER_POSTURE, _MAX_NEW_POSTURES = 24, 3000  # postures tried near each chosen one, and near all, in each round
+_NEIGHBOURHOODS = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
 # Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
-_APART = {"revolute": np.radians(20.0), "prismatic": 0.05}
-_SETTLED = 1e-10  # of the information of an average plan: with less in some direction something is open
-_POINTS = 9  # along each leg that are looked at
-_DETOUR = 10.0  # turns that a leg through something counts for
-_PASSES = 60  # of reversing parts of the tour
+_SEPARATION = {"revolute": np.radians(20.0), "prismatic": 0.05}
+_INFORMATION_TOLERANCE = 1e-10  # of the information of an average plan: with less in some direction something is open
+_LEG_POINTS = 9  # along each leg that are looked at
+_BLOCKED_LEG_TURNS = 10.0  # turns that a leg through something counts for
+_MAX_PASSES = 60  # of reversing parts of the tour
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,8 @@ class PlanSearch:
     ) -> tuple[Array, Array]:
         """The best postures (count, n) and their derivatives: first of the pool, then also of others near them."""
         apart = self._apart(count)
-        starts = max(1, min(_STARTS, _STARTED // count))
-        start, total = self.unknowns.start, starts + len(_NEAR)
+        starts = max(1, min(_MAX_STARTS, _MAX_STARTED_POSTURES // count))
+        start, total = self.unknowns.start, starts + len(_NEIGHBOURHOODS)
 
         def tell(done: int, _: int) -> None:
             if progress is not None:
@@ -54,7 +54,7 @@ class PlanSearch:
         )  # fmt: skip
         q, chosen = pool[found.chosen], J[found.chosen]
         rng = np.random.default_rng(seed)
-        for k, near in enumerate(_NEAR):
+        for k, near in enumerate(_NEIGHBOURHOODS):
             others = self._near(q, near, rng)
             more = self.measuring.blocks(others, self.x)
             both, moves = np.concatenate([chosen, more]), np.concatenate([q, others])
@@ -68,12 +68,12 @@ class PlanSearch:
     def _apart(self, count: int) -> Array:
         """(n,) two postures differ by more than this in at least one joint: a plan is no row of repeats."""
         workspace, n = self.workspace.upper - self.workspace.lower, self.workspace.robot.n
-        stated = np.array([_APART[joint.type] for joint in self.workspace.robot.joints])
+        stated = np.array([_SEPARATION[joint.type] for joint in self.workspace.robot.joints])
         return np.asarray(np.maximum(np.minimum(stated, workspace / (4 * count ** (1 / n))), 1e-9))
 
     def _near(self, q: Array, near: float, rng: np.random.Generator) -> Array:
         step = near * (self.workspace.upper - self.workspace.lower)
-        tried = np.repeat(q, max(1, min(_NEW, _MOST_NEW // len(q))), axis=0)
+        tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
         tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
         return np.asarray(tried[self.workspace.allowed(tried)])
 
@@ -82,7 +82,9 @@ class PlanSearch:
         unknowns, flat = self.unknowns, self.unknowns.blocks(J).reshape(-1, self.unknowns.count)
         M = unknowns.T.T @ (unknowns.start + flat.T @ flat) @ unknowns.T
         values = np.linalg.eigvalsh(M)
-        return self.criterion.transformed(unknowns.T).value(inverse(M)) if values[0] > _SETTLED else np.inf
+        return (
+            self.criterion.transformed(unknowns.T).value(inverse(M)) if values[0] > _INFORMATION_TOLERANCE else np.inf
+        )
 
     def compared(self, chosen: Array, random: list[Array]) -> tuple[int | None, float]:
         """How many random postures do the same (median), and how much larger the standard error of as many is.
@@ -140,7 +142,7 @@ def tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
     far = np.abs(q[:, None] - q[None]) / lengths
     distance = far.max(axis=2)
     through = _through(q, allowed)
-    cost = distance + 2 * np.pi * _DETOUR * through
+    cost = distance + 2 * np.pi * _BLOCKED_LEG_TURNS * through
     order = _reversed(_nearest(cost), cost)
     a, b = order[:-1], order[1:]
     moves = q[b] - q[a]
@@ -156,7 +158,7 @@ def _through(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
     n = len(q)
     i, j = np.triu_indices(n, 1)
     free = np.ones(len(i), dtype=bool)
-    for share in np.linspace(0, 1, _POINTS + 2)[1:-1]:
+    for share in np.linspace(0, 1, _LEG_POINTS + 2)[1:-1]:
         free &= allowed((1 - share) * q[i] + share * q[j])
     through = np.zeros((n, n), dtype=bool)
     through[i, j] = through[j, i] = ~free
@@ -176,7 +178,7 @@ def _nearest(cost: Array) -> Codes:
 def _reversed(order: Codes, cost: Array) -> Codes:
     """The open tour with parts reversed, the best reversal of each start first, until none shortens it."""
     n = len(order)
-    for _ in range(_PASSES):
+    for _ in range(_MAX_PASSES):
         shorter = False
         for i in range(n - 1):
             ends = np.arange(i + 1, n)  # the part i … j is reversed

@@ -26,9 +26,9 @@ from posture_opt.uncertainty.spread.spread import ellipse_basis
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.workers import Executor
 
-_ALIGNED = 1e-9
-_OUTER = 0.02  # of the rows, on either side, that the map need not cover
-_STEP = 0.01  # m, that its box is rounded to
+_ALIGNMENT_TOLERANCE = 1e-9
+_UNCOVERED_SHARE = 0.02  # of the rows, on either side, that the map need not cover
+_BOX_STEP_M = 0.01  # m, that its box is rounded to
 
 
 class CorrectedProblem(CalibrationProblem, HasTask, Protocol):
@@ -209,12 +209,12 @@ def _box_of(
         return None, None
     d = np.array(task.direction) / np.linalg.norm(task.direction)
     axis = int(np.argmax(np.abs(d)))
-    if abs(d[axis]) < 1 - _ALIGNED:
+    if abs(d[axis]) < 1 - _ALIGNMENT_TOLERANCE:
         return None, None
     place, _ = nominal_poses(problem.robot, data.q)
-    low, high = np.quantile(place, [_OUTER, 1 - _OUTER], axis=0)
-    low, high = _STEP * np.floor(low / _STEP), _STEP * np.ceil(high / _STEP)
-    if np.count_nonzero(np.ptp(place, axis=0) > _STEP) == 3:
+    low, high = np.quantile(place, [_UNCOVERED_SHARE, 1 - _UNCOVERED_SHARE], axis=0)
+    low, high = _BOX_STEP_M * np.floor(low / _BOX_STEP_M), _BOX_STEP_M * np.ceil(high / _BOX_STEP_M)
+    if np.count_nonzero(np.ptp(place, axis=0) > _BOX_STEP_M) == 3:
         level = float(np.median(place[:, axis]))
         if task.position is not None and low[axis] <= task.position[axis] <= high[axis]:
             level = task.position[axis]

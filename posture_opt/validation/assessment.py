@@ -22,9 +22,9 @@ from posture_opt.validation.repeat_scatter import slides
 from posture_opt.validation.repeatability_tests import Goals, Repeats, goals_of, repeats_of
 from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
-TEN_TIMES = 10.0  # better than what it judges an instrument should be
-_COVERAGE = 0.95
-_ROUNDING = 1e-12  # m
+MIN_INSTRUMENT_RATIO = 10.0  # better than what it judges an instrument should be
+_REGION_PROBABILITY = 0.95
+_LENGTH_TOLERANCE_M = 1e-12  # m
 
 
 class AssessedProblem(CalibrationProblem, Protocol):
@@ -105,7 +105,7 @@ class Assessment(Result):
         instrument: dict[str, Any] = {"sigma": self.instrument or None}
         if self.instrument:
             instrument |= {"times_better": self.ratios}
-            instrument["sufficient"] = {name: ratio >= TEN_TIMES for name, ratio in self.ratios.items()}
+            instrument["sufficient"] = {name: ratio >= MIN_INSTRUMENT_RATIO for name, ratio in self.ratios.items()}
         return {
             "sign": "measured minus model", "rows": self.rows, "poses": self.poses,
             "block_axes": [name for name, _ in self.block_axes],
@@ -165,7 +165,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
 
 def _seen(errors: Array) -> Array:
     """Measured minus model; what is rounding of a coordinate is no error."""
-    return np.where(np.abs(errors) > _ROUNDING, -errors, 0.0)
+    return np.where(np.abs(errors) > _LENGTH_TOLERANCE_M, -errors, 0.0)
 
 
 def _direction(problem: AssessedProblem) -> Array | None:
@@ -195,7 +195,7 @@ def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
     ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
     if not 0 < ellipse.rank < poses + 1:
         return None
-    factor = hotelling_factor(_COVERAGE, ellipse.rank, poses)
+    factor = hotelling_factor(_REGION_PROBABILITY, ellipse.rank, poses)
     inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
     return ResidualScatter(ellipse, len(errors), poses, factor, inside)
 

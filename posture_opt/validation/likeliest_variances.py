@@ -11,7 +11,7 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.joint_variances import JointVariances, estimate_joint_variances
 
-_LEVER = 0.1  # of the longest of a turning joint
+_MIN_LEVER_SHARE = 0.1  # of the longest of a turning joint
 
 
 def likeliest_variances(
@@ -73,4 +73,4 @@ def _strong(columns: Array, names: tuple[str, ...]) -> Mask:
     """
     lever = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
     turning = np.array([not name.endswith(".d") for name in names])
-    return np.asarray(~turning | (lever > _LEVER * lever[turning].max(initial=0.0)))
+    return np.asarray(~turning | (lever > _MIN_LEVER_SHARE * lever[turning].max(initial=0.0)))

@@ -22,17 +22,17 @@ from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.validation.coverage import distances
 
-_ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
+_ELSEWHERE_RATIO = 20  # times the predicted distance: no spread is that much understated
 
-TOUCHES = (
+TOUCHES_NOTE = (
     "touched points tell how well touches agree, not where the arm stands: errors count from the mean of each point, "
     "and no share of them can be set against the predicted distances"
 )
-FITTED = (
+FITTED_NOTE = (
     "free and fitted to these rows: what that takes off their errors is still in the prediction, and no share of "
     "them can be set against it"
 )
-ELSEWHERE = (
+ELSEWHERE_NOTE = (
     "so far off, base, tool or instrument were not where the file has them when these rows were measured: calibrate "
     "with them, or leave base and tool free"
 )
@@ -114,9 +114,9 @@ def measured_errors(
         notes.append(f"only rows of the target {data.target_names[0]} are compared")
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     if data.touches:
-        notes.append(TOUCHES)
+        notes.append(TOUCHES_NOTE)
     elif free:
-        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED}")
+        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED_NOTE}")
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
     errors = [_errors(one, data) for one in (uncorrected, problem)]
@@ -129,8 +129,8 @@ def measured_errors(
     inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
-    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE * np.nanmedian(limits)
-    notes += [ELSEWHERE] if elsewhere else []
+    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE_RATIO * np.nanmedian(limits)
+    notes += [ELSEWHERE_NOTE] if elsewhere else []
     comparable = not data.touches and not free and not elsewhere
     near = (cell >= 0) & np.isfinite(limits[cell])
     return MeasuredErrors(

@@ -11,10 +11,10 @@ from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
-SIZE = 0.05  # of the tests: so often a mean that is zero is called not zero
-_FEWEST = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
-_MOST = 16  # blocks: as many as a person takes in
-_TILT = 1e-6  # rad: rounding of a direction that was written down
+TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
+_MIN_BLOCK_GROUPS = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
+_MAX_BLOCKS = 16  # blocks: as many as a person takes in
+_DIRECTION_TOLERANCE = 1e-6  # rad: rounding of a direction that was written down
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class MeanTest:
     @property
     def zero(self) -> bool:
         """Whether nothing speaks against a mean of zero."""
-        return not self.p_value < SIZE
+        return not self.p_value < TEST_LEVEL
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers [m]."""
@@ -114,7 +114,7 @@ def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     )
 
 
-def holm(p_values: list[float], size: float = SIZE) -> list[bool]:
+def holm(p_values: list[float], size: float = TEST_LEVEL) -> list[bool]:
     """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most."""
     given_up = [False] * len(p_values)
     for rank, index in enumerate(np.argsort(p_values)):
@@ -127,7 +127,7 @@ def holm(p_values: list[float], size: float = SIZE) -> list[bool]:
 def _cut(places: Array) -> list[Codes]:
     """Rows of each block: halves of halves across the longest side, of a size that a test can work with."""
     blocks: list[Codes] = [np.arange(len(places))]
-    while len(blocks) < _MOST and len(blocks[0]) >= 2 * _FEWEST:
+    while len(blocks) < _MAX_BLOCKS and len(blocks[0]) >= 2 * _MIN_BLOCK_GROUPS:
         halves = []
         for rows in blocks:
             longest = np.argmax(np.ptp(places[rows], axis=0))
@@ -226,4 +226,6 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
 def told(axes: Codes, direction: Array) -> tuple[bool, bool]:
     """Whether what was measured tells of along the direction, and of across it: a plane has one line across."""
     hidden = np.abs(np.delete(direction, axes))
-    return bool(np.all(hidden < _TILT)), bool(np.all((hidden < _TILT) | (hidden > 1 - _TILT)))
+    return bool(np.all(hidden < _DIRECTION_TOLERANCE)), bool(
+        np.all((hidden < _DIRECTION_TOLERANCE) | (hidden > 1 - _DIRECTION_TOLERANCE))
+    )

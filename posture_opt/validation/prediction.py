@@ -17,8 +17,8 @@ from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources
 
-_ROUNDING = 1e-6  # of a variance
-_LEAST = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
+_VARIANCE_TOLERANCE = 1e-6  # of a variance
+_MIN_SIGMA_M = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class JointScatter:
             name: s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
             for name, s in self.sigma.items()
         }
-        return {name: math.sqrt(v) for name, v in parts.items() if v > _ROUNDING * self.sigma[name] ** 2}
+        return {name: math.sqrt(v) for name, v in parts.items() if v > _VARIANCE_TOLERANCE * self.sigma[name] ** 2}
 
     @property
     def errors(self) -> Sources:
@@ -203,7 +203,7 @@ def calibrated_prediction(
     J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
     J = residuals.data.about_points(J)
     S = joint_columns(residuals, x) * scatter
-    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
+    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(d)
     return Prediction(J @ _even_root(covariance / taught), _about_points(residuals.data, own))
 
 

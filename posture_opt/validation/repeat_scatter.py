@@ -16,8 +16,8 @@ from posture_opt.validation.model_errors import holm
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
 
-COPY = 1e-9  # m: repeats that agree to less are one row written twice
-_ENOUGH = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
+COPY_TOLERANCE_M = 1e-9  # m: repeats that agree to less are one row written twice
+_MIN_FREEDOM_PER_AXIS = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class RepeatScatter:
         codes = np.arange(len(data)) if data.touches else repeat_groups(data, slides(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
-        copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY**2
+        copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY_TOLERANCE_M**2
         scatter, firsts = scatter.take(~copied), firsts[~copied]
         size = np.trace(scatter.squares, axis1=-2, axis2=-1)
         gross = outlying_groups(size, scatter.freedom * scatter.squares.shape[1])
@@ -196,7 +196,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
 
 def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
-    used = nu >= _ENOUGH * d
+    used = nu >= _MIN_FREEDOM_PER_AXIS * d
     safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
     ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
     return np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0), used

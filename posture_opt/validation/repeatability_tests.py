@@ -21,9 +21,9 @@ from posture_opt.uncertainty.sources.iso9283 import (
     repeatability_from_covariance,
 )
 
-CYCLES = 30  # of the standard
-_POSTURES = 20  # of one goal, 190 pairs
-_MOST_ROWS = 2000  # whose tests are simulated for their intervals: a second or two
+ISO_CYCLES = 30  # of the standard
+_MAX_GOAL_POSTURES = 20  # of one goal, 190 pairs
+_MAX_SIMULATED_ROWS = 2000  # whose tests are simulated for their intervals: a second or two
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ def repeats_of(
     sigma = float(np.sqrt(np.trace(covariance) / len(covariance)))
     low, high = standard_deviation_interval(dof * len(covariance) + 1)
     often = sorted((r for r in rows if len(r) >= 3), key=len, reverse=True)
-    chosen = often[: int(np.searchsorted(np.cumsum([len(r) for r in often]), _MOST_ROWS)) + 1]
+    chosen = often[: int(np.searchsorted(np.cumsum([len(r) for r in often]), _MAX_SIMULATED_ROWS)) + 1]
     poses = tuple(_performance(data, deviations, rotations, r) for r in chosen)
     return Repeats(
         len(inner), len(rows), covariance, dof, sigma, (low * sigma, high * sigma),
@@ -180,7 +180,7 @@ def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
     """Rows of two postures of one goal and target; of very many postures some, evenly over the file."""
     for rows in rows_of(data.goal * (data.target.max(initial=0) + 1) + data.target):
         postures = [rows[mine] for mine in rows_of(data.pose[rows])]
-        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), _POSTURES)).round().astype(int))
+        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), _MAX_GOAL_POSTURES)).round().astype(int))
         yield from combinations([postures[k] for k in some], 2)
 
 

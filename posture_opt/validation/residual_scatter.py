@@ -28,9 +28,9 @@ from posture_opt.validation.prediction import (
 )
 from posture_opt.validation.scatter_limit import ScatterLimit, scatter_limit
 
-_TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
-_EXACT = 0.3  # of the instrument's standard deviation
-_SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
+_TRAINING_SHARE = 0.8  # of the rows taught the arm that predicts a row: five folds
+_NEGLIGIBLE_SHARE = 0.3  # of the instrument's standard deviation
+_MAX_RELATIVE_ERROR = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
 def residual_scatter(
@@ -114,7 +114,7 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
     rows = calibration.kept_rows
     kept = residuals.take(rows)
     none = np.zeros(residuals.robot.n)
-    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TAUGHT).covariance
+    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TRAINING_SHARE).covariance
     return calibration.errors[np.ix_(rows, kept.axes)], known, rows
 
 
@@ -133,13 +133,13 @@ def _from_data(
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
     stated = position_sigma(problem, calibration.residuals.data)
     size = float(np.sqrt(np.mean(errors**2)))
-    if size <= _EXACT * stated or not size > 0:
+    if size <= _NEGLIGIBLE_SHARE * stated or not size > 0:
         return None  # better than their instrument: made up, or the instrument is another one
     if stated:
         noise = likeliest_variances(errors, known, columns, names, stated, fit=False)
         return (noise, True) if noise is not None else None
     noise = likeliest_variances(errors, known, columns, names, size, fit=True)
-    if noise is None or not noise.sigma.any() or not noise.instrument_std < _SURE * noise.instrument:
+    if noise is None or not noise.sigma.any() or not noise.instrument_std < _MAX_RELATIVE_ERROR * noise.instrument:
         # Nobody says how good the instrument is, and the data do not tell it from the joints: all of it is theirs.
         noise = likeliest_variances(errors, known, columns, names, 0.0, fit=False)
     return (noise, False) if noise is not None else None

@@ -13,13 +13,13 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
-from posture_opt.validation.repeat_scatter import COPY, RepeatScatter, slides
+from posture_opt.validation.repeat_scatter import COPY_TOLERANCE_M, RepeatScatter, slides
 from posture_opt.validation.residual_scatter import unseen_errors
 from posture_opt.validation.scatter_model import Scatter, covariances
 
-_FOLDS = 5
-_LEVER = 0.01  # of the longest lever
-_FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
+_SCATTER_FOLDS = 5
+_MIN_LEVER_SHARE = 0.01  # of the longest lever
+_COORDINATES_PER_SIGMA = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _parts(groups: Codes) -> list[Codes]:
     names = np.random.default_rng(0).permutation(np.unique(groups))
     if len(names) < 2:
         return []
-    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_FOLDS, len(names)))]
+    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_SCATTER_FOLDS, len(names)))]
 
 
 def _models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
@@ -130,10 +130,10 @@ def observed_variances(
         stated = None
         if between.stated_sigma.any():
             stated = covariances(scatter.columns, between.stated_sigma, used.sigma) + known
-    if not scatter.squares.max(initial=0.0) > COPY**2:
+    if not scatter.squares.max(initial=0.0) > COPY_TOLERANCE_M**2:
         return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
-    equal = coordinates < _FEW * (len(names) + 1)
+    equal = coordinates < _COORDINATES_PER_SIGMA * (len(names) + 1)
     try:
         noise = fit_joint_variances(scatter, names, used.sigma, True, equal)
     except InsufficientDataError:
@@ -144,5 +144,5 @@ def observed_variances(
 def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
     """(n,) whether the data could tell a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
-    moving = lever > _LEVER * np.where(slides(residuals), 0.0, lever.max())
+    moving = lever > _MIN_LEVER_SHARE * np.where(slides(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

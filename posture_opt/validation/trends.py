@@ -12,10 +12,10 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 from posture_opt.validation.model_errors import holm, hotelling
 
-_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
-_FEWEST = 3  # rows of a batch
-_ENOUGH = 6  # batches with arrivals from both sides
-_STILL = 1e-9  # of the largest lever: a joint that does not move the tool point
+_MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
+_MIN_BATCH_ROWS = 3  # rows of a batch
+_MIN_SIDED_BATCHES = 6  # batches with arrivals from both sides
+_MIN_LEVER_SHARE = 1e-9  # of the largest lever: a joint that does not move the tool point
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ def trend(name: str, x: Array, errors: Array) -> Trend | None:
 
     With the slope b, its covariance S from ν = batches − 2 degrees of freedom, ``T² = bᵀ S⁻¹ b`` is Hotelling's.
     """
-    batches = np.array_split(np.argsort(x, kind="stable"), min(_BATCHES, len(x) // _FEWEST) or 1)
+    batches = np.array_split(np.argsort(x, kind="stable"), min(_MAX_BATCHES, len(x) // _MIN_BATCH_ROWS) or 1)
     nu = len(batches) - 2
     if nu <= errors.shape[1] or not np.ptp(x) > 0:
         return None
@@ -108,10 +108,12 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
     found = []
     for k, motion in enumerate(motions):
         lever = np.linalg.norm(motion, axis=1)
-        moves = np.flatnonzero((lever > _STILL * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0))
+        moves = np.flatnonzero(
+            (lever > _MIN_LEVER_SHARE * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0)
+        )
         along = np.sum(errors * motion, axis=1)[moves] / lever[moves]
         differences = _differences(data.approach[moves, k], along)
-        if len(differences) >= _ENOUGH:
+        if len(differences) >= _MIN_SIDED_BATCHES:
             found.append(_compared(data.joint_names[k], differences))
     kept = holm([sides.p_value for sides in found])
     return tuple(
@@ -122,7 +124,7 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
 def _differences(side: Array, along: Array) -> Array:
     """Mean of those from above minus mean of those from below, in each batch that has both."""
     rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
-    batches = np.array_split(np.arange(len(side)), max(min(_BATCHES, rarer // _FEWEST), 1))
+    batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
     both = [rows for rows in batches if np.ptp(side[rows]) > 0] if rarer else []
     return np.array([along[rows][side[rows] > 0].mean() - along[rows][side[rows] < 0].mean() for rows in both])
 

@@ -12,15 +12,15 @@ from posture_opt.numerics import Array, Mask
 from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.validation.scatter_model import Scatter
 
-_STEPS = 200  # of Fisher scoring; five to twenty settle it
-_SETTLED = 1e-8  # of log-likelihood: what a further step would gain
-_ROUGH = 1e-3  # the same where an interval of 95 % is sought
-_NOTHING = 1e-12  # m: less is rounding
-_FLOOR = 1e-6  # of the RMS error: an instrument of exactly no noise would make singular covariances
-_IDLE = 1e-9  # of the longest lever: a joint that moves nothing
-_PART = 0.05  # of an undetermined direction: a smaller part does not spoil a component
-_PLAIN = 200.0  # degrees of freedom: from there on the likelihood is quadratic in log σ
-_NEAR = 0.03  # of the root of χ²: how exactly the end of an interval is found
+_MAX_SCORING_STEPS = 200  # of Fisher scoring; five to twenty settle it
+_LIKELIHOOD_TOLERANCE = 1e-8  # of log-likelihood: what a further step would gain
+_PROFILE_TOLERANCE = 1e-3  # the same where an interval of 95 % is sought
+_MIN_ERROR_M = 1e-12  # m: less is rounding
+_MIN_INSTRUMENT_SHARE = 1e-6  # of the RMS error: an instrument of exactly no noise would make singular covariances
+_MIN_LEVER_SHARE = 1e-9  # of the longest lever: a joint that moves nothing
+_UNDETERMINED_SHARE = 0.05  # of an undetermined direction: a smaller part does not spoil a component
+_QUADRATIC_FREEDOM = 200.0  # degrees of freedom: from there on the likelihood is quadratic in log σ
+_INTERVAL_TOLERANCE = 0.03  # of the root of χ²: how exactly the end of an interval is found
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Components:
             common = alike.astype(float)[:, None]
             member = np.concatenate([common, member[:, ~alike]], axis=1)
         member = np.concatenate([member, np.zeros((len(names), int(fitted)))], axis=1)
-        floor = _FLOOR**2 * _mean_square(scatter)
+        floor = _MIN_INSTRUMENT_SHARE**2 * _mean_square(scatter)
         return cls(scatter, member, max(0.0 if fitted else instrument**2, floor), fitted)
 
     @property
@@ -58,7 +58,7 @@ class Components:
         if self.fitted:
             levers[-1] = 1.0
         total = _mean_square(self.scatter)
-        moving = levers > _IDLE**2 * levers.max(initial=0.0)
+        moving = levers > _MIN_LEVER_SHARE**2 * levers.max(initial=0.0)
         return np.asarray(np.divide(total, self.size * levers, out=np.zeros(self.size), where=moving))
 
     @cached_property
@@ -102,7 +102,7 @@ class Components:
         if not np.isfinite(value):  # a covariance that is singular in floats
             return theta, value
         free = np.arange(self.size) != (-1 if held is None else held)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_SCORING_STEPS):
             step = self._scoring(theta, free) - theta
             before, size = value, 1.0
             while size > 1e-6:
@@ -113,7 +113,7 @@ class Components:
                     break
                 size /= 2
             value = max(value, before)
-            if value - before <= (_SETTLED if held is None else _ROUGH):
+            if value - before <= (_LIKELIHOOD_TOLERANCE if held is None else _PROFILE_TOLERANCE):
                 break
         return theta, value
 
@@ -142,14 +142,14 @@ class Components:
         values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
         known = values > 1e-9 * max(values[-1], 1e-300)
         spread = np.sum(vectors[:, known] ** 2 / values[known], axis=1)
-        lost = np.linalg.norm(vectors[:, ~known], axis=1) > _PART
+        lost = np.linalg.norm(vectors[:, ~known], axis=1) > _UNDETERMINED_SHARE
         return np.where(lost | (np.diag(information) <= 0), np.inf, np.sqrt(spread) * scale)
 
     def interval(self, theta: Array, best: float, k: int, error: float) -> tuple[float, float]:
         """The 95 % interval of one variance: where the others, made likeliest, leave the likelihood high enough."""
         if not np.isfinite(error):
             return 0.0, np.inf
-        if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > _PLAIN:
+        if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > _QUADRATIC_FREEDOM:
             spread = np.exp(NORMAL95 * error / theta[k])
             return float(theta[k] / spread), float(theta[k] * spread)
         return self._end(theta, best, k, error, -1), self._end(theta, best, k, error, 1)
@@ -183,10 +183,10 @@ def _root(function: Callable[[float], float], inside: tuple[float, float], outsi
     """Where a function crosses zero between two points (x, f(x)), f below zero at the first and above at the other."""
     (a, low), (b, high) = inside, outside
     former, middle = None, b
-    for _ in range(_STEPS):
+    for _ in range(_MAX_SCORING_STEPS):
         middle = (a * high - b * low) / (high - low)
         found = function(middle)
-        if abs(found) < _NEAR:
+        if abs(found) < _INTERVAL_TOLERANCE:
             break
         kept = found > 0
         if kept == former:  # twice on one side: the other end weighs half
@@ -201,7 +201,7 @@ def _root(function: Callable[[float], float], inside: tuple[float, float], outsi
 
 def _mean_square(scatter: Scatter) -> float:
     total = float(np.trace(scatter.squares, axis1=-2, axis2=-1).sum())
-    return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), _NOTHING**2)
+    return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), _MIN_ERROR_M**2)
 
 
 def _scale(information: Array) -> Array:

@@ -13,11 +13,11 @@ from posture_opt.calibration.estimation.starting_values import frame_rotation, r
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 
-_LOCKED = 0.1  # cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
-_LEAST = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
-_FAR = 5.0  # standard errors from the lock: from there on roll and yaw have errors as others have
-_PART = 1e-3  # of a turn that nobody knows: a smaller part of it in an angle is no matter
-_TURNS = ("yaw", "pitch", "roll")
+_LOCKED_COSINE = 0.1  # cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
+_MIN_COSINE = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
+_LOCK_STD_ERRORS = 5.0  # standard errors from the lock: from there on roll and yaw have errors as others have
+_LOOSE_SHARE = 1e-3  # of a turn that nobody knows: a smaller part of it in an angle is no matter
+_ANGLE_NAMES = ("yaw", "pitch", "roll")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,10 @@ class Chart:
         locked = []
         for frame in ("base", "tool"):
             factors = {f.parameter: f for f in getattr(robot, frame)}
-            if not free[frame] or any(f"{frame}.{turn}" not in value for turn in _TURNS):
+            if not free[frame] or any(f"{frame}.{turn}" not in value for turn in _ANGLE_NAMES):
                 continue
-            angles = {turn: factors[f"{frame}.{turn}"].nominal + value[f"{frame}.{turn}"] for turn in _TURNS}
-            if abs(math.cos(angles["pitch"])) < _LOCKED:
+            angles = {turn: factors[f"{frame}.{turn}"].nominal + value[f"{frame}.{turn}"] for turn in _ANGLE_NAMES}
+            if abs(math.cos(angles["pitch"])) < _LOCKED_COSINE:
                 small = _unlocked(frame, getattr(robot, frame), angles)
                 robot = replace(robot, base=small) if frame == "base" else replace(robot, tool=small)
                 locked.append(frame)
@@ -54,10 +54,10 @@ class Chart:
         x = x.copy()
         for frame in self.locked:
             at = self._at(frame)
-            turned = frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_TURNS, x[at], strict=True)))
+            turned = frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
             angles = rpy(turned)
             nominal = {f.parameter: f.nominal for f in getattr(self.given.robot, frame)}
-            x[at] = [angles[turn] - nominal[f"{frame}.{turn}"] for turn in _TURNS]
+            x[at] = [angles[turn] - nominal[f"{frame}.{turn}"] for turn in _ANGLE_NAMES]
         return x
 
     def told_steps(self, x: Array, directions: Array) -> Array:
@@ -70,12 +70,12 @@ class Chart:
         Where the lock itself lies within the errors (``covariance`` of ``fitted``), roll and yaw have no values of
         their own.
         """
-        loose = np.asarray((np.abs(self._rates(x)) * ~fixed > _PART).any(axis=1))
+        loose = np.asarray((np.abs(self._rates(x)) * ~fixed > _LOOSE_SHARE).any(axis=1))
         for frame in self.locked:
             yaw, pitch, roll = at = self._at(frame)
-            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_TURNS, x[at], strict=True))))
+            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True))))
             tilt = math.sqrt(max(covariance[yaw, yaw], covariance[pitch, pitch], 0.0))
-            if abs(math.cos(angles["pitch"])) < max(_LEAST, _FAR * tilt):
+            if abs(math.cos(angles["pitch"])) < max(_MIN_COSINE, _LOCK_STD_ERRORS * tilt):
                 loose[[yaw, roll]] = True
         return np.asarray(~loose)
 
@@ -88,13 +88,13 @@ class Chart:
         G = np.eye(len(x))
         for frame in self.locked:
             at = self._at(frame)
-            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_TURNS, x[at], strict=True))))
+            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True))))
             G[np.ix_(at, at)] = _rates(angles["roll"], angles["pitch"])
         return G
 
     def _at(self, frame: str) -> list[int]:
         names = [p.name for p in self.given.parameters]
-        return [names.index(f"{frame}.{turn}") for turn in _TURNS]
+        return [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
 
 
 def _unlocked(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
@@ -114,6 +114,6 @@ def _moved(residuals: Residuals, robot: Robot) -> Residuals:
 def _rates(roll: float, pitch: float) -> Array:
     """Rates of (yaw, pitch, roll) per small turn about the frame's (z, y, x)."""
     c, s = math.cos(roll), math.sin(roll)
-    cosine = math.copysign(max(abs(math.cos(pitch)), _LEAST), math.cos(pitch))
+    cosine = math.copysign(max(abs(math.cos(pitch)), _MIN_COSINE), math.cos(pitch))
     tangent = math.sin(pitch) / cosine
     return np.array([[c / cosine, s / cosine, 0.0], [-s, c, 0.0], [c * tangent, s * tangent, 1.0]])

@@ -25,9 +25,9 @@ from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 
-SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
+DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
-_TOOL_AWAY, _BASE_AWAY = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
+_MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
 
 
 def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
@@ -43,8 +43,8 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     notes = []
     sigma = position_sigma(problem, data)
     if not sigma:
-        sigma = SIGMA
-        notes.append(f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken")
+        sigma = DEFAULT_SIGMA_M
+        notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken")
     rotation = rotation_sigma(problem)
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
@@ -187,11 +187,11 @@ def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
     tools = {p.name.rpartition(".")[0] for p in residuals.parameters if offset_of_tool(p)}
     for tool in tools:
         length = float(np.linalg.norm([value.get(f"{tool}.{axis}", 0.0) for axis in "xyz"]))
-        if length > _TOOL_AWAY * reach(robot):
+        if length > _MAX_TOOL_REACHES * reach(robot):
             found[tool] = length
     if data.position is not None and robot.base_free:
         base = np.array([value[f"base.{axis}"] for axis in "xyz"])
         away = float(np.linalg.norm((data.position.mean(axis=0) - base)[residuals.axes]))
-        if away > _BASE_AWAY * reach(robot):
+        if away > _MAX_BASE_REACHES * reach(robot):
             found["base"] = away
     return found

@@ -9,7 +9,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.model.effects import Cause, FittedSizes, Size
 from posture_opt.units import plus_minus
 
-_KINDS = {
+_KIND_OF_PARAMETER = {
     "theta": "joint_offset",
     "yaw": "joint_offset",
     "a": "link_length",
@@ -22,7 +22,7 @@ _KINDS = {
     "pitch": "link_twist",
     "beta": "axis_tilt",
 }
-_WORDS = {
+_PHRASES = {
     "joint_offset": "{target} has a zero offset",
     "link_length": "the length of the link behind {target} differs from the file",
     "link_offset": "the offset along the axis of {target} differs from the file",
@@ -48,7 +48,7 @@ class GeometricDeviation(Cause):
         if parameter.group in ("base", "tool"):
             return cls(f"{parameter.group}_frame", parameter.group)
         prismatic_value = last == "d" and parameter.unit == "rad"
-        return cls("joint_offset" if prismatic_value else _KINDS[last], prefix)
+        return cls("joint_offset" if prismatic_value else _KIND_OF_PARAMETER[last], prefix)
 
     @classmethod
     def of_all(cls) -> GeometricDeviation:
@@ -62,7 +62,7 @@ class GeometricDeviation(Cause):
 
     @property
     def words(self) -> str:
-        return _WORDS[self.kind].format(target=self.target)
+        return _PHRASES[self.kind].format(target=self.target)
 
     @property
     def moved_joint(self) -> str:

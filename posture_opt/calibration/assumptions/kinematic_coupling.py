@@ -14,9 +14,9 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.effects import JointCoupling
 from posture_opt.numerics import Array
 
-_POOR = 0.03  # unexplained share of the motion from which a coupling is tried; joint errors of 2 deg leave it
-_BETTER = 5.0  # times less must a coupling leave
-_RATIOS = (-1.0, 1.0)
+_POOR_MISFIT = 0.03  # unexplained share of the motion from which a coupling is tried; joint errors of 2 deg leave it
+_MISFIT_RATIO = 5.0  # times less must a coupling leave
+_COUPLING_RATIOS = (-1.0, 1.0)
 
 
 def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
@@ -34,17 +34,17 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
         return affine_fit(robot, values, data.position[rows][:, data.measured_axes]).misfit
 
     now = misfit(q)
-    if not now > _POOR:
+    if not now > _POOR_MISFIT:
         return None
     turning = [i for i, joint in enumerate(robot.joints) if joint.type == "revolute" and np.ptp(q[:, i]) > 0]
     tried = []
     for a, b in permutations(turning, 2):
-        for ratio in _RATIOS:
+        for ratio in _COUPLING_RATIOS:
             other = q.copy()
             other[:, b] += ratio * q[:, a]
             tried.append((misfit(other), a, b, ratio))
     left, a, b, ratio = min(tried, default=(np.inf, 0, 0, 0.0))
-    if not left < now / _BETTER:
+    if not left < now / _MISFIT_RATIO:
         return None
     names = robot.joint_names
     found = JointCoupling(joint=names[b], follows=names[a], estimate={"ratio": ratio})

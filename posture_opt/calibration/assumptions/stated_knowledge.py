@@ -25,17 +25,20 @@ from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
 from posture_opt.numerics import Array
 
 FRAMES = ("base", "tool")
-_LARGE = 0.1  # evidence per residual: errors a tenth larger than without what is stated
-_SURE = 20.0  # evidence in all: probability of e²⁰
-_PRICE = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
-_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
-_FAR = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
-_LEANS = {"m": 1e-3, "rad": 5e-3}  # farther off its drawing, a parameter of the first or last link stands for a frame
-_TOGETHER = 2  # so many of them: one alone is more likely wrong itself
-_CLEAR = 5.0  # standard errors that each of them is off
-_TOLD = 2.0  # σ of the data that a tolerance moves: more than a prior tells
-_SPARE = 6  # residuals beyond the unknowns: with fewer, anything would fit
-_ROWS = 400  # that decide whether an effect explains as much
+_EVIDENCE_PER_RESIDUAL = 0.1  # evidence per residual: errors a tenth larger than without what is stated
+_MIN_EVIDENCE = 20.0  # evidence in all: probability of e²⁰
+_STATEMENT_PENALTY = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
+_STUDENT_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
+_LINEAR_ERROR_SHARE = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
+_SUSPICIOUS_DEVIATION = {
+    "m": 1e-3,
+    "rad": 5e-3,
+}  # farther off its drawing, a parameter of the first or last link stands for a frame
+_MIN_DEVIATING_PARAMETERS = 2  # so many of them: one alone is more likely wrong itself
+_CLEAR_STD_ERRORS = 5.0  # standard errors that each of them is off
+_DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior tells
+_SPARE_RESIDUALS = 6  # residuals beyond the unknowns: with fewer, anything would fit
+_MAX_EFFECT_ROWS = 400  # that decide whether an effect explains as much
 
 _P = TypeVar("_P", bound=CalibrationProblem)
 
@@ -191,7 +194,7 @@ def _cost(e: Array, known: Array, scale: float) -> float:
     And of ``known`` (p,), how far what the prior holds is from it in units of the same scale, under a Gaussian.
     """
     squared = np.sum(e**2, axis=1) / scale**2
-    data = float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
+    data = float(np.sum(np.log1p(squared / _STUDENT_FREEDOM)) * (_STUDENT_FREEDOM + e.shape[1]) / 2)
     return data + float(known @ known) / (2 * scale**2)
 
 
@@ -232,7 +235,7 @@ class _Statements(Generic[_P]):
         """Whether residuals (N, block) are so far off that a tangent says little of them."""
         axes = len(residuals.axes)
         left = float(np.sqrt(np.mean(np.sum(e[:, :axes] ** 2, axis=1)))) * residuals.sigma
-        return left > _FAR * reach(self.problem.robot)
+        return left > _LINEAR_ERROR_SHARE * reach(self.problem.robot)
 
     def _fitted(self, released: tuple[str, ...], weight: float) -> _Trial:
         problem = _released(self.problem, released)
@@ -250,14 +253,14 @@ class _Statements(Generic[_P]):
         step = np.linalg.lstsq(columns, -np.concatenate([r, known @ at]), rcond=1e-12)[0]
         strength = np.linalg.svd(J * tolerances(wide.parameters, []), compute_uv=False)
         e = (r + J @ step)[: wide.measured].reshape(len(self.data), -1)
-        return e, known @ (at + step), int(np.sum(strength > _TOLD * weight))
+        return e, known @ (at + step), int(np.sum(strength > _DETERMINED_STRENGTH * weight))
 
     @cached_property
     def worthwhile(self) -> bool:
         """Whether setting everything aside could bring much, to first order; or the arm is far off."""
         stated = self.trial(())
         e, known, count = self._without_all(stated.residuals, stated.x, self._weight)
-        if stated.scale <= 1.0 or e.size < count + _SPARE:
+        if stated.scale <= 1.0 or e.size < count + _SPARE_RESIDUALS:
             return False
         scale = _scale_of(e, count)
         gain = _cost(stated.e, stated.known @ stated.x, scale) - _cost(e, known, scale)
@@ -290,7 +293,7 @@ class _Statements(Generic[_P]):
         now = self.trial(())
         while True:
             options = [self.trial((*now.released, *more)) for more in self._options(now)]
-            priced = {self.cost(o) + o.count + _PRICE * len(o.released): o for o in options}
+            priced = {self.cost(o) + o.count + _STATEMENT_PENALTY * len(o.released): o for o in options}
             if not priced:
                 return now
             best = priced[min(priced)]
@@ -321,13 +324,13 @@ class _Statements(Generic[_P]):
             if p.group == "geometry"
             and p.name not in self.sigma
             and (place[p.source] < first if frame == "base" else place[p.source] > last)
-            and abs(now.x[i]) > _LEANS[p.unit]
+            and abs(now.x[i]) > _SUSPICIOUS_DEVIATION[p.unit]
         ]
-        if frame in now.released or len(beside) < _TOGETHER:
+        if frame in now.released or len(beside) < _MIN_DEVIATING_PARAMETERS:
             return False
         J = np.concatenate([now.residuals.both(now.x)[1], now.known])
         std = now.scale * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-15, hermitian=True)))
-        return int(np.sum(np.abs(now.x[beside]) > _CLEAR * std[beside])) >= _TOGETHER
+        return int(np.sum(np.abs(now.x[beside]) > _CLEAR_STD_ERRORS * std[beside])) >= _MIN_DEVIATING_PARAMETERS
 
     def _options(self, now: _Trial) -> list[tuple[str, ...]]:
         """Statements to set aside next: each frame, both, and the σ that is farthest off."""
@@ -346,7 +349,9 @@ class _Statements(Generic[_P]):
 
     def _explained(self, now: _Trial, best: _Trial) -> bool:
         """Whether one effect of the catalogue, at what is stated, explains as much as setting it aside."""
-        rows = np.unique(np.linspace(0, len(self.data) - 1, min(len(self.data), _ROWS)).round().astype(np.intp))
+        rows = np.unique(
+            np.linspace(0, len(self.data) - 1, min(len(self.data), _MAX_EFFECT_ROWS)).round().astype(np.intp)
+        )
         some = now.residuals.take(rows)
         r, J = some.both(now.x)
         columns = np.concatenate([J, now.known])
@@ -369,7 +374,7 @@ class _Statements(Generic[_P]):
 
 def _enough(e: Array) -> float:
     """The evidence at which residuals (N, block) are much smaller, and surely so."""
-    return max(_SURE, _LARGE * e.size)
+    return max(_MIN_EVIDENCE, _EVIDENCE_PER_RESIDUAL * e.size)
 
 
 def _trial(
@@ -378,7 +383,7 @@ def _trial(
     parameters = residuals.parameters
     known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
     x, found = minimum_of(residuals, fit_frames(residuals), np.diag(tolerances(parameters, [])), known)
-    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _TOLD * weight))
+    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _DETERMINED_STRENGTH * weight))
     e = found.residuals[: residuals.measured].reshape(len(residuals.data), -1)
     return _Trial(released, residuals, x, e, known, count)
 

@@ -13,15 +13,15 @@ from posture_opt.calibration.estimation.least_squares import reduced, triangular
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes
 
-BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more cut apart what hangs together
-CHANCE = 1.5  # a smaller effect of the blocks is what independent rows show too
+POSTURE_BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more cut apart what hangs together
+MIN_DESIGN_EFFECT = 1.5  # a smaller effect of the blocks is what independent rows show too
 
 
 def neighbours(residuals: Residuals) -> Codes:
     """The block (N,) of neighbouring postures that each row lies in."""
     q = residuals.data.q
     spans = np.std(q, axis=0)
-    return blocks(q / np.where(spans > 0, spans, 1.0), BLOCKS)
+    return blocks(q / np.where(spans > 0, spans, 1.0), POSTURE_BLOCKS)
 
 
 def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
@@ -37,7 +37,7 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
     together = np.sum(_sums(U * rest[:, None], residuals) ** 2, axis=0)
     single = np.sum((U * rest[:, None]) ** 2, axis=0)
     effect = float(np.mean(together / np.maximum(single, 1e-300))) if kept.any() else 1.0
-    return effect if effect > CHANCE else 1.0
+    return effect if effect > MIN_DESIGN_EFFECT else 1.0
 
 
 def clustered_covariance(

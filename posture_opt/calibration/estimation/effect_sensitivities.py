@@ -15,19 +15,19 @@ from posture_opt.model.effects import Effect, Excitation
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
-_VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
-_SIDED = 0.5  # of the rows must know the side from which their joints arrived
+_MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
+_MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints arrived
 
 
 def case_of(data: Measurements, robot: Robot) -> Excitation:
     """What these measurements can show of effects."""
     state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
     known = {"time"} if len(data) > 1 else set()
-    for name, least in _VARIES.items():
+    for name, least in _MIN_INPUT_RANGE.items():
         values = getattr(data, name)
         if values is not None and float(np.ptp(values)) > least:
             known.add(name)
-    if np.mean(np.any(data.approach != 0, axis=1)) > _SIDED and len(np.unique(np.sign(data.approach))) > 1:
+    if np.mean(np.any(data.approach != 0, axis=1)) > _MIN_SIDED_SHARE and len(np.unique(np.sign(data.approach))) > 1:
         known.add("approach")
     known |= {"masses"} if state.weighed else set()
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))

@@ -13,8 +13,10 @@ from posture_opt.numerics import Array, Codes
 
 By = Literal["pose", "block", "place"]
 
-_MOST_GROUPS = 10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
-_ALIKE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
+_MAX_BOOTSTRAP_GROUPS = (
+    10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
+)
+_SAME_POSE_TOLERANCE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,9 @@ def resampled_groups(groups: Codes) -> Codes:
     """Codes (N,) from 0 on of groups (N,) that a bootstrap draws from; of very many, neighbours are one."""
     names, code = np.unique(groups, return_inverse=True)
     code = code.ravel()
-    return np.asarray(code if len(names) <= _MOST_GROUPS else code * _MOST_GROUPS // len(names), dtype=np.intp)
+    return np.asarray(
+        code if len(names) <= _MAX_BOOTSTRAP_GROUPS else code * _MAX_BOOTSTRAP_GROUPS // len(names), dtype=np.intp
+    )
 
 
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:
@@ -91,8 +95,10 @@ def alike(q: Array, pose: Codes) -> Codes:
     from scipy.spatial import cKDTree
 
     _, first, inverse = np.unique(pose, return_index=True, return_inverse=True)
-    cells, start, cell = np.unique(np.round(q[first] / _ALIKE), axis=0, return_index=True, return_inverse=True)
-    pairs = cKDTree(q[first[start]]).query_pairs(_ALIKE, p=np.inf, output_type="ndarray")
+    cells, start, cell = np.unique(
+        np.round(q[first] / _SAME_POSE_TOLERANCE), axis=0, return_index=True, return_inverse=True
+    )
+    pairs = cKDTree(q[first[start]]).query_pairs(_SAME_POSE_TOLERANCE, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
     together = connected_components(links, directed=False)[1]
     return np.asarray(together[cell.ravel()][inverse.ravel()], dtype=np.intp)

@@ -17,12 +17,16 @@ from posture_opt.numerics import Array, Codes, Mask
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
-FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
-_HELD = 1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
-_SURE = 1e-10  # rad, m: nothing is known better
-_CLOSE = 1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
-_OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
+MAX_OUTLIER_ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
+PRIOR_WEIGHT_TOLERANCE = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
+_MIN_CORRELATION_EIGENVALUE = (
+    1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
+)
+_MIN_PRIOR_SIGMA = 1e-10  # rad, m: nothing is known better
+_EFFECT_OFFSET_TOLERANCE = (
+    1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
+)
+_OFFSET_TOLERANCE = 1e-3  # of a standard error: how near to the minimum is near enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +45,10 @@ class Prior:
         if not rows:
             return cls()
         # A variance that is rounding would weigh so much that all else drowned in it.
-        covariance = covariance + np.diag(np.maximum(_SURE**2 - np.diag(covariance), 0.0))
+        covariance = covariance + np.diag(np.maximum(_MIN_PRIOR_SIGMA**2 - np.diag(covariance), 0.0))
         sigma = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
-        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _HELD))).T / sigma)
+        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _MIN_CORRELATION_EIGENVALUE))).T / sigma)
 
     def matrix(self, k: int) -> Array:
         """``W`` in the columns of all k unknowns."""
@@ -176,14 +180,16 @@ class Fit:
     def notes(self) -> tuple[str, ...]:
         """Sentences on what did not come to rest."""
         stopped = f"the fit had not converged after {self.minimum.steps} steps: estimates and errors are provisional"
-        changing = f"which rows are outliers still changed after {ROUNDS} rounds: look at those that are listed"
+        changing = (
+            f"which rows are outliers still changed after {MAX_OUTLIER_ROUNDS} rounds: look at those that are listed"
+        )
         listed = not self.settled and not self.kept.all()  # where none is left out, there is nothing to look at
         return (stopped,) * (not self.minimum.converged) + (changing,) * listed
 
 
 def estimate(
     residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
-    near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET,
+    near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET_TOLERANCE,
 ) -> Fit:  # fmt: skip
     """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
 
@@ -196,7 +202,7 @@ def estimate(
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
     studentised, settled = np.zeros(n), False
-    for _ in range(ROUNDS):
+    for _ in range(MAX_OUTLIER_ROUNDS):
         used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
         found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100)
         z = found.x
@@ -213,7 +219,7 @@ def estimate(
         variance = variance_of(found, known)
         # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
         fair = np.sqrt(design * variance) if prior is not None else 0.0
-        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= FAIR * fair
+        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= PRIOR_WEIGHT_TOLERANCE * fair
         kept, weight = ~gross, fair
         if settled:
             break
@@ -230,7 +236,7 @@ def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array)
     Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
     """
     function = _with_known(residuals, x0, directions, known)
-    found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET, max_steps=30)
+    found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET_TOLERANCE, max_steps=30)
     return x0 + directions @ found.x, found
 
 
@@ -270,12 +276,20 @@ def fit_with_effects(
         held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
         steps = steps[:, ~np.any(steps[held], axis=0)]
     design, near = 1.0, None
-    for _ in range(ROUNDS):
+    for _ in range(MAX_OUTLIER_ROUNDS):
         found = estimate(
-            wide, start, steps, prior, robust=False, near=near, weight=weight, design=design, tolerance=_CLOSE
+            wide,
+            start,
+            steps,
+            prior,
+            robust=False,
+            near=near,
+            weight=weight,
+            design=design,
+            tolerance=_EFFECT_OFFSET_TOLERANCE,
         )
         again = _design(found)
-        if prior is None or abs(again - design) <= FAIR * design:
+        if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:
             break
         design, weight, near = again, found.weight, found.minimum.x
     found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))

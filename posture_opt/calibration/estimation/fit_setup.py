@@ -9,7 +9,12 @@ import numpy as np
 
 from posture_opt.calibration.estimation.clustered_covariance import design_effect
 from posture_opt.calibration.estimation.fit import Fit, Prior
-from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability, identify
+from posture_opt.calibration.estimation.identifiability import (
+    ANGLE_TOLERANCE_RAD,
+    LENGTH_TOLERANCE_M,
+    Identifiability,
+    identify,
+)
 from posture_opt.calibration.estimation.least_squares import noise, unexplained
 from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter, prior_covariance
 from posture_opt.calibration.estimation.residuals import Residuals
@@ -17,10 +22,10 @@ from posture_opt.calibration.estimation.starting_values import offset_of_tool, t
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 
-FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
-ALIKE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
-NEAR = (
-    f"the data tell {{}} less well than to {LENGTH * 1e3:g} mm or {np.degrees(ANGLE):g} deg: geometry is taken to lie "
+FREE_TOLERANCE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
+DESIGN_NOTE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
+NOMINAL_NOTE = (
+    f"the data tell {{}} less well than to {LENGTH_TOLERANCE_M * 1e3:g} mm or {np.degrees(ANGLE_TOLERANCE_RAD):g} deg: geometry is taken to lie "
     "within that of its nominal value (one σ)"
 )
 
@@ -79,7 +84,7 @@ def determine(
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
     prior = full_prior(parameters, problem.robot, scale, indices, covariance)
-    notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
+    notes = (*_alike(design), *([NOMINAL_NOTE.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
     return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes)
@@ -117,13 +122,15 @@ def _spread(residuals: Residuals, x: Array, found: Fit | None) -> tuple[float, f
 
 
 def _alike(design: float) -> tuple[str, ...]:
-    return (ALIKE.format(design),) if design > 1 else ()
+    return (DESIGN_NOTE.format(design),) if design > 1 else ()
 
 
 def tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Array:
     """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
-    part = {"m": LENGTH, "rad": ANGLE}
-    return np.array([part[p.unit] if p.group == "geometry" or i in stated else FREE for i, p in enumerate(parameters)])
+    part = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
+    return np.array(
+        [part[p.unit] if p.group == "geometry" or i in stated else FREE_TOLERANCE for i, p in enumerate(parameters)]
+    )
 
 
 def full_prior(

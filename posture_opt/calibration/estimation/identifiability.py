@@ -11,14 +11,19 @@ import numpy as np
 from posture_opt.calibration.estimation.least_squares import triangular
 from posture_opt.numerics import Array, Mask
 
-VAGUE = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
-LENGTH, ANGLE = 0.01, math.radians(1.0)  # m, rad: farther than that no part comes off its drawing
-_HARDLY = 1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
-_IDLE = 1e-6  # of σ per tolerance: a parameter that moves nothing
-_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nobody sees, is not known
-_ROUNDING = 1e-13  # of the largest strength
-_FELT = 1e-9  # of the Jacobian: less is rounding
-_PART = 0.02  # of an undetermined combination: smaller parts need no words
+MAX_STANDARD_ERROR = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
+LENGTH_TOLERANCE_M, ANGLE_TOLERANCE_RAD = (
+    0.01,
+    math.radians(1.0),
+)  # m, rad: farther than that no part comes off its drawing
+_FELT_STRENGTH = (
+    1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
+)
+_IDLE_STRENGTH = 1e-6  # of σ per tolerance: a parameter that moves nothing
+_MAX_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nobody sees, is not known
+_STRENGTH_TOLERANCE = 1e-13  # of the largest strength
+_JACOBIAN_TOLERANCE = 1e-9  # of the Jacobian: less is rounding
+_NAMED_SHARE = 0.02  # of an undetermined combination: smaller parts need no words
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +69,7 @@ class Identifiability:
     @property
     def determined(self) -> Mask:
         """(k,) whether the data alone leave each parameter less uncertain than its tolerance, and than 50 mm, rad."""
-        return np.asarray(self.alone < np.minimum(self.scale, VAGUE))
+        return np.asarray(self.alone < np.minimum(self.scale, MAX_STANDARD_ERROR))
 
     @property
     def directions(self) -> Array:
@@ -74,7 +79,7 @@ class Identifiability:
     @property
     def hardly(self) -> Array:
         """(k, w) further steps that the data feel, but tell less well than the tolerances do."""
-        felt = int(np.sum(self.strength > _HARDLY))
+        felt = int(np.sum(self.strength > _FELT_STRENGTH))
         return self.scale[:, None] * self.vectors[:, self.rank : felt]
 
 
@@ -99,19 +104,19 @@ def identify(
         noise: residuals' standard deviation in units of the instrument's.
     """
     k = len(names)
-    scale = np.full(k, VAGUE) if scale is None else scale
+    scale = np.full(k, MAX_STANDARD_ERROR) if scale is None else scale
     R = triangular(J) if k else np.zeros((0, 0))
     norms = np.linalg.norm(R, axis=0)
-    idle = norms * scale <= _IDLE * noise
+    idle = norms * scale <= _IDLE_STRENGTH * noise
     R = np.where(idle, 0.0, R)
     if held is not None:
         R[:, held] = 0.0
     _, s, Vt = np.linalg.svd(R * scale / noise)
-    rank = int(np.sum(s > max(1.0, _ROUNDING * s.max(initial=0.0))))
-    felt = s > _HARDLY
+    rank = int(np.sum(s > max(1.0, _STRENGTH_TOLERANCE * s.max(initial=0.0))))
+    felt = s > _FELT_STRENGTH
     alone = scale * np.linalg.norm(Vt[felt].T / s[felt], axis=1)
     unseen = scale * np.linalg.norm(Vt[~felt].T, axis=1)
-    alone = np.where(unseen > _UNSEEN, np.inf, np.hypot(alone, unseen))
+    alone = np.where(unseen > _MAX_UNSEEN, np.inf, np.hypot(alone, unseen))
     unit = np.where(norms > 0, norms, 1.0)
     values = np.asarray(np.linalg.svd(R / unit, compute_uv=False), dtype=float)
     determined = R / unit @ _orthonormal((scale * unit)[:, None] * Vt[:rank].T)
@@ -149,9 +154,9 @@ def explain(names: Sequence[str], null: Array, idle: Mask, R: Array) -> tuple[st
     left = [name for name, still in zip(names, idle, strict=True) if not still]
     lengths = np.linalg.norm(null, axis=0)
     for vector in sparse_basis((null / np.where(lengths > 0, lengths, 1.0))[~idle]).T:
-        parts = np.flatnonzero(np.abs(vector) > _PART * np.abs(vector).max(initial=0.0))
+        parts = np.flatnonzero(np.abs(vector) > _NAMED_SHARE * np.abs(vector).max(initial=0.0))
         labels = [left[int(i)] for i in parts]
-        felt = np.linalg.norm(R[:, ~idle] @ vector) > _FELT * np.linalg.norm(R[:, ~idle])
+        felt = np.linalg.norm(R[:, ~idle] @ vector) > _JACOBIAN_TOLERANCE * np.linalg.norm(R[:, ~idle])
         if len(labels) == 2:
             how = "nearly the same way" if felt else "the same way"
             sentences.append(f"{labels[0]} and {labels[1]} move what was measured {how}")

@@ -11,9 +11,11 @@ from posture_opt.numerics import Array, Mask
 
 Function = Callable[[Array], tuple[Array, Array]]
 
-MAX_STEPS = 500
-_TOLERANCE = 1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
-_STEP = 1e-14  # relative step at which floating point has nothing left to improve
+MAX_ITERATIONS = 500
+_RELATIVE_OFFSET_TOLERANCE = (
+    1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
+)
+_RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class Minimum:
 
 
 def least_squares(
-    function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE
+    function: Function, x0: Array, *, max_steps: int = MAX_ITERATIONS, tolerance: float = _RELATIVE_OFFSET_TOLERANCE
 ) -> Minimum:
     """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
 
@@ -104,7 +106,7 @@ def _lower(
         if length > reach:
             damping *= 2
             continue
-        if length <= _STEP * (np.linalg.norm(D * x) + _STEP):
+        if length <= _RELATIVE_STEP_TOLERANCE * (np.linalg.norm(D * x) + _RELATIVE_STEP_TOLERANCE):
             return None
         with np.errstate(all="ignore"):
             r_new, J_new = function(x + move)

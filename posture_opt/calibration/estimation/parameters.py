@@ -20,7 +20,7 @@ from posture_opt.units import DIMENSIONS
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-PARALLEL = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
+PARALLEL_AXES_RAD = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
 _AXES = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 
@@ -135,7 +135,7 @@ def _fitted(robot: Robot, joint: str, last: str) -> bool:
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
     if last == "beta":
         alpha = parameters[f"{joint}.alpha"].nominal
-        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL)
+        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL_AXES_RAD)
     # The joint value of a URDF joint moves the tool as its origin does.
     return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from posture_opt.numerics import Progress
 
-WHOLE = 100
+PROGRESS_TOTAL = 100
 
 
 class Stages:
@@ -44,8 +44,8 @@ class Stages:
 
     def end(self) -> None:
         """All is done."""
-        self._tell(WHOLE)
+        self._tell(PROGRESS_TOTAL)
 
     def _tell(self, done: int) -> None:
         if self._progress is not None:
-            self._progress(done, WHOLE)
+            self._progress(done, PROGRESS_TOTAL)

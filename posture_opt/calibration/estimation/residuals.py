@@ -19,8 +19,10 @@ from posture_opt.robot.robot import Robot
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
-MANY = 20_000
+_LEVEL_TOLERANCE_RAD = np.radians(
+    10
+)  # a levelled instrument and a base that was set up with a level agree to better than this
+MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
 """Codes of two points, their distance [m] and its standard deviation [m]."""
@@ -209,8 +211,8 @@ class Residuals:
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
         """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""
-        if reached is None and len(self.data) > MANY:
-            parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MANY))
+        if reached is None and len(self.data) > MAX_WALKED_ROWS:
+            parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MAX_WALKED_ROWS))
             return np.concatenate([self.take(rows).error(x) for rows in parts])
         reached = reached or self.walk(x)
         position = _stacked(reached.position, len(self.data))
@@ -290,7 +292,7 @@ def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float,
     if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
         return robot.gravity
     cosine = float(g @ turn @ g) / float(g @ g)
-    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
+    x, y, z = g if cosine > np.cos(_LEVEL_TOLERANCE_RAD) else turn @ g
     return float(x), float(y), float(z)
 
 

@@ -16,8 +16,8 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Factor, Robot
 
-_TOOL = 10.0  # a tool is some ten times shorter than its arm; one of twice that is twice its σ away
-_LEAST = 1e-9  # m: rounding
+_REACH_PER_TOOL = 10.0  # a tool is some ten times shorter than its arm; one of twice that is twice its σ away
+_LENGTH_TOLERANCE_M = 1e-9  # m: rounding
 
 
 def kabsch(a: Array, b: Array, near: Array | None = None) -> tuple[Array, Array]:
@@ -76,7 +76,7 @@ def start(residuals: Residuals) -> Array:
 
 def tool_sigma(robot: Robot) -> float:
     """How far a free tool is from its start, or from the flange, as long as nothing tells it [m]: less than the arm."""
-    return reach(robot) / _TOOL
+    return reach(robot) / _REACH_PER_TOOL
 
 
 def offset_of_tool(parameter: Parameter) -> bool:
@@ -120,7 +120,7 @@ class _Flange:
     def solved(self, A: Array, b: Array, first: int, spread: float) -> Array:
         """(k,) ``A x ≈ b`` with offsets from column ``first`` on that stay near the stated ones, rows off by spread."""
         rows = np.zeros((3 * len(self.nominal), A.shape[-1]))
-        weight = max(spread, _LEAST) / self.sigma
+        weight = max(spread, _LENGTH_TOLERANCE_M) / self.sigma
         rows[:, first:] = weight * np.eye(len(rows))
         stacked = np.concatenate([A.reshape(-1, A.shape[-1]), rows])
         wanted = np.concatenate([b.ravel(), weight * self.nominal.ravel()])
@@ -167,7 +167,7 @@ def _frames(
     def cost(one: tuple[tuple[tuple[Array, Array], float], Array]) -> float:
         (_, left), offset = one
         far = (offset - flange.nominal) / flange.sigma
-        return m.size * math.log(max(left, _LEAST) ** 2) + float(np.sum(far**2))
+        return m.size * math.log(max(left, _LENGTH_TOLERANCE_M) ** 2) + float(np.sum(far**2))
 
     (found, _), offset = min(placed, key=cost)
     return *found, offset

@@ -24,7 +24,7 @@ from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect,
 from posture_opt.numerics import Array, Codes, Progress
 from posture_opt.units import DIMENSIONS
 
-_DEPENDENT = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
+_RANK_TOLERANCE = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
     G = (model.jacobian @ model.directions)[:, model.geometry]
     norms = np.linalg.norm(G, axis=0)
     U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    U = U[:, s > _DEPENDENT * s.max(initial=0.0)]
+    U = U[:, s > _RANK_TOLERANCE * s.max(initial=0.0)]
     both = (v.reshape(-1, residuals.block)[:, : len(residuals.axes)] for v in (moved, moved - U @ (U.T @ moved)))
     alone, beyond = (np.linalg.norm(v, axis=1) * residuals.sigma for v in both)
     return np.asarray(alone), np.asarray(beyond)

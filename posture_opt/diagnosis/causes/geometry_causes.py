@@ -14,8 +14,8 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Cause, Effect
 from posture_opt.numerics import Array
 
-_DEPENDENT = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
-_UNIT = 1e-3  # a mm, a mrad: near one unit of the other directions
+_DEPENDENCE_TOLERANCE = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
+_COMBINATION_SCALE = 1e-3  # a mm, a mrad: near one unit of the other directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def _few_parameters(
 
 def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
     single = np.zeros((k, len(chosen)))
-    single[list(chosen), range(len(chosen))] = _UNIT
+    single[list(chosen), range(len(chosen))] = _COMBINATION_SCALE
     return np.concatenate([free, single], axis=1)
 
 
@@ -112,7 +112,7 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
         rest = column - Q @ (Q.T @ column)
         # A tilt of a planar arm out of its plane acts in the plane to second order only: no cause to first order.
         if np.linalg.norm(rest) > max(
-            _DEPENDENT * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
+            _DEPENDENCE_TOLERANCE * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
         ):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains

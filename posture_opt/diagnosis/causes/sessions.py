@@ -20,7 +20,7 @@ from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
-_DRAWS = 500
+_BOOTSTRAP_DRAWS = 500
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Gain:
         """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``."""
         code = resampled_groups(groups)
         sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
-        drawn = np.random.default_rng(0).integers(len(sums), size=(_DRAWS, len(sums)))
+        drawn = np.random.default_rng(0).integers(len(sums), size=(_BOOTSTRAP_DRAWS, len(sums)))
         totals = sums[drawn].sum(axis=1)
         ratios = 1 - np.sqrt(totals[:, 0] / np.maximum(totals[:, 1], 1e-300))
         low, high = np.quantile(ratios, [0.025, 0.975])

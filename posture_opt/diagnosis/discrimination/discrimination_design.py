@@ -19,8 +19,8 @@ import numpy as np
 from posture_opt.diagnosis.scores import levels
 from posture_opt.numerics import Array, Codes
 
-_RIDGE = 1e-10  # of the information of an average design: keeps undetermined columns invertible; rounding only
-_ROUNDING = 1e-12  # of the largest eigenvalue of an information: rounding only
+_RIDGE_SHARE = 1e-10  # of the information of an average design: keeps undetermined columns invertible; rounding only
+_RANK_TOLERANCE = 1e-12  # of the largest eigenvalue of an information: rounding only
 
 
 def detection_probability(value: float) -> float:
@@ -63,7 +63,7 @@ class DiscriminationDesign:
         """With columns scaled to unit information of the data and an average design, whatever their units."""
         average = np.einsum("nbk,nbk->k", A, A) / max(len(A), 1)
         scale = np.sqrt(np.maximum(np.diag(information) + average, 1e-300))
-        M = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        M = information / np.outer(scale, scale) + _RIDGE_SHARE * np.eye(len(scale))
         return cls(tuple(replace(p, signature=p.signature * scale) for p in pairs), M, A / scale)
 
     def only(self, pairs: Sequence[int]) -> DiscriminationDesign:
@@ -122,7 +122,7 @@ def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
     """
     F, s = pair.fitted, pair.signature
     values, vectors = np.linalg.eigh(M[np.ix_(F, F)])
-    L = vectors / np.sqrt(np.maximum(values, _ROUNDING * values[-1]))
+    L = vectors / np.sqrt(np.maximum(values, _RANK_TOLERANCE * values[-1]))
     seen = M[F] @ s
     reached = L.T @ seen
     return max(float(s @ M @ s - reached @ reached), 0.0), np.asarray(L @ reached), np.asarray(L)

@@ -25,7 +25,7 @@ from posture_opt.numerics import Array, Codes
 
 Rivals = Mapping[int, Sequence[Candidate]]
 
-_ELSEWHERE = frozenset({"time", "temperature"})  # inputs that no choice of postures varies
+_UNPLANNED_INPUTS = frozenset({"time", "temperature"})  # inputs that no choice of postures varies
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class ModelDiscrimination:
 
 def by_posture(effect: Effect | UnnamedComponent) -> bool:
     """Whether postures, payloads and sides of approach vary what the effect depends on."""
-    return isinstance(effect, Effect) and not effect.asks & _ELSEWHERE
+    return isinstance(effect, Effect) and not effect.asks & _UNPLANNED_INPUTS
 
 
 def _explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:

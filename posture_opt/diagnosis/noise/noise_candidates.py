@@ -14,12 +14,12 @@ from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, Stated
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
 
-_LEAST_FREE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
+_MIN_FREE_SHARE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
 _STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
-_STUDENT_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
+_STUDENT_EM_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
 _FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
-_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
-GROSS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
+_MAX_NULL_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
+GROSS_ERRORS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def standardised(e: Array, leverage: Array) -> Array:
     """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
-    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _LEAST_FREE)), vectors)
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _MIN_FREE_SHARE)), vectors)
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
@@ -189,7 +189,7 @@ def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[
     """
     rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
     while left > 0:
-        count = min(left, max(_NUMBERS // e.size, 1))
+        count = min(left, max(_MAX_NULL_NUMBERS // e.size, 1))
         sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
         found.append([_Fit.of(sets, pattern) for pattern in patterns])
         left -= count
@@ -273,10 +273,10 @@ def fit_tails(e: Array) -> Tails:
     values = {
         "gaussian": gaussian,
         "heavy": -2 * student + 2 * np.log(N),
-        GROSS: -2 * mixture + 3 * np.log(N),
+        GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
     }
     if not 0 < rows.sum() <= max(1.0, levels.OUTLIER_SHARE * N):
-        values[GROSS] = np.inf
+        values[GROSS_ERRORS] = np.inf
     order = sorted(values, key=lambda name: values[name])
     return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
 
@@ -292,7 +292,7 @@ def _student(squares: Array, d: int) -> tuple[float, float]:
     best, freedom = -np.inf, np.inf
     for nu in _STUDENT_FREEDOM:
         s2 = squares.mean() / d
-        for _ in range(_STUDENT_ROUNDS):
+        for _ in range(_STUDENT_EM_ROUNDS):
             weights = (nu + d) / (nu + squares / s2)
             s2 = float(np.mean(weights * squares) / d)
         value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))

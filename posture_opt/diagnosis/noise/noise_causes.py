@@ -11,7 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.diagnosis.noise.noise_candidates import GROSS, fit_tails, score_stated_sigma, standardised
+from posture_opt.diagnosis.noise.noise_candidates import GROSS_ERRORS, fit_tails, score_stated_sigma, standardised
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
@@ -124,7 +124,7 @@ def _outliers(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCa
     everyone = model.residuals.of_data(residuals.data, residuals.distances)
     e = everyone.whitened(model.x)[: everyone.measured].reshape(-1, residuals.block)
     law = fit_tails(e)
-    if law.shape != GROSS:
+    if law.shape != GROSS_ERRORS:
         return []
     count = int(law.rows.sum())
     p = float(np.exp(-max(law.evidence, 0.0) / 2))

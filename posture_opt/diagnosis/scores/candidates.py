@@ -26,7 +26,7 @@ from posture_opt.model.effects.cyclic_error import OVERSAMPLING
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.numerics import Array
 
-_STILL = 1e-3  # rad: a joint that moves by less shows no line
+_MIN_JOINT_RANGE_RAD = 1e-3  # rad: a joint that moves by less shows no line
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +279,7 @@ def lines_of_joints(excitation: Excitation, data: Measurements) -> tuple[Lines, 
     """The lines of each revolute joint that has some."""
     found: list[Lines] = []
     for joint, name in enumerate(excitation.robot.joint_names):
-        if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _STILL:
+        if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _MIN_JOINT_RANGE_RAD:
             cycles = CyclicError.resolved(data.q[:, joint])
             found += [Lines(CyclicError.about(name, data.q[:, joint]), cycles)] if len(cycles) else []
     return tuple(found)

@@ -10,8 +10,8 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes
 
-_TOGETHER = 64  # candidates of one block: enough for a fast product, and few columns are set aside in vain
-_GATHERED = 16  # candidates whose columns at some rows are copied at a time
+_CANDIDATES_PER_BLOCK = 64  # candidates of one block: enough for a fast product, and few columns are set aside in vain
+_CANDIDATES_COPIED = 16  # candidates whose columns at some rows are copied at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class ColumnStore:
         # Memory that is set aside and never written to costs nothing.
         block, count = self._open.get(key, (np.zeros((0, 0, 0)), 0))
         if count == len(block):
-            block, count = np.empty((_TOGETHER, Z.shape[1], len(Z)), dtype=np.float32), 0
+            block, count = np.empty((_CANDIDATES_PER_BLOCK, Z.shape[1], len(Z)), dtype=np.float32), 0
         block[count] = Z.T
         self._open[key] = block, count + 1
         return ColumnPlace(block, count)
@@ -75,8 +75,8 @@ class ColumnBlocks:
         """(n, k, k) inner products of the columns of each candidate, of all residuals or of some."""
         found = []
         for block in self.blocks:
-            for first in range(0, len(block), _GATHERED):
-                part = block[first : first + _GATHERED]
+            for first in range(0, len(block), _CANDIDATES_COPIED):
+                part = block[first : first + _CANDIDATES_COPIED]
                 part = part if rows is None else part[:, :, rows]
                 found.append(part @ np.swapaxes(part, 1, 2))
         return np.concatenate(found).astype(float)

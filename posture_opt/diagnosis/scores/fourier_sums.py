@@ -10,9 +10,11 @@ import numpy as np
 
 from posture_opt.numerics import Array
 
-_WIDTH = 10  # points of the grid that a value is spread over: sums to nine digits
-_SHAPE = 0.75 * np.pi * _WIDTH  # of the Kaiser-Bessel window for a grid twice as fine as need be (Beatty et al. 2005)
-_COLUMNS = 64  # transformed at a time, for memory
+_KERNEL_POINTS = 10  # points of the grid that a value is spread over: sums to nine digits
+_KAISER_SHAPE = (
+    0.75 * np.pi * _KERNEL_POINTS
+)  # of the Kaiser-Bessel window for a grid twice as fine as need be (Beatty et al. 2005)
+_COLUMNS_AT_ONCE = 64  # transformed at a time, for memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +43,18 @@ class FourierSums:
 
         count, rows = len(cycles), np.arange(len(q))
         step = float(cycles[1] - cycles[0]) if count > 1 else 0.0
-        size = next_fast_len(max(2 * count, 2 * _WIDTH))
+        size = next_fast_len(max(2 * count, 2 * _KERNEL_POINTS))
         at = np.mod(step * q / (2 * np.pi), 1.0) * size
-        first = np.ceil(at - _WIDTH / 2).astype(int)
-        points = first[:, None] + np.arange(_WIDTH)
-        away = (points - at[:, None]) / (_WIDTH / 2)
-        weights = np.i0(_SHAPE * np.sqrt(np.maximum(1 - away**2, 0.0)))
-        places = (weights.ravel(), (np.mod(points, size).ravel(), np.repeat(rows, _WIDTH)))
+        first = np.ceil(at - _KERNEL_POINTS / 2).astype(int)
+        points = first[:, None] + np.arange(_KERNEL_POINTS)
+        away = (points - at[:, None]) / (_KERNEL_POINTS / 2)
+        weights = np.i0(_KAISER_SHAPE * np.sqrt(np.maximum(1 - away**2, 0.0)))
+        places = (weights.ravel(), (np.mod(points, size).ravel(), np.repeat(rows, _KERNEL_POINTS)))
         spread = csr_array(places, shape=(size, len(q)))
         modes = np.arange(count) - count // 2
-        root = np.sqrt(_SHAPE**2 - (_WIDTH * np.pi * modes / size) ** 2)
+        root = np.sqrt(_KAISER_SHAPE**2 - (_KERNEL_POINTS * np.pi * modes / size) ** 2)
         middle = np.exp(1j * cycles[count // 2] * q)
-        return cls(spread, middle, _WIDTH * np.sinh(root) / root, np.mod(modes, size))
+        return cls(spread, middle, _KERNEL_POINTS * np.sinh(root) / root, np.mod(modes, size))
 
     def __call__(self, a: Array) -> tuple[Array, Array]:
         """Sums with sines and with cosines, (K, p) each, of columns (N, p)."""
@@ -62,8 +64,8 @@ class FourierSums:
     def _blocks(self, a: Array) -> Iterator[Any]:
         from scipy.fft import ifft
 
-        for first in range(0, a.shape[1], _COLUMNS):
-            grid = self.spread @ (self.middle[:, None] * a[:, first : first + _COLUMNS])
+        for first in range(0, a.shape[1], _COLUMNS_AT_ONCE):
+            grid = self.spread @ (self.middle[:, None] * a[:, first : first + _COLUMNS_AT_ONCE])
             yield ifft(grid, axis=0, norm="forward")[self.modes] / self.window[:, None]
 
 

@@ -13,10 +13,10 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
 from posture_opt.numerics import Array, Codes
 
-_CHUNK = 4_000_000  # numbers of one block of columns: 32 MB
-_ROWS = 4096  # walked through at a time
-_MOST_LEVERAGE = 0.99  # above, a residual says nothing of the noise
-_ROUNDING = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
+_MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
+_ROWS_AT_ONCE = 4096  # walked through at a time
+_MAX_LEVERAGE = 0.99  # above, a residual says nothing of the noise
+_RANK_TOLERANCE = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +44,14 @@ class ProjectedBaseline:
         Q = orthonormal(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
-        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MOST_LEVERAGE)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MAX_LEVERAGE)
         signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips)).astype(np.int8)
         flipped = np.empty((len(e), 1 + flips))
         flipped[:, 0], drawn = e, flipped[:, 1:]
         np.multiply(signs[groups], (e / np.sqrt(1 - leverage))[:, None], out=drawn)
         inside = Q.T @ drawn
-        for first in range(0, len(e), _ROWS):
-            drawn[first : first + _ROWS] -= Q[first : first + _ROWS] @ inside
+        for first in range(0, len(e), _ROWS_AT_ONCE):
+            drawn[first : first + _ROWS_AT_ONCE] -= Q[first : first + _ROWS_AT_ONCE] @ inside
         return cls(Q, e, flipped, count or len(r))
 
     @property
@@ -85,7 +85,7 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
     if rho < levels.SURVIVING_SHARE:
         return np.zeros((len(Z), 0)), rho
     U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[0]))]), rho
+    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _RANK_TOLERANCE * float(s[0]))]), rho
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def _directions(gram: Array) -> Array:
         return np.zeros((len(gram), 0))
     values, vectors = np.linalg.eigh(gram)
     s = np.sqrt(np.maximum(values, 0.0))
-    clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+    clear = s > max(levels.SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
     return np.asarray(vectors[:, clear] / s[clear])
 
 
@@ -141,8 +141,8 @@ def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]
     """(K, K) inner products of all columns off the baseline, and (K,) those with the residuals that it leaves."""
     count = int(_edges(candidates)[-1])
     gram, cross, scores = np.zeros((count, count)), np.zeros((baseline.Q.shape[1], count)), np.zeros(count)
-    for first in range(0, len(baseline.e) if candidates else 0, _ROWS):
-        own = slice(first, first + _ROWS)
+    for first in range(0, len(baseline.e) if candidates else 0, _ROWS_AT_ONCE):
+        own = slice(first, first + _ROWS_AT_ONCE)
         Z = np.concatenate([Z[own] for Z in candidates], axis=1, dtype=float)
         gram += Z.T @ Z
         cross += baseline.Q[own].T @ Z
@@ -206,7 +206,7 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
                 continue
             values, vectors = np.linalg.eigh(rest)
             s = np.sqrt(np.maximum(values, 0.0))
-            clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+            clear = s > max(levels.SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
             kept[i] = int(clear.sum())
             parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
             gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
@@ -217,7 +217,7 @@ def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
     chunk: list[int] = []
     total = 0
     for i, size in enumerate(sizes):
-        if chunk and (total + size) * rows > _CHUNK:
+        if chunk and (total + size) * rows > _MAX_CHUNK_NUMBERS:
             yield chunk
             chunk, total = [], 0
         chunk.append(i)

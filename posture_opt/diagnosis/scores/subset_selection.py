@@ -12,8 +12,11 @@ from posture_opt.numerics import Array, Codes
 
 Chosen = tuple[int, ...]
 
-_DEPENDENT, _INVERTIBLE = 1e-6, 1e-8  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
-_BETTER = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
+_RANK_TOLERANCE, _INVERSE_TOLERANCE = (
+    1e-6,
+    1e-8,
+)  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
+_GAIN_TOLERANCE = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Pool:
             return self.rss0
         index = self._index(chosen)
         G, b = self.columns.gram[np.ix_(index, index)], self.columns.scores[index]
-        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_DEPENDENT)[0])
+        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_RANK_TOLERANCE)[0])
 
     def criterion(self, chosen: Chosen) -> float:
         """``m log(RSS/m) + Σ penalties``: the least is the best (Schwarz 1978)."""
@@ -69,7 +72,7 @@ class Pool:
         rss = self.rss0
         cross, left = G[:0], b
         if chosen:
-            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=_INVERTIBLE)
+            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=_INVERSE_TOLERANCE)
             cross = inverse @ G[index]
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
@@ -101,7 +104,7 @@ def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
             trials.append((pool.criterion(rest), rest))
             trials += pool.additions(rest)[:1]
         better = min(trials, default=(np.inf, chosen))
-        if better[0] >= value - _BETTER:
+        if better[0] >= value - _GAIN_TOLERANCE:
             return chosen
         value, chosen = better
 

@@ -13,9 +13,9 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Cause, Excitation
 from posture_opt.numerics import Array
 
-_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
+_WAVE_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
 """Directions (13, 3) of waves over the workspace, one of each pair of opposites."""
-_WORDS = {
+_PHRASES = {
     "curve": "a smooth curve over {target}",
     "dent": "a local deviation in the range of {target}",
     "square wave": "a square wave over {target}",
@@ -43,7 +43,7 @@ class UnnamedComponent(Cause):
 
     @property
     def words(self) -> str:
-        return _WORDS[self.kind].format(target=self.target)
+        return _PHRASES[self.kind].format(target=self.target)
 
 
 def unnamed_components(
@@ -71,7 +71,7 @@ def _joint_curves(
     names = excitation.robot.joint_names
     for joint in _moving(excitation):
         q = sensitivities.residuals.data.q[:, joint]
-        yield UnnamedComponent("curve", names[joint]), sensitivities.of_joint(joint, bumps(q))
+        yield UnnamedComponent("curve", names[joint]), sensitivities.of_joint(joint, bumps(q, levels.CURVE_BUMPS))
 
 
 def _dents(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
@@ -111,7 +111,7 @@ def _square(q: Array, waves: int, phase: float) -> Array:
     return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / levels.SQUARE_WAVE_PHASES)))
 
 
-def bumps(q: Array, count: int = levels.CURVE_BUMPS) -> Array:
+def bumps(q: Array, count: int) -> Array:
     """(N, count) Gaussian radial bases side by side over the range of q (N,)."""
     centres = np.linspace(q.min(), q.max(), count)
     width = max(float(centres[1] - centres[0]), 1e-9)
@@ -174,7 +174,7 @@ def _fields(sensitivities: EffectSensitivities, excitation: Excitation) -> Itera
     p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in sensitivities.walk.position], axis=1)
     size = float(np.linalg.norm(np.ptp(p, axis=0)))
     axes = np.ptp(p, axis=0) > 1e-6
-    directions = [d for d in _DIRECTIONS if not np.any(d[~axes])]
+    directions = [d for d in _WAVE_DIRECTIONS if not np.any(d[~axes])]
     for shape, (direction, share) in enumerate((d, s) for d in directions for s in levels.FIELD_WAVELENGTHS):
         phase = 2 * np.pi / (share * max(size, 1e-9)) * (p @ (direction / np.linalg.norm(direction)))
         waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)

@@ -23,7 +23,7 @@ from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Codes
 
-_FINER = 4  # steps to either side from a line of the grid to half way to the next
+_STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half way to the next
 
 
 class Atoms(ABC):
@@ -138,14 +138,14 @@ class LineAtoms(Atoms):
         return np.flatnonzero(apart <= self.lines.least_distance)
 
     def finer(self, index: int) -> Iterator[Candidate]:
-        yield from self._about(self.lines.cycles[index], self._step / (2 * _FINER))
+        yield from self._about(self.lines.cycles[index], self._step / (2 * _STEPS_TO_HALF_WAY))
 
     def closer(self, found: Candidate) -> Iterator[Candidate]:
         assert isinstance(found.what, CyclicError)
-        yield from self._about(found.what.cycles, self._step / (2 * _FINER) ** 2)
+        yield from self._about(found.what.cycles, self._step / (2 * _STEPS_TO_HALF_WAY) ** 2)
 
     def _about(self, cycles: float, step: float) -> Iterator[Candidate]:
-        for k in range(-_FINER, _FINER + 1):
+        for k in range(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1):
             yield self.lines.candidate(cycles + k * step, self._sensitivities)
 
 

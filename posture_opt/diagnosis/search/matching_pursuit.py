@@ -22,9 +22,9 @@ from posture_opt.diagnosis.search.shape_refinement import sharpened
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
-_RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
-_EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
-_RUNNERS_UP = 4  # of atoms of a kind at each step: neighbours on a grid say the same
+_RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
+_MAX_EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
+_RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a grid say the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class _State:
     def drops(self, rss: float, freedom: float) -> Array:
         """(n,) by how much each candidate would lower the criterion; minus infinity for one that cannot be."""
         gain, count = _gains(*_principal(self.gram, self.score))
-        gain = np.minimum(gain, _EXPLAINED * rss)
+        gain = np.minimum(gain, _MAX_EXPLAINED * rss)
         prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
         return np.asarray(np.where(self.closed | (gain <= 0) | self._impossible(), -np.inf, drop))
@@ -135,7 +135,7 @@ class _State:
         """The few best candidates that are local maxima of the drop, at ``least`` or better."""
         before, behind = np.r_[-np.inf, drops[:-1]], np.r_[drops[1:], -np.inf]
         peaks = np.flatnonzero((drops >= least) & (drops >= before) & (drops >= behind))
-        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP]]
+        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP_PER_KIND]]
 
 
 def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
@@ -219,7 +219,7 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
     A = A * scale
     edges = np.cumsum([known.shape[1], *sizes])
     places = [np.arange(a, b) for a, b in pairwise(edges)]
-    C = np.linalg.inv(A.T @ A + _RIDGE * np.eye(A.shape[1]))
+    C = np.linalg.inv(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]))
     theta = C @ (A.T @ r)
     kept, found = list(range(len(columns))), list[Subset]()
     while True:

@@ -15,8 +15,8 @@ from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Mask
 
-_ROUNDS = 8
-_TRIED = 8  # explanations: what was chosen, and that with one of its rivals in place
+_MAX_OUTLIER_ROUNDS = 8
+_MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its rivals in place
 
 
 def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibration:
@@ -45,7 +45,7 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
 def _explanations(found: SearchResult) -> Iterator[Sequence[Candidate]]:
     yield found.chosen
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
-    for i, rival in others[: _TRIED - 1]:
+    for i, rival in others[: _MAX_EXPLANATIONS - 1]:
         yield (*found.chosen[:i], rival, *found.chosen[i + 1 :])
 
 
@@ -54,7 +54,7 @@ def _gross(r: Array, A: Array, block: int) -> Mask:
     scale = np.linalg.norm(A, axis=0)
     A = A / np.where(scale > 0, scale, 1.0)
     gone = np.zeros(len(r) // block, dtype=bool)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_OUTLIER_ROUNDS):
         rows = np.repeat(~gone, block)
         rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
         again = outlying(rest, A, block)[0]

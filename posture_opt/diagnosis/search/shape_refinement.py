@@ -15,7 +15,7 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Mask
 
-_RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
+_RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
@@ -83,7 +83,7 @@ def _solved(A: Array, r: Array) -> Array:
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
     A = A * scale
-    return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE * np.eye(A.shape[1]), A.T @ r))
+    return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]), A.T @ r))
 
 
 def _slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
