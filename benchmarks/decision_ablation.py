@@ -30,17 +30,17 @@ Change = Mapping[str, Any]
 FAMILIES = ("few_poses", "planar", "scara", "narrow", "two", "joint_noise", "range_noise", "stated_sigma", "outliers",
             "geometry", "outside", "shape_often", "clean")  # fmt: skip
 """Families of hidden draws, one draw of each."""
-SCALED = ("LACK_OF_FIT", "GEOMETRY", "NOISE", "NOISE_BESIDE_A_CAUSE", "TAIL_SHARE", "REPEAT_FREEDOM", "JOINT_KERNELS",
-          "FIELD_KERNELS", "INPUT_KERNEL", "STRUCTURE_IN_DOUBT", "OUTLIER_SHARE", "OUTLIER_RATIO", "FEW_PARAMETERS",
-          "SLIGHT_PARAMETER")  # fmt: skip
+SCALED = ("LACK_OF_FIT_LEVEL", "GEOMETRY_LEVEL", "NOISE_LEVEL", "FURTHER_NOISE_LEVEL", "TAIL_SHARE", "MIN_REPEAT_FREEDOM", "JOINT_KERNEL_WIDTHS",
+          "FIELD_KERNEL_WIDTHS", "INPUT_KERNEL_WIDTH", "STRUCTURE_LEVEL", "MAX_OUTLIER_SHARE", "MIN_OUTLIER_RATIO", "MAX_NAMED_PARAMETERS",
+          "MIN_PARAMETER_SHARE")  # fmt: skip
 """Levels that act after the search."""
-PLANNED = ("DETECTED", "MEAN_WEIGHT")
+PLANNED = ("DETECTED_ROOT_LAMBDA", "MEAN_PAIR_WEIGHT")
 """Levels of the plan that discriminates rivals."""
 SEARCHED: dict[str, Change] = {
     "PERIODOGRAM_PEAKS = 2": {"PERIODOGRAM_PEAKS": 2},
     "PERIODOGRAM_PEAKS = 8": {"PERIODOGRAM_PEAKS": 8},
-    "MORE_SIGN_FLIPS = 1": {"MORE_SIGN_FLIPS": 1},
-    "MORE_SIGN_FLIPS = 8": {"MORE_SIGN_FLIPS": 8},
+    "SIGN_FLIPS_FACTOR = 1": {"SIGN_FLIPS_FACTOR": 1},
+    "SIGN_FLIPS_FACTOR = 8": {"SIGN_FLIPS_FACTOR": 8},
     "curves and courses: half as many bumps": {"CURVE_BUMPS": 4, "COURSE_BUMPS": 3},
     "curves and courses: twice as many bumps": {"CURVE_BUMPS": 16, "COURSE_BUMPS": 10},
     "BUMP_WIDTH × 0.5": {"BUMP_WIDTH": 0.35},
@@ -117,16 +117,16 @@ class SharedSearch:
     """`diagnose` with calibration and search of each case done once, for levels that act after them."""
 
     def __init__(self) -> None:
-        self.calibrate, self.search = stages.calibrate, stages._searched
+        self.calibrate, self.search = stages.calibrate, stages._search_effects
         self.known: dict[int, tuple[Any, Any]] = {}
 
     def __enter__(self) -> SharedSearch:
         stages.calibrate = self._calibrated  # type: ignore[assignment]
-        stages._searched = self._found
+        stages._search_effects = self._found
         return self
 
     def __exit__(self, *_: object) -> None:
-        stages.calibrate, stages._searched = self.calibrate, self.search
+        stages.calibrate, stages._search_effects = self.calibrate, self.search
 
     def _calibrated(self, problem: Any, data: Any, **options: Any) -> Any:
         if id(problem) not in self.known:

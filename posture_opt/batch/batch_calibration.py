@@ -28,8 +28,8 @@ from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.validation.coverage import REGION_PROBABILITY, distances, share_interval
-from posture_opt.validation.spread_check import predictions
+from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, squared_distances
+from posture_opt.validation.spread_check import held_out_predictions
 
 MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
@@ -156,11 +156,11 @@ def calibrate_batch(
         InputError: the data are of one robot.
         InsufficientDataError: fewer than three robots, or too little of one of them.
     """
-    _check(problem, data)
+    _check_batch(problem, data)
     total, data = len(data), thin_each_robot(data, most_rows)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
-    calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
-    parameters, undetermined = _determined(calibrations)
+    calibrations = tuple(_calibrate_each(_without_geometry(problem), data, rows, folds, by, progress))
+    parameters, undetermined = _determined_by_all(calibrations)
     index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
     columns = [index[p.name] for p in parameters]
     estimates = np.array([c.x[columns] for c in calibrations])
@@ -179,25 +179,27 @@ def calibrate_batch(
         stated=stated_sigmas(parameters, problem),
         pairs=pairs_of(parameters, spread, problem),
         undetermined=undetermined,
-        nominal=Statistics.of(_counted(calibrations, [c.errors_nominal for c in calibrations]), robots),
-        calibrated=Statistics.of(_counted(calibrations, [c.errors for c in calibrations]), robots),
-        coverage=_coverage(problem, calibrations, folds),
-        notes=tuple(dict.fromkeys((*_thinned(total, len(data)), *(note for c in calibrations for note in c.notes)))),
+        nominal=Statistics.of(_kept_errors(calibrations, [c.errors_nominal for c in calibrations]), robots),
+        calibrated=Statistics.of(_kept_errors(calibrations, [c.errors for c in calibrations]), robots),
+        coverage=_batch_coverage(problem, calibrations, folds),
+        notes=tuple(
+            dict.fromkeys((*_thinning_notes(total, len(data)), *(note for c in calibrations for note in c.notes)))
+        ),
         total=total,
     )
 
 
-def _thinned(total: int, used: int) -> tuple[str, ...]:
+def _thinning_notes(total: int, used: int) -> tuple[str, ...]:
     """What is said of a file of which not all rows are used."""
     return (f"{used} of {total} rows were fitted, as many of each robot: --rows takes more",) * (used < total)
 
 
-def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
+def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
     """Errors (N, 3) of all robots, outliers left out."""
     return np.concatenate([e[c.kept_rows] for c, e in zip(calibrations, errors, strict=True)])
 
 
-def _check(problem: CalibrationProblem, data: Measurements) -> None:
+def _check_batch(problem: CalibrationProblem, data: Measurements) -> None:
     names = data.robot_names
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
@@ -214,7 +216,7 @@ def _check(problem: CalibrationProblem, data: Measurements) -> None:
         )
 
 
-def _each(
+def _calibrate_each(
     problem: CalibrationProblem,
     data: Measurements,
     rows: Sequence[Codes],
@@ -224,12 +226,12 @@ def _each(
 ) -> Iterator[Calibration]:
     """Every robot by itself."""
     for code, mine in enumerate(rows):
-        yield _one(problem, data, mine, code, folds, by)
+        yield _calibrate_one(problem, data, mine, code, folds, by)
         if progress is not None:
             progress(code + 1, len(rows))
 
 
-def _one(
+def _calibrate_one(
     problem: CalibrationProblem, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
 ) -> Calibration:
     name = data.robot_names[code]
@@ -253,7 +255,7 @@ def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
     return changed
 
 
-def _determined(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
+def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
     """Geometric parameters that all robots' data determine, and the names of the others."""
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
@@ -266,15 +268,15 @@ def _determined(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter,
     return told, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
 
 
-def _coverage(
+def _batch_coverage(
     problem: CalibrationProblem, calibrations: tuple[Calibration, ...], folds: int
 ) -> dict[str, tuple[float, tuple[float, float]]]:
     """Shares of all rows inside the predicted 95 % regions; rows of one robot hang together."""
     inside: dict[str, list[Mask]] = {}
     for calibration in calibrations:
-        for name, (errors, predicted, _) in predictions(problem, calibration, folds).items():
+        for name, (errors, predicted, _) in held_out_predictions(problem, calibration, folds).items():
             radius = coverage_factor(REGION_PROBABILITY, errors.shape[1])
-            inside.setdefault(name, []).append(distances(errors, predicted.covariance) <= radius**2)
+            inside.setdefault(name, []).append(squared_distances(errors, predicted.covariance) <= radius**2)
     found = {}
     for name, parts in inside.items():
         robots = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])

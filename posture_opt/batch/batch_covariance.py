@@ -13,7 +13,7 @@ from posture_opt.calibration.estimation.parameters import CalibrationProblem, Pa
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.validation.model_errors import holm
+from posture_opt.validation.model_errors import holm_rejections
 
 _MAX_EM_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
 _COVARIANCE_TOLERANCE = 1e-6  # of a scaled covariance
@@ -46,10 +46,10 @@ class BatchCovariance:
     @property
     def correlation(self) -> Array:
         """(k, k) with ones on its diagonal; 0 where a parameter does not vary."""
-        return correlations(self.covariance)
+        return correlation_matrix(self.covariance)
 
 
-def correlations(covariance: Array) -> Array:
+def correlation_matrix(covariance: Array) -> Array:
     """(k, k) correlations of a covariance, 0 beside variances of zero."""
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     size = np.outer(sigma, sigma)
@@ -74,7 +74,7 @@ def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovarianc
     scale = np.maximum(estimates.std(axis=0, ddof=1), np.sqrt(np.diagonal(errors, axis1=1, axis2=2).mean(axis=0)))
     scale = np.where(scale > 0, scale, 1.0)
     x, S = estimates / scale, errors / np.outer(scale, scale)
-    omega, mean, mean_covariance = _restricted(x, S)
+    omega, mean, mean_covariance = _restricted_maximum(x, S)
     k = x.shape[1]
     ends = np.array([deviation_interval(x[:, i], S[:, i, i]) for i in range(k)]).reshape(-1, 2)
     rho_ends, p = _correlation_intervals(omega, S)
@@ -88,7 +88,7 @@ def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovarianc
     )
 
 
-def _restricted(x: Array, S: Array) -> tuple[Array, Array, Array]:
+def _restricted_maximum(x: Array, S: Array) -> tuple[Array, Array, Array]:
     """Ω, μ and the covariance of μ."""
     omega = np.atleast_2d(np.cov(x, rowvar=False)) + 1e-6 * np.eye(x.shape[1])
     for _ in range(_MAX_EM_STEPS):
@@ -143,7 +143,7 @@ def _correlation_intervals(omega: Array, S: Array) -> tuple[Array, Array]:
     for i in range(k):
         for j in range(i):
             pair = [i, j]
-            rho, error = _pair(omega[np.ix_(pair, pair)], S[:, pair][:, :, pair])
+            rho, error = _pair_correlation(omega[np.ix_(pair, pair)], S[:, pair][:, :, pair])
             z = math.atanh(rho)
             low, high = (math.tanh(z + side * NORMAL95 * error) for side in (-1, 1))
             ends[i, j] = ends[j, i] = low, high
@@ -151,7 +151,7 @@ def _correlation_intervals(omega: Array, S: Array) -> tuple[Array, Array]:
     return ends, p
 
 
-def _pair(omega: Array, S: Array) -> tuple[float, float]:
+def _pair_correlation(omega: Array, S: Array) -> tuple[float, float]:
     """A correlation and the standard error of its artanh, by the expected information of the three (co)variances."""
     R = len(S)
     least = 1e-9 * max(float(np.trace(omega)), 1e-300)
@@ -200,7 +200,7 @@ def pairs_of(
     indices.sort(key=lambda ij: float(spread.p_correlation[ij]))
     p_values = [float(spread.p_correlation[ij]) for ij in indices]
     found = []
-    for (i, j), p, significant in zip(indices, p_values, holm(p_values), strict=True):
+    for (i, j), p, significant in zip(indices, p_values, holm_rejections(p_values), strict=True):
         low, high = map(float, spread.correlation_interval[i, j])
         said = stated.get(frozenset((names[i], names[j])), 0.0)
         rho = float(spread.correlation[i, j])

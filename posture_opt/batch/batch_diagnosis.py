@@ -14,7 +14,7 @@ from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
@@ -53,7 +53,7 @@ class BatchDiagnosis(Result):
             "cross_validation": self.by,
             "candidates": [
                 {"kind": found.kind, "target": found.target, "p_value": found.p_value, "gain": 0.0}
-                for found in map(_correlated, self.batch.pairs)
+                for found in map(_correlation_finding, self.batch.pairs)
             ],
             "notes": list(self.batch.notes),
             **self.batch.thinned_json,
@@ -69,7 +69,7 @@ def diagnose_batch(
     folds: int = 5,
     by: By | None = None,
     seed: int = 0,
-    most_rows: int = levels.MOST_ROWS,
+    most_rows: int = levels.MAX_SEARCHED_ROWS,
     progress: Progress | None = None,
 ) -> BatchDiagnosis:
     """What measurements of several robots of one type say that those of one cannot.
@@ -86,16 +86,16 @@ def diagnose_batch(
     batch = calibrate_batch(problem, data, folds=folds, by=by, most_rows=most_rows, progress=progress)
     units = {p.name: p.unit for p in batch.parameters}
     lengths = [
-        _correlated(pair)
+        _correlation_finding(pair)
         for pair in batch.pairs
         if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
     ]
-    noise, uneven = _noise(problem, batch, seed)
+    noise, uneven = _batch_noise(problem, batch, seed)
     findings = (*lengths, *map(noise_finding, noise))
     return BatchDiagnosis(batch, findings, batch.calibrations[0].by, tuple(uneven))
 
 
-def _correlated(pair: CorrelatedPair) -> Finding:
+def _correlation_finding(pair: CorrelatedPair) -> Finding:
     effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
     size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
     return Finding(effect, size, pair.p_value, 0.0)
@@ -105,13 +105,13 @@ def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
     return stated != 0 and interval[0] <= stated <= interval[1]
 
 
-def _noise(
+def _batch_noise(
     problem: CalibrationProblem, batch: Batch, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:  # fmt: skip
     """Uneven noise in the residuals of all robots."""
     samples = []
     for calibration in batch.calibrations:
-        linearised = linearise(calibration, 0, seed)
+        linearised = linearise_calibration(calibration, 0, seed)
         sensitivities = linearised.sensitivities
         samples.append(noise_samples(problem, sensitivities.residuals, linearised.baseline(), sensitivities.joints)[:2])
     everything, repeats = (NoiseSample.together(parts) for parts in zip(*samples, strict=True))

@@ -9,10 +9,10 @@ from itertools import count
 import numpy as np
 
 from posture_opt.calibration.assumptions.frame_chart import Chart
-from posture_opt.calibration.assumptions.frames import compare, fit_frames, held_length
-from posture_opt.calibration.assumptions.stated_knowledge import consistent
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames, held_length
+from posture_opt.calibration.assumptions.stated_knowledge import consistent_problem
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
+from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted_errors
 from posture_opt.calibration.data_checks import (
     Disagreement,
     check_amount,
@@ -23,13 +23,13 @@ from posture_opt.calibration.data_checks import (
     still_notes,
 )
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.estimation.fit import Fit, clustered, estimate
-from posture_opt.calibration.estimation.fit_setup import FitSetup, determine, unseen
+from posture_opt.calibration.estimation.fit import Fit, estimate_parameters, with_clustered_errors
+from posture_opt.calibration.estimation.fit_setup import FitSetup, determine_directions, unseen_errors_of_fit
 from posture_opt.calibration.estimation.fitted_arm import FitRequest
 from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.other_file import OtherFile, predicted
+from posture_opt.calibration.other_file import OtherFile, predict_other_file
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin
@@ -63,9 +63,10 @@ def calibrate(
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
 
     Free frames and touched points start from a closed form; then everything is fitted together. Frames that are
-    neither free nor given a σ are taken as stated, unless the data refute that, see `consistent`: then they are free,
-    and a stated σ that the data refute does not count. What the data tell less well than to 10 mm and 1° counts as not
-    determined, and is held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
+    neither free nor given a σ are taken as stated, unless the data refute that, see `consistent_problem`: then they are
+    free, and a stated σ that the data refute does not count. What the data determine less well than to 10 mm and 1° is
+    undetermined: it is
+    held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
     cross-validated: every row is predicted by an arm that has not seen its group (``by``: its pose, its block of the
     workspace, or the place that it touched).
 
@@ -82,31 +83,31 @@ def calibrate(
     """
     thinning = thin(data, most_rows)
     data = data if thinning is None else thinning.used
-    problem, refuted = consistent(problem, data, priors)
-    given, notes = compare(problem, data)
+    problem, refuted = consistent_problem(problem, data, priors)
+    given, notes = arm_and_data(problem, data)
     chart = Chart.of(given)
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
     parts = folds_of(groups, folds, by)
-    tell = _teller(progress, 2 * len(parts) + 1 + (thinning is not None))
-    fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
+    report_step = _step_reporter(progress, 2 * len(parts) + 1 + (thinning is not None))
+    fitted = _fit_arm(problem, chart.fitted, len(np.unique(groups)), priors)
     check_kept(chart.fitted, groups, fitted.found.kept)
-    tell()
-    nominal = refitted(chart.fitted, parts, fitted.found, tell, frames=True)
-    calibrated = refitted(chart.fitted, parts, fitted.found, tell)
+    report_step()
+    nominal = refitted_errors(chart.fitted, parts, fitted.found, report_step, frames=True)
+    calibrated = refitted_errors(chart.fitted, parts, fitted.found, report_step)
     again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
-    told = _restless(calibrated.unsettled, len(parts))
-    notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
+    unconverged = _unconverged_note(calibrated.unsettled, len(parts))
+    notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *unconverged)
     models = {"nominal": (chart.fitted, fitted.x_nominal), "calibrated": (chart.fitted, fitted.found.x)}
-    seen = None if test is None else predicted(models, data.take(fitted.found.kept), test, refit_frames)
+    seen = None if test is None else predict_other_file(models, data.take(fitted.found.kept), test, refit_frames)
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
-    found = _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+    found = _assemble_calibration(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
     left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
-    found = replace(found, contradictions=refuted.told(found.fit), disagreement=left)
+    found = replace(found, contradictions=refuted.contradictions(found.fit), disagreement=left)
     if thinning is None:
         return found
     large = LargeFile.of(thinning, models, fitted.found)
-    tell()
+    report_step()
     return replace(found, large=large)
 
 
@@ -118,13 +119,13 @@ def stated_errors(
     Nothing is fitted but what the file leaves free, and the offsets of several targets and touched points, which no
     file states; they are predicted without the group of each row. Outliers beside the calibrated arm do not count.
     """
-    problem, _ = consistent(problem, data, priors=True)
-    residuals = Chart.of(compare(problem, data)[0]).fitted
+    problem, _ = consistent_problem(problem, data, priors=True)
+    residuals = Chart.of(arm_and_data(problem, data)[0]).fitted
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
     # A file that states what it learned has more unknowns than its data tell: few rows suffice all the same.
-    found = _fit(problem, residuals, len(np.unique(groups)), priors=True, enough=True).found
-    return refitted(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept
+    found = _fit_arm(problem, residuals, len(np.unique(groups)), priors=True, enough=True).found
+    return refitted_errors(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept
 
 
 def default_by(data: Measurements) -> By:
@@ -147,7 +148,7 @@ class _Fitted:
         return *self.known.notes, *self.found.notes
 
 
-def _fit(
+def _fit_arm(
     problem: CalibrationProblem, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False
 ) -> _Fitted:
     """The free frames, then everything that the data determine; ``groups`` counts what hangs together.
@@ -157,10 +158,10 @@ def _fit(
     x_nominal = fit_frames(residuals)
     held = held_length(residuals)
     check_size(residuals, held)
-    known = determine(problem, residuals, x_nominal, held, priors)
+    known = determine_directions(problem, residuals, x_nominal, held, priors)
     if not enough:
         check_amount(residuals, known, groups)
-    known, found = _settled(problem, residuals, x_nominal, known, held, priors)
+    known, found = _settled_estimate(problem, residuals, x_nominal, known, held, priors)
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
@@ -168,7 +169,7 @@ def _fit(
     return _Fitted(x_nominal, known, found, held, notes)
 
 
-def _settled(
+def _settled_estimate(
     problem: CalibrationProblem, residuals: Residuals, x: Array, known: FitSetup, held: int | None, priors: bool
 ) -> tuple[FitSetup, Fit]:
     """The estimate, and what is determined with the noise that it leaves.
@@ -177,15 +178,15 @@ def _settled(
     directions are judged again.
     """
     for _ in range(_NOISE_ROUNDS):
-        found = estimate(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
-        again = determine(problem, residuals, x, held, priors, found)
+        found = estimate_parameters(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
+        again = determine_directions(problem, residuals, x, held, priors, found)
         if again.noise > known.noise / 2:
             break
         known = again
     return known, found
 
 
-def _assembled(
+def _assemble_calibration(
     request: FitRequest,
     given: Residuals,
     chart: Chart,
@@ -198,15 +199,18 @@ def _assembled(
 ) -> Calibration:
     """The calibration in the parameters of the file; ``predicted`` are the nominal and the calibrated arm's errors."""
     residuals, known, kept = chart.fitted, fitted.known, fitted.found.kept
-    found = clustered(fitted.found) if known.design > 1 else fitted.found
+    found = with_clustered_errors(fitted.found) if known.design > 1 else fitted.found
     nominal, calibrated = predicted
     return Calibration(
         request=request,
         fit=replace(
-            found, residuals=given, x=chart.told(found.x), directions=chart.told_steps(found.x, found.directions)
+            found,
+            residuals=given,
+            x=chart.given_deviations(found.x),
+            directions=chart.given_steps(found.x, found.directions),
         ),
-        x_nominal=chart.told(fitted.x_nominal),
-        fixed=chart.told_fixed(found.x, known.fixed, found.covariance),
+        x_nominal=chart.given_deviations(fitted.x_nominal),
+        fixed=chart.given_determined(found.x, known.fixed, found.covariance),
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[kept], groups[kept]),
         calibrated=Statistics.of(calibrated.errors[kept], groups[kept]),
@@ -215,12 +219,12 @@ def _assembled(
         by=by,
         test=test,
         prior=known.stated,
-        unseen=chart.told_size(found.x, unseen(residuals, known, found, fitted.held)),
+        unseen=chart.given_sizes(found.x, unseen_errors_of_fit(residuals, known, found, fitted.held)),
         notes=notes,
     )
 
 
-def recounted(calibration: Calibration, kept: Mask) -> Calibration:
+def recount_rows(calibration: Calibration, kept: Mask) -> Calibration:
     """The same estimate with other rows (N,) that count: the errors of both models are predicted anew, fold by fold.
 
     The estimate itself stays the one that did without them.
@@ -228,7 +232,7 @@ def recounted(calibration: Calibration, kept: Mask) -> Calibration:
     request, by, fit = calibration.request, calibration.by, replace(calibration.fit, kept=kept)
     groups = groups_of(request.data, by, request.folds)
     parts = folds_of(groups, request.folds, by)
-    held = {name: refitted(fit.residuals, parts, fit, frames=name == "nominal") for name in calibration.held}
+    held = {name: refitted_errors(fit.residuals, parts, fit, frames=name == "nominal") for name in calibration.held}
     nominal, calibrated = (Statistics.of(held[n].errors[kept], groups[kept]) for n in ("nominal", "calibrated"))
     more = int(kept.sum()) - len(calibration.kept_rows)
     words = ("1 row", "an outlier counts", "it") if more == 1 else (f"{more} rows", "outliers count", "them")
@@ -237,11 +241,11 @@ def recounted(calibration: Calibration, kept: Mask) -> Calibration:
     return replace(calibration, fit=fit, held=held, nominal=nominal, calibrated=calibrated, notes=notes)
 
 
-def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
+def _step_reporter(progress: Progress | None, total: int) -> Callable[[], None]:
     """Tells one more of ``total`` fits at each call."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
 
 
-def _restless(fits: int, rounds: int) -> tuple[str, ...]:
+def _unconverged_note(fits: int, rounds: int) -> tuple[str, ...]:
     return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()

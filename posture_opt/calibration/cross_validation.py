@@ -1,8 +1,8 @@
 """Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file.
 
-The others are fitted anew, exactly (`refitted`), or to first order about the fit to all rows (`held_out`). There every
-fold fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into the
-folds too (`predicted`, by models of their own).
+The others are fitted anew, exactly (`refitted_errors`), or to first order about the fit to all rows (`held_out`). Every
+fold then fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into the
+folds too (`linear_held_out_errors`, by models of their own).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.assumptions.frames import fit_frames
-from posture_opt.calibration.estimation.fit import Fit, estimate
+from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
@@ -50,7 +50,7 @@ class HeldOut:
         return replace(self, errors=self.errors[rows], inside=self.inside[rows], shape=shape)
 
 
-def refitted(
+def refitted_errors(
     residuals: Residuals, folds: Folds, found: Fit, tell: Callable[[], None] = lambda: None, *, frames: bool = False
 ) -> HeldOut:
     """Every row by an arm that was fitted to the other folds: all that was fitted to all rows, or free frames alone.
@@ -69,7 +69,7 @@ def refitted(
         x = fit_frames(training)
         again = None
         if not frames:
-            again = estimate(
+            again = estimate_parameters(
                 training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
                 weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
@@ -77,7 +77,7 @@ def refitted(
         rest = residuals.take(left_out)
         errors[left_out] = position_errors(rest, x)
         taught = position_errors(training, x)[:, residuals.axes]
-        inside[left_out] = _inside(rest, errors[left_out], taught, x, again)
+        inside[left_out] = _inside_regions(rest, errors[left_out], taught, x, again)
         tell()
     return HeldOut(errors, inside, unsettled=not_converged)
 
@@ -94,10 +94,10 @@ def held_out(
     ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
     """
     linear = about or LinearModel.of(model)
-    return predicted(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
+    return linear_held_out_errors(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
 
 
-def predicted(
+def linear_held_out_errors(
     residuals: Residuals, models: Iterable[tuple[Codes, LinearModel]], without: int | None = None,
     shape: Array | None = None,
 ) -> HeldOut:  # fmt: skip
@@ -107,17 +107,19 @@ def predicted(
     root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
     for left_out, linear in models:
         r, kept = linear.without(without)
-        theirs = _index(left_out, block)
-        step, spread = _step(linear, r, kept, theirs)
+        theirs = _residual_indices(left_out, block)
+        step, spread = _fold_step(linear, r, kept, theirs)
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
         e = positions_of(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
         told = linear.U @ (linear.K[:, kept] @ spread)
-        inside[left_out] = in_regions(e, *_expected(residuals, refitted, told, left_out, root))
+        inside[left_out] = in_regions(e, *_expected_covariance(residuals, refitted, told, left_out, root))
     return HeldOut(errors, inside, shape)
 
 
-def _expected(residuals: Residuals, r: Array, told: Array, left_out: Codes, root: Array | None) -> tuple[Array, float]:
+def _expected_covariance(
+    residuals: Residuals, r: Array, told: Array, left_out: Codes, root: Array | None
+) -> tuple[Array, float]:
     """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is told by.
 
     Noise as the other rows have it, and the error of the parameters fitted to them: the leverage of a row. A parameter
@@ -138,13 +140,13 @@ def _expected(residuals: Residuals, r: Array, told: Array, left_out: Codes, root
     C = np.broadcast_to(taught.T @ taught / free, (len(left_out), d, d))
     if root is not None:
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
-    others = np.delete(r, _index(left_out, block))
+    others = np.delete(r, _residual_indices(left_out, block))
     variance = float(others @ others) / max(len(others) - told.shape[1], 1)
     L = residuals.data.take(left_out).about_points(rows[left_out]) * residuals.sigma
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 
-def _step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
+def _fold_step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
     In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
@@ -159,7 +161,7 @@ def _step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[
     return np.asarray(spread @ (-slope / root)), np.asarray(spread)
 
 
-def _index(rows: Codes, block: int) -> Codes:
+def _residual_indices(rows: Codes, block: int) -> Codes:
     return np.asarray((rows[:, None] * block + np.arange(block)).ravel())
 
 
@@ -173,7 +175,7 @@ def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
     return np.asarray(e)
 
 
-def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit | None) -> Mask:
+def _inside_regions(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit | None) -> Mask:
     """Whether errors (n, 3) lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to expect.
 
     They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
@@ -185,7 +187,7 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit 
     free = max(len(taught) - fitted / d, d + 1.0)
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:
-        J = rest.both(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
+        J = rest.residuals_and_jacobian(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
         J = rest.data.about_points(J)
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
     return in_regions(e, C, free)

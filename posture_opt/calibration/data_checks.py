@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.estimation.fit_setup import FitSetup, tolerances
-from posture_opt.calibration.estimation.identifiability import identify
+from posture_opt.calibration.estimation.fit_setup import FitSetup, prior_tolerances
+from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
@@ -53,7 +53,7 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
         InsufficientDataError: too few rows, or all of them alike.
     """
     data, block = residuals.data, residuals.block
-    counted, measure = _counted(residuals), spread_poses(residuals)
+    counted, measure = _row_count_text(residuals), spread_poses(residuals)
     if groups < 2 and len(data) > 1:
         still = len(still_joints(residuals.robot, data)) == residuals.robot.n
         alike = "all rows are alike" if still else "all rows belong to one group"
@@ -110,18 +110,18 @@ def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
     if known.identifiability.determined[geometry].any():
         return
     frames = [p for p in residuals.parameters if p.group != "geometry"]
-    J, scale = residuals.both(x)[1][:, ~geometry], tolerances(frames, [])
-    alone = identify([p.name for p in frames], J, len(residuals.data), scale=scale, noise=known.noise)
+    J, scale = residuals.residuals_and_jacobian(x)[1][:, ~geometry], prior_tolerances(frames, [])
+    alone = identify_parameters([p.name for p in frames], J, len(residuals.data), scale=scale, noise=known.noise)
     if alone.rank < known.identifiability.rank:
         return
     still = still_joints(residuals.robot, residuals.data)
     stood = f", as these joints stood still: {', '.join(still)}" if still else ""
     raise InsufficientDataError(
-        f"{_counted(residuals)} determine no parameter of the arm itself{stood}; {spread_poses(residuals)}"
+        f"{_row_count_text(residuals)} determine no parameter of the arm itself{stood}; {spread_poses(residuals)}"
     )
 
 
-def _counted(residuals: Residuals) -> str:
+def _row_count_text(residuals: Residuals) -> str:
     poses = len(np.unique(residuals.data.pose))
     return f"{len(residuals.data) * residuals.block} measured coordinates in {poses} pose{'s' * (poses != 1)}"
 
@@ -142,7 +142,7 @@ class Disagreement:
     @classmethod
     def of(cls, residuals: Residuals, errors: Array) -> Disagreement | None:
         """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
-        found = cls(_rms(errors), _motion(residuals))
+        found = cls(_rms_length(errors), _rms_motion(residuals))
         long = reach(residuals.robot)
         return (
             found
@@ -151,10 +151,10 @@ class Disagreement:
         )
 
 
-def _motion(residuals: Residuals) -> float:
+def _rms_motion(residuals: Residuals) -> float:
     """RMS motion of the measured points; of touched ones, the reach of the arm."""
     data = residuals.data
-    return reach(residuals.robot) if data.position is None else _rms(data.position - data.position.mean(axis=0))
+    return reach(residuals.robot) if data.position is None else _rms_length(data.position - data.position.mean(axis=0))
 
 
 def check_sense(residuals: Residuals, errors: Array) -> None:
@@ -163,7 +163,7 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
     Raises:
         InputError: they are another robot's, or joints have other signs.
     """
-    motion, left = _motion(residuals), _rms(errors)
+    motion, left = _rms_motion(residuals), _rms_length(errors)
     if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
         residuals.robot
     ):
@@ -176,5 +176,5 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
     raise InputError(Issue(message, hint=hint, file=residuals.data.file))
 
 
-def _rms(errors: Array) -> float:
+def _rms_length(errors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

@@ -62,6 +62,6 @@ def tool_uncertainty(fit: Fit) -> float:
     """Root mean square over the rows of what the standard errors of a fit move the tool by [m]: ``√ tr(J C Jᵀ)``."""
     used = fit.residuals
     some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _SAMPLED_ROWS).astype(np.intp)))
-    J = some.both(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
+    J = some.residuals_and_jacobian(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
     L = J[:, : len(some.axes)] * some.sigma @ fit.directions
     return float(np.sqrt(np.einsum("nij,jk,nik->", L, fit.C, L, optimize=True) / len(some.data)))

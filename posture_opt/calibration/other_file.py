@@ -70,7 +70,9 @@ class OtherFile:
         }
 
 
-def predicted(models: Mapping[str, Model], learned: Measurements, other: Measurements, refit_frames: bool) -> OtherFile:
+def predict_other_file(
+    models: Mapping[str, Model], learned: Measurements, other: Measurements, refit_frames: bool
+) -> OtherFile:
     """Errors of models on another file, nothing fitted to it, or base and tool alone if ``refit_frames``.
 
     Args:
@@ -79,7 +81,7 @@ def predicted(models: Mapping[str, Model], learned: Measurements, other: Measure
     Raises:
         InputError: unknown targets, several robots, or too few poses to fit base and tool again.
     """
-    other = matched(learned, other)
+    other = match_targets(learned, other)
     low, high = learned.q.min(axis=0) - _RANGE_TOLERANCE, learned.q.max(axis=0) + _RANGE_TOLERANCE
     out = (other.q < low) | (other.q > high)
     joints = tuple(name for name, beyond in zip(other.joint_names, out.any(axis=0), strict=True) if beyond)
@@ -95,7 +97,7 @@ def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
     return position_errors(*(frames_again(there, x[kept]) if refit_frames else (there, x[kept])))
 
 
-def matched(learned: Measurements, other: Measurements) -> Measurements:
+def match_targets(learned: Measurements, other: Measurements) -> Measurements:
     """Other measurements with the codes that their targets have in those that taught a model, matched by name.
 
     Raises:

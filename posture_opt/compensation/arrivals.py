@@ -42,7 +42,7 @@ class Arrivals:
         )
 
 
-def arrivals(arm: Arm, rows: Targets, q: Array) -> Arrivals:
+def arrivals_of(arm: Arm, rows: Targets, q: Array) -> Arrivals:
     """The arrivals at commands (N, n) [rad or m] that follow each other.
 
     The file's ``approach`` columns count; else the sign of the last move, which a joint that stands still keeps; at

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from posture_opt.compensation.arrivals import Arrivals, arrivals
+from posture_opt.compensation.arrivals import Arrivals, arrivals_of
 from posture_opt.compensation.compensation import Compensation, joint_column
 from posture_opt.compensation.expected_miss import expected_miss
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
@@ -67,25 +67,25 @@ def compensate(problem: HasNominal, targets: TableLike | Targets) -> Compensatio
             nearest.
     """
     rows = targets if isinstance(targets, Targets) else read_targets(targets, problem.robot)
-    wanted = _wanted(problem, rows)
+    wanted = _wanted_poses(problem, rows)
     solver = NearestPostures(problem.robot)
     near = start_postures(problem.nominal, solver, wanted) if rows.near is None else rows.near
-    exact, solved_for, reached = _settled(problem.arm, solver, rows, wanted, near)
+    exact, solved_for, reached = _settled_postures(problem.arm, solver, rows, wanted, near)
     digits = joint_digits(problem, exact)
-    q = _rounded(problem.robot, rows, exact, digits)
-    came = arrivals(problem.arm, rows, q)
+    q = _rounded_joints(problem.robot, rows, exact, digits)
+    came = arrivals_of(problem.arm, rows, q)
     found = Compensation(
         problem, rows, wanted, near, q, digits, reached,
-        before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals(problem.arm, rows, near)),
+        before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals_of(problem.arm, rows, near)),
         after=expected_miss(problem.arm, problem.sources, rows, wanted, q, came),
-        unsettled=_sided(problem.arm) & (came.side != solved_for.side),
+        unsettled=_sided_joints(problem.arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
         raise NoSolutionError(_out_of_reach(found, solver), found)
     return found
 
 
-def _wanted(problem: HasNominal, rows: Targets) -> Poses:
+def _wanted_poses(problem: HasNominal, rows: Targets) -> Poses:
     """Where the tool is to come: as the file says, or where the drawn arm would be with the given joints."""
     if rows.position is not None:
         return Poses(rows.position, rows.rotation)
@@ -94,7 +94,7 @@ def _wanted(problem: HasNominal, rows: Targets) -> Poses:
     return Poses(T[:, :3, 3], T[:, :3, :3])
 
 
-def _settled(
+def _settled_postures(
     arm: Arm, solver: NearestPostures, rows: Targets, wanted: Poses, near: Array
 ) -> tuple[Array, Arrivals, Mask]:
     """(N, n) postures, the arrivals that they were solved for, and (N,) whether they reach their poses.
@@ -104,14 +104,14 @@ def _settled(
     """
     if not arm.effects:
         q = solver.solve(wanted, near)
-        return q, arrivals(arm, rows, q), solver.reached(q, wanted)
-    q, came, aimed = near, arrivals(arm, rows, near), wanted
+        return q, arrivals_of(arm, rows, q), solver.reached(q, wanted)
+    q, came, aimed = near, arrivals_of(arm, rows, near), wanted
     for round_ in range(_MAX_ROUNDS):
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
         there = solver.reached(moved, aimed)  # the others would not come to rest
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
-        fresh = arrivals(arm, rows, q)
+        fresh = arrivals_of(arm, rows, q)
         if round_ >= _FREE_SIDE_ROUNDS:
             fresh = Arrivals(came.side, fresh.way)
         if change < _JOINT_TOLERANCE and (fresh.side == came.side).all():
@@ -130,7 +130,7 @@ def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
     return Poses(position, turned.transpose(0, 2, 1) @ wanted.rotation)
 
 
-def _rounded(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
+def _rounded_joints(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
     """(N, n) the joint values as they are written [rad or m]."""
     columns = []
     for joint, values in zip(robot.joints, q.T, strict=True):
@@ -139,7 +139,7 @@ def _rounded(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Arra
     return np.column_stack(columns)
 
 
-def _sided(arm: Arm) -> Mask:
+def _sided_joints(arm: Arm) -> Mask:
     """(n,) joints for whose effects the side of arrival matters."""
     asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
     return np.array([joint.name in asked for joint in arm.robot.joints])
@@ -148,7 +148,9 @@ def _sided(arm: Arm) -> Mask:
 def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
     """A line for each target that the arm does not come to: by how much, and which joints are at their limits."""
     bad = np.flatnonzero(~found.reached)
-    places = [f"{found.targets.file}:{found.targets.line[k]}: {_reason(found, k)}" for k in bad[:_MAX_LISTED_LINES]]
+    places = [
+        f"{found.targets.file}:{found.targets.line[k]}: {_unreached_reason(found, k)}" for k in bad[:_MAX_LISTED_LINES]
+    ]
     more = [f"and {len(bad) - _MAX_LISTED_LINES} more"] if len(bad) > _MAX_LISTED_LINES else []
     head = f"{len(bad)} of {len(found)} targets cannot be reached"
     return "\n".join([head, *places, *more, *_why_all(found, solver)])
@@ -170,7 +172,7 @@ def _why_all(found: Compensation, solver: NearestPostures) -> tuple[str, ...]:
     )
 
 
-def _reason(found: Compensation, k: int) -> str:
+def _unreached_reason(found: Compensation, k: int) -> str:
     robot = found.problem.robot
     held = [
         f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"

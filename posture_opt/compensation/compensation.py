@@ -80,27 +80,32 @@ class Compensation(Result):
 
     def to_csv(self) -> str:
         """The targets with the joint values in place: their columns and units, then ``off [mm]`` and ``left [mm]``."""
-        rows = [[self._head(k) for k in range(len(self.targets.heads))]]
-        rows[0] = [*([] if self._given else [head for _, head, _ in self.heads]), *rows[0], "off [mm]", "left [mm]"]
+        rows = [[self._column_header(k) for k in range(len(self.targets.heads))]]
+        rows[0] = [
+            *([] if self._joints_given else [head for _, head, _ in self.heads]),
+            *rows[0],
+            "off [mm]",
+            "left [mm]",
+        ]
         at = (
             {self.targets.columns[joint.name].index: j for j, (joint, *_) in enumerate(self.heads)}
-            if self._given
+            if self._joints_given
             else {}
         )
         for k, cells in enumerate(self.targets.cells):
             joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.heads, self.q[k], strict=True)]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
             off, left = (fixed(1e3 * float(values[k]), _LENGTH_DECIMALS) for values in (self.off, self.left))
-            rows.append([*([] if self._given else joints), *texts, off, left])
+            rows.append([*([] if self._joints_given else joints), *texts, off, left])
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(rows)
         return text.getvalue()
 
     @property
-    def _given(self) -> bool:
+    def _joints_given(self) -> bool:
         return self.targets.near is not None
 
-    def _head(self, k: int) -> str:
+    def _column_header(self, k: int) -> str:
         return self.targets.heads[k].strip()
 
     def to_json(self) -> dict[str, Any]:
@@ -121,8 +126,8 @@ class Compensation(Result):
                 }
                 for k, (line, posture, reached) in enumerate(rows)
             ],
-            "off_rms": rms(self.off),
-            "left_rms": rms(self.left),
+            "off_rms": root_mean_square(self.off),
+            "left_rms": root_mean_square(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
             "notes": list(self.notes),
         }
@@ -149,6 +154,6 @@ def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:
     return (f"{joint.name} [deg]", float(np.pi / 180)) if joint.type == "revolute" else (f"{joint.name} [mm]", 1e-3)
 
 
-def rms(values: Array) -> float:
+def root_mean_square(values: Array) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -47,13 +47,15 @@ def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: A
         at = np.flatnonzero(group.ravel() == k)
         stated = [joint.name for joint, is_known in zip(arm.robot.joints, known, strict=True) if is_known]
         tool_point = ToolPoint.of(arm.under(replace(inputs.take(at), stated=tuple(stated))), sources)
-        more, more_turned = _spread(tool_point, [np.ascontiguousarray(column) for column in q[at].T], left.position[at])
+        more, more_turned = _mean_square_spread(
+            tool_point, [np.ascontiguousarray(column) for column in q[at].T], left.position[at]
+        )
         squared[at] += more
         squared_turned[at] += more_turned
     return ExpectedMiss(off, turned, np.sqrt(squared), np.sqrt(squared_turned))
 
 
-def _spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
+def _mean_square_spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
     """(N,) what uncertainty adds to the mean square of the distance [m²] and of the angle [rad²]."""
     moments = tool_point.moments(q)
     count = len(left)

@@ -83,7 +83,9 @@ class NearestPostures:
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
-            q[row] = self._fitted(one, q[row], _MAX_FIT_EVALUATIONS_BEYOND if beyond[row] else _MAX_FIT_EVALUATIONS)
+            q[row] = self._fitted_posture(
+                one, q[row], _MAX_FIT_EVALUATIONS_BEYOND if beyond[row] else _MAX_FIT_EVALUATIONS
+            )
         return q
 
     def beyond(self, wanted: Poses) -> Mask:
@@ -104,7 +106,7 @@ class NearestPostures:
                 break
         return q
 
-    def _fitted(self, one: Poses, near: Array, most: int) -> Array:
+    def _fitted_posture(self, one: Poses, near: Array, most: int) -> Array:
         """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not settle.
 
         Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
@@ -113,12 +115,12 @@ class NearestPostures:
 
         def left(q: Array) -> Array:
             found = self.misses(q[None], one)
-            return np.concatenate([(found.position @ self.directions)[0], found.rotation[0] * self._oriented])
+            return np.concatenate([(found.position @ self.directions)[0], found.rotation[0] * self._rotation_weight])
 
         def slopes(q: Array) -> Array:
             """All forward differences in one call: one posture costs as much as many."""
             moved = self.misses(np.vstack([q, q + _DIFFERENCE_STEP * np.eye(len(q))]), one.repeated(len(q) + 1))
-            rows = np.hstack([moved.position @ self.directions, moved.rotation * self._oriented])
+            rows = np.hstack([moved.position @ self.directions, moved.rotation * self._rotation_weight])
             return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE_STEP)
 
         start = np.clip(near, self._lower + _BOUND_MARGIN, self._upper - _BOUND_MARGIN)
@@ -128,7 +130,7 @@ class NearestPostures:
         return np.asarray(found.x)
 
     @property
-    def _oriented(self) -> float:
+    def _rotation_weight(self) -> float:
         """Weight [m/rad] of the rotation in a fit: what cannot be had must not cost the tool point."""
         return 1.0 if self.turns >= 3 else 1e-3
 
@@ -149,7 +151,7 @@ class NearestPostures:
         free, held = np.ones_like(q), np.zeros_like(q)
         step = held
         for _ in range(self.robot.n):
-            step = _prioritised(parts, near - q, free, held)
+            step = _prioritised_step(parts, near - q, free, held)
             low, high = q + step < self._lower, q + step > self._upper
             beyond = (low | high) & (free > 0)
             if not beyond.any():
@@ -189,7 +191,7 @@ def rotation_vectors(R: Array) -> Array:
     return scaled
 
 
-def _prioritised(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
+def _prioritised_step(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
     """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near."""
     step = held.copy()
     null = free[:, :, None] * np.eye(free.shape[1])

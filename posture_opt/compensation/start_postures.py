@@ -33,13 +33,13 @@ def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array
         one = wanted.take(np.arange(len(wanted.position)) == row)
         q = chain.solve(one, before[None]) if row else before[None]
         if not chain.reached(q, one)[0] and not chain.beyond(one)[0]:
-            q = _searched(search, chain, one, before, rng)
+            q = _searched_posture(search, chain, one, before, rng)
         found.append(q[0])
         before = q[0]
     return NearestPostures(drawn).solve(wanted, np.array(found))
 
 
-def _searched(
+def _searched_posture(
     search: InverseKinematics, chain: NearestPostures, one: Poses, before: Array, rng: np.random.Generator
 ) -> Array:
     """(1, n) of the postures that random starts lead to, the nearest to ``before``; else what comes nearest."""

@@ -66,20 +66,20 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     table = open_table(source, column_kinds(robot))
     faults = table.faults
     columns, meant = known_columns(table.heads, robot, table.line, faults)
-    _missing(columns, meant, robot, table.line, faults)
+    _check_missing(columns, meant, robot, table.line, faults)
     blocks = list(table.blocks)
     cells = read_cells(blocks, columns.values(), faults)
     if not len(cells.line) and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each target", table.line)
     faults.refuse()
-    near = _near(cells, columns, robot, faults)
-    position = _position(cells, columns, robot)
+    near = _near_postures(cells, columns, robot, faults)
+    position = _wanted_positions(cells, columns, robot)
     rotation = rotation_of(cells, columns, robot, faults)
     faults.refuse()
-    texts = [[_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
+    texts = [[_cell_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
     return Targets(
         table.heads, tuple(map(tuple, texts)), columns, position,
-        None if rotation is None else rotation_matrices(rotation), near, _sides(cells, robot),
+        None if rotation is None else rotation_matrices(rotation), near, _stated_sides(cells, robot),
         cells.number("payload"), cells.number("temperature"), cells.number("time"), cells.line, faults.file,
     )  # fmt: skip
 
@@ -95,7 +95,7 @@ def rotation_matrices(quaternions: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
+def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
     there = {*columns, *meant}
     for name in _MEASURED_ONLY_COLUMNS:
         if name in columns:
@@ -120,7 +120,7 @@ def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: in
         faults.add("an orientation without a place", hint="add x [mm], y [mm], z [mm]", line=line)
 
 
-def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
+def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
     """(N, n) the postures of the joint columns; values beyond the limits are faults."""
     if robot.joint_names[0] not in columns:
         return None
@@ -138,7 +138,7 @@ def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Fau
     return np.clip(q, robot.lower, robot.upper)
 
 
-def _position(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
+def _wanted_positions(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
     """(N, 3) the wanted points; a coordinate that the arm cannot change may be left out."""
     if not any(axis in columns for axis in AXES):
         return None
@@ -148,7 +148,7 @@ def _position(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Arra
     return np.column_stack([np.full(count, fixed[k]) if v is None else v for k, v in enumerate(found)])
 
 
-def _sides(cells: Cells, robot: Robot) -> Array:
+def _stated_sides(cells: Cells, robot: Robot) -> Array:
     side = np.zeros((len(cells.line), robot.n))
     for j, name in enumerate(robot.joint_names):
         values = cells.number(f"{name}.approach")
@@ -157,5 +157,5 @@ def _sides(cells: Cells, robot: Robot) -> Array:
     return side
 
 
-def _text(cell: Any) -> str:
+def _cell_text(cell: Any) -> str:
     return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -23,7 +23,7 @@ from posture_opt.diagnosis.causes.causes import (
     geometry_finding,
     noise_finding,
 )
-from posture_opt.diagnosis.causes.delivery import Delivery, deliver
+from posture_opt.diagnosis.causes.delivery import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
@@ -32,17 +32,22 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, frame_directions, linearise, tool_points
+from posture_opt.diagnosis.search.linearised_data import (
+    LinearisedData,
+    frame_directions,
+    linearise_calibration,
+    tool_points,
+)
 from posture_opt.diagnosis.search.nested_selection import Folding
 from posture_opt.diagnosis.search.outlier_reinclusion import reinclude_outliers
-from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search
+from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search_effects
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.repeat_scatter import prismatic_joints
 
 
 @dataclass(frozen=True)
@@ -103,7 +108,7 @@ def diagnose(
     refit_frames: bool = False,
     with_time: bool = False,
     plan: bool = True,
-    most_rows: int = levels.MOST_ROWS,
+    most_rows: int = levels.MAX_SEARCHED_ROWS,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
@@ -132,18 +137,18 @@ def diagnose(
     problem = cast(FittableProblem, calibration.request.problem)  # without what the data refute of it
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
-    found = _explained(problem, *_searched(calibration, draws, seed or 0, stages), seed or 0)
-    held = _held(found)
-    delivery = deliver(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
+    found = _explain_residuals(problem, *_search_effects(calibration, draws, seed or 0, stages), seed or 0)
+    held = _held_out_errors(found)
+    delivery = deliver_arm(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})
-    findings = _findings(found, held, stages.next())
-    other = None if test is None else _other(test, found, held, delivery, with_time, refit_frames)
-    large = None if thinning is None else _large(thinning, found)
+    findings = _all_findings(found, held, stages.next())
+    other = None if test is None else _predict_session(test, found, held, delivery, with_time, refit_frames)
+    large = None if thinning is None else _left_out_rows(thinning, found)
     stages.end()
-    return replace(_diagnosis(request, found, held, delivery, findings, other), large=large)
+    return replace(_assemble_diagnosis(request, found, held, delivery, findings, other), large=large)
 
 
-def _explained(
+def _explain_residuals(
     problem: FittableProblem, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
 ) -> _Explained:
     """The arm with what was found, and what it leaves."""
@@ -152,17 +157,17 @@ def _explained(
     chosen = (found.names or found).chosen
     model = calibration.fit_effects(residuals, [s.what for s in chosen if isinstance(s.what, Effect)])
     everything = linearised.baseline(found.chosen)
-    repeated = repeat_groups(residuals.data, slides(residuals))
+    repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
     closed = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(problem, calibration, model, everything, closed, seed)
     return _Explained(calibration, linearised, found, model, unnamed, left, noise, uneven)
 
 
-def _held(found: _Explained) -> _HeldOut:
+def _held_out_errors(found: _Explained) -> _HeldOut:
     """Errors on held-out rows before calibration, after it, and with the effects."""
     calibration, model = found.calibration, found.model
-    groups, parts = _folds(calibration)
+    groups, parts = _groups_and_folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     shape = noise_shape(model, found.noise)
     extended = held_out(model, parts, shape=shape)
@@ -174,7 +179,7 @@ def _held(found: _Explained) -> _HeldOut:
     return _HeldOut(held, extended, groups, parts)
 
 
-def _findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
+def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
     """The causes: what the data refute, effects and noise, then geometry."""
     calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
     full = _of_data(found.model, calibration)
@@ -190,16 +195,16 @@ def _findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Fi
     )
 
 
-def _other(
+def _predict_session(
     test: Measurements, found: _Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
 ) -> SecondSession:
     """The other file predicted, by the arm without effects of time."""
     calibration, model = found.calibration, found.model
-    lasting = deliver(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
+    lasting = deliver_arm(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
     return second_session(test, calibration, model, lasting, refit_frames=refit_frames)
 
 
-def _large(thinning: Thinning, found: _Explained) -> LargeFile:
+def _left_out_rows(thinning: Thinning, found: _Explained) -> LargeFile:
     """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects."""
     calibrated, model = found.calibration.fit, found.model
     models = {
@@ -210,7 +215,7 @@ def _large(thinning: Thinning, found: _Explained) -> LargeFile:
     return LargeFile.of(thinning, models, model)
 
 
-def _diagnosis(
+def _assemble_diagnosis(
     request: FitRequest,
     found: _Explained,
     held: _HeldOut,
@@ -218,7 +223,7 @@ def _diagnosis(
     findings: tuple[Finding, ...],
     other: SecondSession | None,
 ) -> Diagnosis:
-    open_ = found.closed < levels.LACK_OF_FIT or bool(found.uneven)
+    open_ = found.closed < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
     verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
     calibration = found.calibration
     return Diagnosis(
@@ -247,7 +252,7 @@ def _determined_first(*findings: Finding) -> list[Finding]:
     return sorted(findings, key=lambda finding: not finding.determined)
 
 
-def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
+def _groups_and_folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
     """Groups (M,) and folds of the calibration, of the rows that count."""
     request, by, kept = calibration.request, calibration.by, calibration.kept_rows
     groups = groups_of(request.data, by, request.folds)
@@ -257,28 +262,28 @@ def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
     return groups[kept], [part for part in parts if len(part)]
 
 
-def _foldings(calibration: Calibration) -> tuple[Folding, ...]:
+def _selection_folds(calibration: Calibration) -> tuple[Folding, ...]:
     """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
     data = calibration.request.data.take(calibration.kept_rows)
-    own = Folding(*_folds(calibration))
+    own = Folding(*_groups_and_folds(calibration))
     if data.position is None or calibration.by == "block":
         return (own,)
     return own, Folding.of(data, "block", calibration.request.folds)
 
 
-def _searched(
+def _search_effects(
     calibration: Calibration, draws: int, seed: int, stages: Stages
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
     """What the residuals hold, once more where it explains rows that looked like outliers."""
-    linearised = linearise(calibration, draws, seed)
-    foldings = _foldings(calibration)
-    found = search(linearised, foldings, stages.rounds(stages.next()))
+    linearised = linearise_calibration(calibration, draws, seed)
+    foldings = _selection_folds(calibration)
+    found = search_effects(linearised, foldings, stages.rounds(stages.next()))
     stages.next()
     wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) == len(calibration.outliers):
         return calibration, linearised, found
-    linearised = linearise(wider, draws, seed)
-    return wider, linearised, search(linearised, _foldings(wider))
+    linearised = linearise_calibration(wider, draws, seed)
+    return wider, linearised, search_effects(linearised, _selection_folds(wider))
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:

@@ -19,7 +19,7 @@ from posture_opt.calibration.large_file import LargeFile
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     tool_shifts,
-    unknowable,
+    unknowable_causes,
 )
 from posture_opt.diagnosis.causes.delivery import Delivery
 from posture_opt.diagnosis.causes.extended_arm import extended_arm
@@ -31,13 +31,13 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.numerics import Codes
 from posture_opt.result import Result
 from posture_opt.validation.calibrated_arm import calibrated_models
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.repeat_scatter import prismatic_joints
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
@@ -159,7 +159,7 @@ class Diagnosis(Result):
             "absorbed": [
                 {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
             ],
-            "unknowable": [limit.to_json() for limit in unknowable(self.model.residuals)],
+            "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
             "notes": list(self.notes),
         }
 
@@ -167,20 +167,20 @@ class Diagnosis(Result):
     def contrasts(self) -> Contrasts:
         """The differences between repeats of one posture and target, of the rows that are no outliers."""
         residuals = self.model.residuals
-        return Contrasts.of(residuals.data, slides(residuals))
+        return Contrasts.of(residuals.data, prismatic_joints(residuals))
 
     @cached_property
     def repeat_plans(self) -> tuple[RepeatPlan, ...]:
         """The postures to repeat where errors grow with a joint and too few repeats say whether it scatters."""
         residuals = self.model.residuals
-        return plan_repeats(residuals.data, repeat_groups(residuals.data, slides(residuals)), self.uneven)
+        return plan_repeats(residuals.data, repeat_groups(residuals.data, prismatic_joints(residuals)), self.uneven)
 
     @property
     def unexplained_places(self) -> tuple[str, ...]:
         """Along what the unexplained is seen: unnamed components, else a variable; and joints that errors grow with."""
         places = [f"{u.kind}: {u.target}" for u in self.unexplained]
         grows = [errors.effect.target for errors in self.uneven]
-        if not places and not (grows and self.adequacy.p_value >= levels.LACK_OF_FIT):
+        if not places and not (grows and self.adequacy.p_value >= levels.LACK_OF_FIT_LEVEL):
             places = [self.adequacy.place]
         return tuple(dict.fromkeys([*places, *grows]))
 
@@ -194,7 +194,7 @@ class Diagnosis(Result):
     @cached_property
     def linearised(self) -> LinearisedData:
         """What the search saw, without its null."""
-        return linearise(self.calibration, flips=0)
+        return linearise_calibration(self.calibration, flips=0)
 
     @property
     def gain(self) -> Gain:

@@ -52,7 +52,8 @@ class Choice:
     def to_json(self, clearance: float | None = None) -> dict[str, Any]:
         """Lengths [m]: median and what 95 % of the goals stay below; the share that meets the clearance."""
         return {
-            "missed": _quantiles(self.missed), "missed_elsewhere": _quantiles(self.elsewhere), "better": self.better,
+            "missed": _median_and_p95(self.missed), "missed_elsewhere": _median_and_p95(self.elsewhere),
+            "better": self.better,
             "success": None if clearance is None else self.hits(clearance),
         }  # fmt: skip
 
@@ -94,7 +95,7 @@ class MeasuredGoals:
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
             "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},
             "uncorrected": {
-                "any_posture": _quantiles(self.anyhow),
+                "any_posture": _median_and_p95(self.anyhow),
                 **{name: choice.to_json(self.clearance) for name, choice in self.uncorrected.items()},
             },
         }  # fmt: skip
@@ -114,10 +115,10 @@ def measured_goals(diagnosis: Diagnosis, models: Mapping[str, HasTask]) -> Measu
     task = models["nominal"].task
     if not goals or task is None:
         return None
-    B = _basis(models["nominal"])
+    B = _task_basis(models["nominal"])
     errors = {name: diagnosis.held[name].errors @ B for name in models}
     missed = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
-    sent = {name: Choice.of(missed[name], _scatter(models, name, data, B), goals) for name in models}
+    sent = {name: Choice.of(missed[name], _predicted_radius(models, name, data, B), goals) for name in models}
     believed = {name: np.linalg.norm(errors["nominal"] - e, axis=1) for name, e in errors.items() if name != "nominal"}
     return MeasuredGoals(
         goals=len(goals),
@@ -141,7 +142,7 @@ def goals_in_postures(data: Measurements) -> list[Postures]:
     return [postures for postures in found if len(postures) > 1]
 
 
-def _basis(problem: HasTask) -> Floats:
+def _task_basis(problem: HasTask) -> Floats:
     """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
     assert problem.task is not None
     reach = Reach.of(problem.arm, problem.task.tool_axis)
@@ -154,7 +155,7 @@ def _basis(problem: HasTask) -> Floats:
     return reach.directions if planar else np.eye(3)
 
 
-def _scatter(models: Mapping[str, HasTask], name: str, data: Measurements, B: Floats) -> Floats:
+def _predicted_radius(models: Mapping[str, HasTask], name: str, data: Measurements, B: Floats) -> Floats:
     """(N,) distance that 95 of 100 visits stay within, as a model predicts it for the posture of every row [m].
 
     As in a comparison of plans, a model that states no scatter takes that of the extended one.
@@ -167,5 +168,5 @@ def _scatter(models: Mapping[str, HasTask], name: str, data: Measurements, B: Fl
     return central_radii(0.95, B.T @ C @ B)
 
 
-def _quantiles(values: Floats) -> dict[str, float]:
+def _median_and_p95(values: Floats) -> dict[str, float]:
     return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95))}

@@ -61,7 +61,7 @@ class Workspace:
         Raises:
             InputError: a slide without limits.
         """
-        ranges = [_range(joint, margin) for joint in robot.joints]
+        ranges = [_joint_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
         return cls(robot, lower, upper, height, box, Scene.of(robot, cell, guessed=True))
 
@@ -72,8 +72,8 @@ class Workspace:
 
     def allowed(self, q: Array) -> Mask:
         """(N,) which of the postures (N, n) are allowed."""
-        reached = reach(self.robot, q)
-        points = skeleton(self.robot, reached, len(q))
+        reached = nominal_chain(self.robot, q)
+        points = skeleton_points(self.robot, reached, len(q))
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
         heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
         inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
@@ -109,7 +109,7 @@ class Workspace:
         return np.asarray(np.clip(np.round(q / step), np.ceil(self.lower / step), np.floor(self.upper / step)) * step)
 
 
-def _range(joint: Joint, margin: float) -> tuple[float, float]:
+def _joint_range(joint: Joint, margin: float) -> tuple[float, float]:
     lower, upper = joint.lower, joint.upper
     if joint.type == "prismatic" and not (math.isfinite(lower) and math.isfinite(upper)):
         raise InputError(Issue(f"{joint.name} has no limits to plan within", hint=f"state the limits of {joint.name}"))
@@ -123,12 +123,12 @@ def _range(joint: Joint, margin: float) -> tuple[float, float]:
     return lower + inward, upper - inward
 
 
-def reach(robot: Robot, q: Array) -> Walk:
+def nominal_chain(robot: Robot, q: Array) -> Walk:
     """The nominal chain at the postures (N, n)."""
     return walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
 
 
-def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
+def skeleton_points(robot: Robot, reached: Walk, count: int) -> Array:
     """(N, n + 2, 3) origin of the first joint, of the frame behind every joint, and the tool point [m]."""
     ends = np.cumsum([len(robot.base), *(len(link) for link in robot.links)])
     origins = [screw.origin for screw in reached.screws] + [reached.position]
@@ -185,7 +185,7 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
 def _lowest_point(residuals: Residuals) -> float:
     """The foot of the arm, or the lowest that a moving part of it came to in the data if that is lower [m]."""
     robot, q = residuals.robot, residuals.data.q
-    points = skeleton(robot, reach(robot, q), len(q))
+    points = skeleton_points(robot, nominal_chain(robot, q), len(q))
     moving = np.ptp(points[:, :, 2], axis=0) > 1e-9
     lowest = float(points[:, moving, 2].min()) if moving.any() else np.inf
     return min(lowest, float(points[0, 0, 2])) - 1e-9

@@ -50,7 +50,7 @@ class Determinant:
 
     def gains(self, C: Array, A: Array) -> Array:
         # det(M + AᵀA) = det M det(I + A C Aᵀ)
-        return np.asarray(np.linalg.slogdet(_seen(A @ C, A))[1])
+        return np.asarray(np.linalg.slogdet(_seen_covariance(A @ C, A))[1])
 
     def transformed(self, T: Array) -> Determinant:
         return self
@@ -70,7 +70,7 @@ class Variance:
         # (M + AᵀA)⁻¹ = C − C Aᵀ (I + A C Aᵀ)⁻¹ A C
         W = A @ C
         G = W @ self.L.T
-        return np.asarray(np.sum(G * np.linalg.solve(_seen(W, A), G), axis=(1, 2)))
+        return np.asarray(np.sum(G * np.linalg.solve(_seen_covariance(W, A), G), axis=(1, 2)))
 
     def transformed(self, T: Array) -> Variance:
         return Variance(self.L @ T)
@@ -84,7 +84,7 @@ class Design:
     value: float
 
 
-def exchange(
+def exchange_design(
     A: Array,
     information: Array,
     criterion: Criterion,
@@ -114,34 +114,34 @@ def exchange(
         progress: called with (done, total) starts.
     """
     assert replicate or count <= len(A), "no more places than candidates"
-    T, A, information = _normed(A, information, count)
+    T, A, information = _normalised_problem(A, information, count)
     criterion = criterion.transformed(T)
     search = _Search(A, information + _RIDGE_SHARE * np.eye(len(T)), criterion, count, replicate, places)
     rng = np.random.default_rng(seed)
     drawn = [rng.choice(len(A), count, replace=replicate) for _ in range(0 if former is not None else starts - 1)]
     begins = [former, *drawn]
     found: dict[int, Design] = {}
-    for k, (chosen, value) in (workers or Serial()).run(_improved, search, begins):
+    for k, (chosen, value) in (workers or Serial()).run(_improved_start, search, begins):
         found[k] = Design(np.array(chosen, dtype=np.intp), value)
         if progress is not None:
             progress(len(found), len(begins))
     return min((found[k] for k in range(len(begins))), key=lambda design: np.nan_to_num(design.value, nan=np.inf))
 
 
-def _improved(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
+def _improved_start(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
     """The design that one start leads to: what is chosen, and its value."""
     chosen = search.improved(search.one_by_one() if begin is None else begin)
     return chosen.tolist(), float(search.value(chosen))
 
 
-def _normed(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
+def _normalised_problem(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
     """Unknowns in which an average design of this size has unit information: ``T``, ``A T`` and ``Tᵀ M_0 T``."""
     flat = A.reshape(-1, A.shape[-1])
-    T = normalisation(information + count / len(A) * flat.T @ flat)
+    T = unit_information(information + count / len(A) * flat.T @ flat)
     return T, np.ascontiguousarray(A @ T), T.T @ information @ T
 
 
-def normalisation(information: Array) -> Array:
+def unit_information(information: Array) -> Array:
     """``T`` (r, r) with ``Tᵀ M T = I`` for a positive definite M."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
@@ -162,7 +162,7 @@ class _Search:
         return np.asarray(self.start + flat.T @ flat)
 
     def value(self, chosen: Codes) -> float:
-        return self.criterion.value(inverse(self.information(chosen)))
+        return self.criterion.value(inverse_matrix(self.information(chosen)))
 
     def one_by_one(self) -> Codes:
         """The design that grows by the candidate that helps most each time."""
@@ -171,14 +171,14 @@ class _Search:
         for _ in range(self.count):
             gains = self._gains(M, barred)
             chosen.append(int(np.argmax(gains)))
-            barred |= self._beside(chosen[-1])
+            barred |= self._barred_by(chosen[-1])
             M = M + self.A[chosen[-1]].T @ self.A[chosen[-1]]
         return np.array(chosen, dtype=np.intp)
 
     def improved(self, chosen: Codes) -> Codes:
         """The design after exchanges, until none gains anything."""
         chosen = chosen.copy()
-        beside = np.array([self._beside(i) for i in chosen])
+        beside = np.array([self._barred_by(i) for i in chosen])
         for _ in range(_MAX_SWEEPS):
             changed = False
             M = self.information(chosen)  # afresh in every sweep: differences pile up rounding
@@ -187,16 +187,16 @@ class _Search:
                 gains = self._gains(without, np.asarray(np.delete(beside, place, axis=0).any(axis=0)))
                 found, now = int(np.argmax(gains)), gains[former]
                 if gains[found] > (now + _GAIN_TOLERANCE * abs(now) if np.isfinite(now) else now):
-                    chosen[place], beside[place], changed = found, self._beside(found), True
+                    chosen[place], beside[place], changed = found, self._barred_by(found), True
                     M = without + self.A[found].T @ self.A[found]
             if not changed:
                 break
         return chosen
 
     def _gains(self, M: Array, barred: Mask) -> Array:
-        return np.where(barred, -np.inf, self.criterion.gains(inverse(M), self.A))
+        return np.where(barred, -np.inf, self.criterion.gains(inverse_matrix(M), self.A))
 
-    def _beside(self, chosen: int) -> Mask:
+    def _barred_by(self, chosen: int) -> Mask:
         """(N,) which candidates may not stand in a design beside this one."""
         if self.places is not None:
             near = np.abs(self.places - self.places[chosen]).max(axis=1) < 1.0
@@ -206,19 +206,19 @@ class _Search:
         return np.asarray(near)
 
 
-def inverse(M: Array) -> Array:
+def inverse_matrix(M: Array) -> Array:
     """``M⁻¹`` (r, r)."""
     return np.asarray(np.linalg.inv(M), dtype=float)
 
 
-def _seen(W: Array, A: Array) -> Array:
+def _seen_covariance(W: Array, A: Array) -> Array:
     """``I + A C Aᵀ`` (N, b, b) from ``W = A C``."""
     S = W @ np.swapaxes(A, 1, 2)
     S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
     return np.asarray(S)
 
 
-def variances(M: Array, L: Array, T: Array) -> Array:
+def quantity_variances(M: Array, L: Array, T: Array) -> Array:
     """(t,) variances of the quantities ``L z`` under the information M (r, r); NaN where it does not determine one.
 
     ``T`` (r, r) takes unknowns in which an average design has unit information to z.

@@ -6,17 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frames import DEFAULT_SIGMA_M, compare, fit_frames, held_length, unknowns
+from posture_opt.calibration.assumptions.frames import (
+    DEFAULT_SIGMA_M,
+    arm_and_data,
+    fit_frames,
+    held_length,
+    unknown_parameters,
+)
 from posture_opt.calibration.assumptions.instrument import (
     planned_sigma,
     position_sigma,
-    readings,
+    reading_sigmas,
     rotation_sigma,
-    usable,
+    usable_share,
 )
-from posture_opt.calibration.estimation.fit import estimate
-from posture_opt.calibration.estimation.fit_setup import determine
-from posture_opt.calibration.estimation.least_squares import triangular
+from posture_opt.calibration.estimation.fit import estimate_parameters
+from posture_opt.calibration.estimation.fit_setup import determine_directions
+from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
@@ -80,19 +86,19 @@ class MeasurementModel:
         """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it."""
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
-        _, J = self.residuals.of_data(data).both(x)
+        _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
-        return np.asarray(self._believed(q, rows).reshape(len(q), self.coordinates, len(x)))
+        return np.asarray(self._scaled_rows(q, rows).reshape(len(q), self.coordinates, len(x)))
 
-    def _believed(self, q: Array, rows: Array) -> Array:
+    def _scaled_rows(self, q: Array, rows: Array) -> Array:
         """Rows (N, targets, block, k) in the standard deviations of their own range, and as many as are usable."""
         if not self.problem.effects:
             return rows
-        sigma = readings(self.problem, nominal_poses(self.residuals.robot, q)[0])
+        sigma = reading_sigmas(self.problem, nominal_poses(self.residuals.robot, q)[0])
         own = np.divide(self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0)
         scale = np.ones((len(q), self.residuals.block))
         scale[:, : len(self.residuals.axes)] = own[:, None]
-        return np.asarray(np.sqrt(usable(self.problem)) * rows * scale[:, None, :, None])
+        return np.asarray(np.sqrt(usable_share(self.problem)) * rows * scale[:, None, :, None])
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
         """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
@@ -106,9 +112,9 @@ class MeasurementModel:
         twists = here.arm.twists([self.parameters[k].source for k in own], here.q, here.walk(x), here.deviations(x))
         columns = np.zeros((3, len(x)))
         columns[:, own] = [[float(np.ravel(shift[axis])[0]) for shift, _ in twists] for axis in range(3)]
-        return np.asarray(basis @ self._base(np.zeros(len(x))) @ self._base(x).T @ columns)
+        return np.asarray(basis @ self._base_rotation(np.zeros(len(x))) @ self._base_rotation(x).T @ columns)
 
-    def _base(self, x: Array) -> Array:
+    def _base_rotation(self, x: Array) -> Array:
         """(3, 3) orientation of the base in the world."""
         factors = self.residuals.robot.base
         values = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True) if p.group == "base"}
@@ -143,7 +149,7 @@ def measurement_model(
         notes.append("the given rows touch points; the plan is for an instrument that measures positions")
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
-    parameters = unknowns(problem, data, orientation=rotation > 0)
+    parameters = unknown_parameters(problem, data, orientation=rotation > 0)
     return MeasurementModel(
         Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, rotation), problem, repeats
     ), tuple(notes)
@@ -178,20 +184,20 @@ def given_information(
     Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
     counts with what the fit leaves in place of the ``expected`` variance.
     """
-    residuals, notes = compare(problem, data)
+    residuals, notes = arm_and_data(problem, data)
     x = fit_frames(residuals)
-    _, J = residuals.both(x)
+    _, J = residuals.residuals_and_jacobian(x)
     names = [p.name for p in residuals.parameters]
-    known = determine(problem, residuals, x, held_length(residuals), priors=True)
+    known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
     variance, kept = expected, np.arange(len(data))
     if len(J) >= known.directions.shape[1] + _MIN_VARIANCE_FREEDOM:
-        found = estimate(residuals, x, known.directions, known.prior, weight=known.noise)
+        found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
         x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
-        _, J = residuals.take(kept).both(x)
+        _, J = residuals.take(kept).residuals_and_jacobian(x)
     own = [names.index(p.name) for p in parameters if p.name in names]
     others = [i for i in range(len(names)) if i not in own]
     # With the others first, the last rows of the triangular factor hold what is left for the shared unknowns.
-    R = triangular(J[:, [*others, *own]])[len(others) :, len(others) :]
+    R = triangular_factor(J[:, [*others, *own]])[len(others) :, len(others) :]
     at = [i for i, p in enumerate(parameters) if p.name in names]
     wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
     wide[:, at], start[at] = R, x[own]

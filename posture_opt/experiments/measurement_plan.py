@@ -130,23 +130,27 @@ class MeasurementPlan(Result):
             "gain": self.gain,
             "random_equivalent": self.equivalent,
             "parameters": [
-                {"name": p.name, "unit": p.unit, **{name: _number(stage.std[i]) for name, stage in stages.items()}}
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    **{name: _finite_or_none(stage.std[i]) for name, stage in stages.items()},
+                }
                 for i, p in enumerate(self.parameters)
             ],
             "observability": {name: dict(stage.observability) for name, stage in stages.items()},
-            "task": self._task(stages),
+            "task": self._task_json(stages),
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
             "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE_NOTE])],
         }
 
-    def _task(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
+    def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
         if self.target is None:
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
-        return {"posture": posture, "std": {name: _number(stage.task) for name, stage in stages.items()}}
+        return {"posture": posture, "std": {name: _finite_or_none(stage.task) for name, stage in stages.items()}}
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

@@ -21,7 +21,7 @@ from posture_opt.experiments.information import (
     repeat_variance,
 )
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
-from posture_opt.experiments.plan_search import PlanSearch, tour
+from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
@@ -100,13 +100,13 @@ def plan_measurements(
     height, margin = bounds(problem)
     height = height if link_height is None else link_height
     workspace = Workspace.of(problem.robot, problem.cell, height=height, margin=margin, box=within or ANYWHERE)
-    target, notes = _target(problem, needed=purpose == "task")
+    target, notes = _planned_target(problem, needed=purpose == "task")
     floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
     notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(problem))
     with opened(workers, executor) as pool:
-        return plan(
+        return plan_postures(
             problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
-            repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, workers=pool,
+            repeats=repeats, keeps_height=floored or not _least_height(problem), notes=notes, workers=pool,
             progress=progress,
         )  # fmt: skip
 
@@ -119,7 +119,7 @@ def bounds(problem: PlannedProblem) -> tuple[float, float]:
     return max(heights, default=-math.inf), max(margins, default=0.0)
 
 
-def _upright(problem: PlannedProblem) -> bool:
+def _least_height(problem: PlannedProblem) -> bool:
     """Whether some joint can change the height of what is behind it."""
     rng = np.random.default_rng(0)
     workspace = Workspace.of(problem.robot)
@@ -131,7 +131,7 @@ def _at_flange(problem: PlannedProblem) -> bool:
     return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
 
 
-def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
+def _planned_target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
     """The task's best posture; where none is needed, its lack is only remarked on."""
     if problem.task is None and not needed:
         return None, ()
@@ -150,7 +150,7 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
     return Target(np.array(solution.q), solution.basis.T, solution.optimisation_problem.task.within), ()
 
 
-def plan(
+def plan_postures(
     problem: CalibrationProblem, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
     notes: tuple[str, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
@@ -165,14 +165,14 @@ def plan(
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)
     pool, share = workspace.postures(max(candidates, 2 * count), rng)
-    known = _given(problem, given, measuring, repeat_variance(problem, measuring.residuals.sigma, pool))
+    known = _information_given(problem, given, measuring, repeat_variance(problem, measuring.residuals.sigma, pool))
     rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
     J = measuring.blocks(pool, known.x)
     unknowns = Unknowns.of(PriorInformation.of(problem, measuring.parameters), J, known, rows, count)
-    _check(unknowns, measuring, count)
+    _check_count(unknowns, measuring, count)
     search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
     q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
-    way = tour(q, _unit_travel(workspace), workspace.allowed)
+    way = shortest_tour(q, _unit_travel(workspace), workspace.allowed)
     q, chosen = q[way.order], chosen[way.order]
     random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
     equivalent, gain = search.compared(chosen, random)
@@ -192,7 +192,7 @@ def plan(
     )  # fmt: skip
 
 
-def _given(
+def _information_given(
     problem: CalibrationProblem, data: Measurements | None, measuring: MeasurementModel, variance: float
 ) -> GivenInformation:
     if data is None:
@@ -200,7 +200,7 @@ def _given(
     return given_information(problem, data, measuring.parameters, variance)
 
 
-def _check(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
+def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
     """Refuse where nothing can be told, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.experiments.candidate_postures import Workspace
-from posture_opt.experiments.exchange import Criterion, exchange, inverse
+from posture_opt.experiments.exchange import Criterion, exchange_design, inverse_matrix
 from posture_opt.experiments.expected_errors import Unknowns
 from posture_opt.experiments.information import MeasurementModel
 from posture_opt.numerics import Array, Codes, Mask, Progress
@@ -40,7 +40,7 @@ class PlanSearch:
         self, pool: Array, J: Array, count: int, seed: int, workers: Workers, progress: Progress | None
     ) -> tuple[Array, Array]:
         """The best postures (count, n) and their derivatives: first of the pool, then also of others near them."""
-        apart = self._apart(count)
+        apart = self._separations(count)
         starts = max(1, min(_MAX_STARTS, _MAX_STARTED_POSTURES // count))
         start, total = self.unknowns.start, starts + len(_NEIGHBOURHOODS)
 
@@ -48,30 +48,30 @@ class PlanSearch:
             if progress is not None:
                 progress(done, total)
 
-        found = exchange(
+        found = exchange_design(
             self.unknowns.blocks(J), start, self.criterion, count, starts=starts, seed=seed, places=pool / apart,
             workers=workers, progress=tell,
         )  # fmt: skip
         q, chosen = pool[found.chosen], J[found.chosen]
         rng = np.random.default_rng(seed)
         for k, near in enumerate(_NEIGHBOURHOODS):
-            others = self._near(q, near, rng)
+            others = self._nearby_postures(q, near, rng)
             more = self.measuring.blocks(others, self.x)
             both, moves = np.concatenate([chosen, more]), np.concatenate([q, others])
-            found = exchange(
+            found = exchange_design(
                 self.unknowns.blocks(both), start, self.criterion, count, former=np.arange(count), places=moves / apart
             )
             q, chosen = moves[found.chosen], both[found.chosen]
             tell(starts + k + 1, total)
         return q, chosen
 
-    def _apart(self, count: int) -> Array:
+    def _separations(self, count: int) -> Array:
         """(n,) two postures differ by more than this in at least one joint: a plan is no row of repeats."""
         workspace, n = self.workspace.upper - self.workspace.lower, self.workspace.robot.n
         stated = np.array([_SEPARATION[joint.type] for joint in self.workspace.robot.joints])
         return np.asarray(np.maximum(np.minimum(stated, workspace / (4 * count ** (1 / n))), 1e-9))
 
-    def _near(self, q: Array, near: float, rng: np.random.Generator) -> Array:
+    def _nearby_postures(self, q: Array, near: float, rng: np.random.Generator) -> Array:
         step = near * (self.workspace.upper - self.workspace.lower)
         tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
         tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
@@ -83,7 +83,9 @@ class PlanSearch:
         M = unknowns.T.T @ (unknowns.start + flat.T @ flat) @ unknowns.T
         values = np.linalg.eigvalsh(M)
         return (
-            self.criterion.transformed(unknowns.T).value(inverse(M)) if values[0] > _INFORMATION_TOLERANCE else np.inf
+            self.criterion.transformed(unknowns.T).value(inverse_matrix(M))
+            if values[0] > _INFORMATION_TOLERANCE
+            else np.inf
         )
 
     def compared(self, chosen: Array, random: list[Array]) -> tuple[int | None, float]:
@@ -92,14 +94,14 @@ class PlanSearch:
         ``random`` are the derivatives (N, b, k) of random postures, in several orders.
         """
         best = self.value(chosen)
-        sizes = [self._enough(drawn, best) for drawn in random]
+        sizes = [self._equivalent_count(drawn, best) for drawn in random]
         middle = float(np.median(sizes))
         same = float(np.median([self.value(drawn[: len(chosen)]) for drawn in random]))
         logs = self.criterion.logarithmic
         gain = np.exp((same - best) / (2 * self.unknowns.count)) if logs else np.sqrt(same / best)
         return (round(middle) if np.isfinite(middle) else None), float(gain)
 
-    def _enough(self, drawn: Array, best: float) -> float:
+    def _equivalent_count(self, drawn: Array, best: float) -> float:
         """How many of the first ``drawn`` postures are as good as ``best``, at least; infinite where all are not."""
         low, high = 0, len(drawn)
         if self.value(drawn) > best:
@@ -129,7 +131,7 @@ class Tour:
     sides: Array
 
 
-def tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
+def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
     """A short way through postures (N, n): nearest neighbour, then parts reversed as long as that helps (2-opt).
 
     Args:
@@ -141,9 +143,9 @@ def tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
         return Tour(np.arange(n), 0.0, 0.0, (), np.full(q.shape[1], np.nan))
     far = np.abs(q[:, None] - q[None]) / lengths
     distance = far.max(axis=2)
-    through = _through(q, allowed)
+    through = _blocked_moves(q, allowed)
     cost = distance + 2 * np.pi * _BLOCKED_LEG_TURNS * through
-    order = _reversed(_nearest(cost), cost)
+    order = _two_opt(_nearest_neighbours(cost), cost)
     a, b = order[:-1], order[1:]
     moves = q[b] - q[a]
     with np.errstate(invalid="ignore"):
@@ -153,7 +155,7 @@ def tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
     return Tour(order, float(distance[a, b].sum()), float(unordered.sum()), blocked, sides)
 
 
-def _through(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
+def _blocked_moves(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
     """(N, N) whether the straight move between two postures leads through what is not allowed."""
     n = len(q)
     i, j = np.triu_indices(n, 1)
@@ -165,7 +167,7 @@ def _through(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
     return through
 
 
-def _nearest(cost: Array) -> Codes:
+def _nearest_neighbours(cost: Array) -> Codes:
     """From posture 0, always on to the nearest that is left."""
     left = cost.copy()
     order = [0]
@@ -175,7 +177,7 @@ def _nearest(cost: Array) -> Codes:
     return np.array(order, dtype=np.intp)
 
 
-def _reversed(order: Codes, cost: Array) -> Codes:
+def _two_opt(order: Codes, cost: Array) -> Codes:
     """The open tour with parts reversed, the best reversal of each start first, until none shortens it."""
     n = len(order)
     for _ in range(_MAX_PASSES):

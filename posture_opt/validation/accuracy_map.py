@@ -160,7 +160,7 @@ def map_accuracy(
         progress=progress,
     )
     tool_point = ToolPoint.of(problem.arm, problem.sources)
-    bias, covariance = _predicted(tool_point, targets.map_points)
+    bias, covariance = _predicted_moments(tool_point, targets.map_points)
     known = targets.feasible
     basis = ellipse_basis(tool_point, covariance[known][0])
     radius, semi_axes = np.full(len(bias), np.nan), np.full((len(bias), len(basis)), np.nan)
@@ -169,17 +169,17 @@ def map_accuracy(
     radius[known] = central_radii(0.95, projected[known])
     own = None
     if targets.own is not None and targets.own.feasible:
-        (at,), C = _predicted(tool_point, (targets.own,))
+        (at,), C = _predicted_moments(tool_point, (targets.own,))
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
     known_of_arm = len(problem.corrections), len(problem.arm.effects)
-    settled = _settled(targets.grid.points, bias)
+    settled = _bias_without_shift(targets.grid.points, bias)
     return AccuracyMap(
         problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured
     )
 
 
-def _settled(points: Array, bias: Array) -> Array:
+def _bias_without_shift(points: Array, bias: Array) -> Array:
     """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture."""
     left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
     if np.count_nonzero(known) > 2:
@@ -189,7 +189,7 @@ def _settled(points: Array, bias: Array) -> Array:
     return left
 
 
-def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
+def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
     """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
     known, count = np.array([map_point.feasible for map_point in map_points]), len(map_points)
     Q = np.array([map_point.q for map_point in map_points])[known]

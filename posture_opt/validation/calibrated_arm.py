@@ -44,7 +44,7 @@ def calibrated_arm(problem: CalibrationProblem, calibration: Calibration) -> Fit
         deviations={name: float(calibration.x[i]) for name, i in places.items()},
         known=persistent_sources(problem.robot, problem.sources, list(places), covariance).plus(scatter.errors),
         scatter=scatter.beside,
-        header=_header(calibration, scatter),
+        header=_file_header(calibration, scatter),
     )
 
 
@@ -76,7 +76,7 @@ def compare_models(
     return compare_plans(models, seed=seed, workers=workers, hint=hint, measured=measured)
 
 
-def _header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
+def _file_header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = calibration.residuals.data
     file = Path(data.file).name or "a table"

@@ -59,14 +59,16 @@ class Coverage:
         """
         from scipy.special import chdtr
 
-        squared, m = distances(errors, predicted.covariance), errors.shape[1]
+        squared, m = squared_distances(errors, predicted.covariance), errors.shape[1]
         groups = np.unique(groups, return_inverse=True)[1]
         radius = coverage_factor(REGION_PROBABILITY, m)
         drawn = _as_predicted(predicted)
         reach = np.sqrt(np.quantile(drawn, REGION_PROBABILITY, axis=1))
         shares = np.mean(drawn <= radius**2, axis=1)
         found, typical = float(np.sqrt(np.quantile(squared, REGION_PROBABILITY))), float(np.median(reach))
-        ends = np.concatenate([found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap(squared, groups) / typical])
+        ends = np.concatenate(
+            [found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical]
+        )
         inside = squared <= radius**2
         return cls(
             share=float(inside.mean()),
@@ -109,7 +111,7 @@ class Coverage:
         }  # fmt: skip
 
 
-def distances(errors: Array, covariances: Array) -> Array:
+def squared_distances(errors: Array, covariances: Array) -> Array:
     """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d)."""
     return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
@@ -150,7 +152,7 @@ def _as_predicted(predicted: Prediction) -> Array:
     return found
 
 
-def _bootstrap(squared: Array, groups: Codes) -> Array:
+def _bootstrap_radius(squared: Array, groups: Codes) -> Array:
     """(2,) the 95 % interval of the root of the 95 % quantile, groups drawn with replacement."""
     order = np.argsort(squared)
     many = int(groups.max()) + 1

@@ -14,7 +14,7 @@ import numpy as np
 
 from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.scatter_model import Scatter, covariances
+from posture_opt.validation.scatter_model import Scatter, joint_covariances
 from posture_opt.validation.variance_components import Components
 
 
@@ -44,7 +44,7 @@ class JointVariances:
 
     def covariance(self, columns: Array) -> Array:
         """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²] at the postures of ``columns`` (N, d, n) [m/rad, m/m]."""
-        return covariances(columns, self.sigma, self.instrument)
+        return joint_covariances(columns, self.sigma, self.instrument)
 
     @property
     def determined(self) -> Mask:

@@ -34,7 +34,7 @@ def likeliest_variances(
         return None
     if not common.determined.all():
         return None
-    strong = _strong(columns, names)
+    strong = _strong_joints(columns, names)
     turning = sum(not name.endswith(".d") for name, own in zip(names, strong, strict=True) if own)
     if turning < 2:
         return common
@@ -51,11 +51,11 @@ def likeliest_variances(
     if not (clear and each.determined.all()):
         return common
     sigma, std, interval = common.sigma.copy(), common.std.copy(), common.interval.copy()
-    sigma[strong], std[strong], interval[strong] = _allowed(each), each.std, each.interval
+    sigma[strong], std[strong], interval[strong] = _allowed_sigmas(each), each.std, each.interval
     return replace(each, names=names, sigma=sigma, std=std, interval=interval)
 
 
-def _allowed(noise: JointVariances) -> Array:
+def _allowed_sigmas(noise: JointVariances) -> Array:
     """(n,) σ's to predict with: where the data allow none, half of the most that they allow.
 
     That is the root mean square of a half normal whose 95 % end it is. A likeliest σ of zero would predict a region
@@ -65,7 +65,7 @@ def _allowed(noise: JointVariances) -> Array:
     return np.where((low <= 0) & np.isfinite(high), np.maximum(noise.sigma, high / 2), noise.sigma)
 
 
-def _strong(columns: Array, names: tuple[str, ...]) -> Mask:
+def _strong_joints(columns: Array, names: tuple[str, ...]) -> Mask:
     """(n,) which joints move what was measured far enough to have a σ of their own.
 
     The last joint of an arm turns the tool point a little about itself: asked alone, it would have to swing by degrees

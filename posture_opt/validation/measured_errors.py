@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.parameters import CalibrationProblem
@@ -20,7 +20,7 @@ from posture_opt.selection.maps.target_map import TargetMap
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
-from posture_opt.validation.coverage import distances
+from posture_opt.validation.coverage import squared_distances
 
 _ELSEWHERE_RATIO = 20  # times the predicted distance: no spread is that much understated
 
@@ -119,14 +119,14 @@ def measured_errors(
         notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED_NOTE}")
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
-    errors = [_errors(one, data) for one in (uncorrected, problem)]
+    errors = [_position_errors(one, data) for one in (uncorrected, problem)]
     instrument = position_sigma(problem, data)
     place, _ = nominal_poses(problem.robot, data.q)
     cell = targets.grid.cells(place)
     limits = np.full(len(targets.map_points) + 1, np.nan)  # the last one is that of rows off the map
     used = np.flatnonzero(targets.feasible)
     limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
-    inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
+    inside = _inside_regions(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
     elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE_RATIO * np.nanmedian(limits)
@@ -138,16 +138,16 @@ def measured_errors(
     )
 
 
-def _errors(problem: CalibrationProblem, data: Measurements) -> Array:
+def _position_errors(problem: CalibrationProblem, data: Measurements) -> Array:
     """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     return position_errors(residuals, fit_frames(residuals))
 
 
-def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
+def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
     """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures."""
     moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
     axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)
     C, e = C[:, axes][:, :, axes], errors[:, axes]
-    return np.asarray(distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)
+    return np.asarray(squared_distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)

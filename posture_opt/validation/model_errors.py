@@ -77,10 +77,10 @@ def mean_test(vectors: Array) -> MeanTest:
     if n < 2:
         return MeanTest(mean, np.full(d, np.nan), n, float("nan"))
     S = np.atleast_2d(np.cov(vectors, rowvar=False)) / n
-    return MeanTest(mean, np.sqrt(np.diag(S)), n, hotelling(mean, S, n - 1))
+    return MeanTest(mean, np.sqrt(np.diag(S)), n, hotelling_p_value(mean, S, n - 1))
 
 
-def hotelling(estimate: Array, S: Array, dof: float) -> float:
+def hotelling_p_value(estimate: Array, S: Array, dof: float) -> float:
     """The probability of an estimate (d,) so far from zero, its covariance S (d, d) estimated with ``dof``.
 
     ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d). NaN where S has no variance, or ν < d.
@@ -103,18 +103,18 @@ def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     The blocks cut the ``places`` (n, k) [m, rad] at medians. That a block's mean is zero is given up in the order of
     the p-values (S. Holm, Scand. J. Stat. 6 (1979) 65). Empty where the rows do not fill two blocks.
     """
-    blocks = _cut(places)
+    blocks = _cut_blocks(places)
     if len(blocks) < 2:
         return ()
     tests = [mean_test(vectors[rows]) for rows in blocks]
-    given_up = holm([test.p_value for test in tests])
+    given_up = holm_rejections([test.p_value for test in tests])
     return tuple(
         BlockMean(places[rows].min(axis=0), places[rows].max(axis=0), test, not gone)
         for rows, test, gone in zip(blocks, tests, given_up, strict=True)
     )
 
 
-def holm(p_values: list[float], size: float = TEST_LEVEL) -> list[bool]:
+def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[bool]:
     """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most."""
     given_up = [False] * len(p_values)
     for rank, index in enumerate(np.argsort(p_values)):
@@ -124,7 +124,7 @@ def holm(p_values: list[float], size: float = TEST_LEVEL) -> list[bool]:
     return given_up
 
 
-def _cut(places: Array) -> list[Codes]:
+def _cut_blocks(places: Array) -> list[Codes]:
     """Rows of each block: halves of halves across the longest side, of a size that a test can work with."""
     blocks: list[Codes] = [np.arange(len(places))]
     while len(blocks) < _MAX_BLOCKS and len(blocks[0]) >= 2 * _MIN_BLOCK_GROUPS:
@@ -212,7 +212,7 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
     if direction is not None:
         along = (errors @ direction)[:, None]
         both = (("along", along), ("across", errors - along * direction))
-        parts += [part for part, known in zip(both, told(axes, direction), strict=True) if known]
+        parts += [part for part, known in zip(both, measured_parts(axes, direction), strict=True) if known]
     deviations = tuple(Deviation.of(name, vectors) for name, vectors in (*parts, ("all", errors[:, axes])))
     measured = errors[:, axes]
     coordinate = float(np.sqrt(np.mean(measured**2)))
@@ -223,7 +223,7 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
     return ModelErrors(deviations, overall, block_tests(means, places), coordinate, beyond)
 
 
-def told(axes: Codes, direction: Array) -> tuple[bool, bool]:
+def measured_parts(axes: Codes, direction: Array) -> tuple[bool, bool]:
     """Whether what was measured tells of along the direction, and of across it: a plane has one line across."""
     hidden = np.abs(np.delete(direction, axes))
     return bool(np.all(hidden < _DIRECTION_TOLERANCE)), bool(

@@ -84,11 +84,11 @@ def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, flo
     """JOINT.theta or JOINT.d -> σ from repeat to repeat that effects state [rad or m]."""
     total: dict[str, float] = {}
     for effect in effects:
-        total = plus(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total
+        total = added_in_quadrature(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total
     return total
 
 
-def plus(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+def added_in_quadrature(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
     """Standard deviations of independent errors, added by name."""
     return {name: math.hypot(one.get(name, 0.0), other.get(name, 0.0)) for name in (*one, *other)}
 
@@ -200,7 +200,10 @@ def calibrated_prediction(
         scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
     """
     N, d = len(residuals.data), len(residuals.axes)
-    J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
+    J = (
+        residuals.residuals_and_jacobian(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d]
+        * residuals.sigma
+    )
     J = residuals.data.about_points(J)
     S = joint_columns(residuals, x) * scatter
     own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(d)
@@ -230,7 +233,9 @@ def _principal(covariance: Array) -> tuple[Array, Array, Array]:
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:
     N, free = len(residuals.data), residuals.free
-    return np.asarray(residuals.both(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free)))
+    return np.asarray(
+        residuals.residuals_and_jacobian(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free))
+    )
 
 
 def _pseudo_inverse(F: Array) -> Array:

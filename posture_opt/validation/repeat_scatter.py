@@ -12,7 +12,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import outlying_groups, rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.model_errors import holm
+from posture_opt.validation.model_errors import holm_rejections
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
 
@@ -56,7 +56,7 @@ class RepeatScatter:
         for k, name in enumerate(driven):
             if name in errors.names:
                 stated[k] = np.sqrt(between[errors.names.index(name), errors.names.index(name)])
-        codes = np.arange(len(data)) if data.touches else repeat_groups(data, slides(used))
+        codes = np.arange(len(data)) if data.touches else repeat_groups(data, prismatic_joints(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
         copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY_TOLERANCE_M**2
@@ -83,7 +83,7 @@ def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, st
     return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
 
 
-def slides(residuals: Residuals) -> Mask:
+def prismatic_joints(residuals: Residuals) -> Mask:
     """(n,) which joints are prismatic."""
     return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
 
@@ -169,7 +169,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
     shape, used = _likelihood_ratios(np.asarray(whitened), nu, d)
     p_size, p_shape = _two_sided(size, nu * d), np.where(used, chdtrc(d * (d + 1) / 2, shape), np.nan)
     least = np.where(used, 2 * np.fmin(p_size, p_shape), p_size)  # two tests where there are two
-    false = holm(list(least))
+    false = holm_rejections(list(least))
     total, freedom = float(size.sum()), float(nu.sum() * d)
     low, high = np.sqrt(total / np.array([chdtri(freedom, 0.025), chdtri(freedom, 0.975)]))
     many = int(used.sum())

@@ -145,7 +145,7 @@ def repeats_of(
     low, high = standard_deviation_interval(dof * len(covariance) + 1)
     often = sorted((r for r in rows if len(r) >= 3), key=len, reverse=True)
     chosen = often[: int(np.searchsorted(np.cumsum([len(r) for r in often]), _MAX_SIMULATED_ROWS)) + 1]
-    poses = tuple(_performance(data, deviations, rotations, r) for r in chosen)
+    poses = tuple(_pose_performance(data, deviations, rotations, r) for r in chosen)
     return Repeats(
         len(inner), len(rows), covariance, dof, sigma, (low * sigma, high * sigma),
         repeatability_from_covariance(covariance), poses, len(often) - len(chosen), oriented,
@@ -161,7 +161,7 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     """
     if data.position is None or not data.goal_given:
         return None
-    pairs = list(_pairs(data))
+    pairs = list(_posture_pairs(data))
     if not pairs:
         return None
     goals = len({int(data.goal[a[0]]) for a, _ in pairs})
@@ -176,7 +176,7 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     )
 
 
-def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
+def _posture_pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
     """Rows of two postures of one goal and target; of very many postures some, evenly over the file."""
     for rows in rows_of(data.goal * (data.target.max(initial=0) + 1) + data.target):
         postures = [rows[mine] for mine in rows_of(data.pose[rows])]
@@ -184,7 +184,7 @@ def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
         yield from combinations([postures[k] for k in some], 2)
 
 
-def _performance(
+def _pose_performance(
     data: Measurements, deviations: dict[str, Array], rotations: Array | None, rows: Codes
 ) -> PosePerformance:
     goal = np.zeros(deviations["nominal"].shape[1])

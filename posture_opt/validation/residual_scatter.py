@@ -18,10 +18,10 @@ from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import (
     JointScatter,
+    added_in_quadrature,
     calibrated_prediction,
     joint_columns,
     joint_errors,
-    plus,
     scatter_beside,
     scatter_of_effects,
     stated_scatter,
@@ -78,10 +78,10 @@ def residual_scatter(
     )
     limit = scatter_limit(problem, calibration, fixed, fitted)
     total = JointScatter(sigma, noise.instrument, True, f"what the calibration leaves of the errors ({source})")
-    return _with_effects(_parted(total, fixed, limit), said, added=False)
+    return _with_effects(_split_scatter(total, fixed, limit), said, added=False)
 
 
-def _parted(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
+def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
     """What the calibration leaves, parted in scatter and what stays; that of joints that are ``fixed`` is scatter."""
     if limit is None:
         bound = "an upper bound, as repeats are too few to tell it from errors of the model"
@@ -101,7 +101,9 @@ def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool 
     if not said:
         return scatter
     note = f"{scatter.note}; that of {', '.join(said)} stands under effects"
-    return replace(scatter, sigma=plus(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note)
+    return replace(
+        scatter, sigma=added_in_quadrature(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note
+    )
 
 
 def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
@@ -167,7 +169,7 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
     rows = np.setdiff1d(calibration.kept_rows, left_out)
     kept = residuals.take(rows)
     n, d = len(rows), len(kept.axes)
-    J = kept.both(calibration.x)[1][: n * d]
+    J = kept.residuals_and_jacobian(calibration.x)[1][: n * d]
     sigma = np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
     S = joint_columns(kept, calibration.x) * sigma / kept.sigma
     weighed = np.einsum("nij,nik->njk", S, J.reshape(n, d, -1))
@@ -181,8 +183,8 @@ def _without(A: Array, rows: Residuals, x: Array) -> Array:
     n = len(rows.data) * rows.block
     if not n:
         return A
-    JA = rows.both(x)[1][:n] @ A
-    inner = np.eye(n) * (1 + 1e-9) - JA @ rows.both(x)[1][:n].T
+    JA = rows.residuals_and_jacobian(x)[1][:n] @ A
+    inner = np.eye(n) * (1 + 1e-9) - JA @ rows.residuals_and_jacobian(x)[1][:n].T
     return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
 
 

@@ -20,7 +20,7 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.repeat_scatter import prismatic_joints
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _by_repeats(
     problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None
 ) -> ScatterLimit | None:
     kept = calibration.residuals.take(calibration.kept_rows)
-    contrasts = Contrasts.of(kept.data, slides(kept))
+    contrasts = Contrasts.of(kept.data, prismatic_joints(kept))
     if len(contrasts) * len(kept.axes) < ENOUGH:
         return None
     errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted

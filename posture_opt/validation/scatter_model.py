@@ -39,9 +39,9 @@ class Scatter:
             own = np.zeros((1, 1, 1)) if known is None else known
             return cls(columns, errors[:, :, None] * errors[:, None, :], np.ones(len(errors)), own)
         _, first, code, count = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
-        mean = _sums(errors, code, len(count)) / count[:, None]
+        mean = _group_sums(errors, code, len(count)) / count[:, None]
         centred = errors - mean[code]
-        squares = _sums(centred[:, :, None] * centred[:, None, :], code, len(count))
+        squares = _group_sums(centred[:, :, None] * centred[:, None, :], code, len(count))
         many = count > 1
         return cls(columns[first[many]], squares[many], np.asarray(count[many] - 1.0))
 
@@ -61,19 +61,19 @@ class Scatter:
         return np.where(sound, found, -np.inf)
 
 
-def covariances(columns: Array, sigma: Array, instrument: float) -> Array:
+def joint_covariances(columns: Array, sigma: Array, instrument: float) -> Array:
     """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²]."""
     scaled = columns * sigma
     return np.asarray(scaled @ np.swapaxes(scaled, -1, -2) + instrument**2 * np.eye(columns.shape[1]))
 
 
-def _sums(values: Array, code: Codes, count: int) -> Array:
+def _group_sums(values: Array, code: Codes, count: int) -> Array:
     found = np.zeros((count, *values.shape[1:]))
     np.add.at(found, code, values)
     return found
 
 
-def whitened(e: Array, columns: Array, S: Array, repeats: Codes, own: Array) -> tuple[Array, Array]:
+def whitened_repeats(e: Array, columns: Array, S: Array, repeats: Codes, own: Array) -> tuple[Array, Array]:
     """Residuals (N, d) and joint columns (n, N, d) in units of the covariance ``own + S Sᵀ`` of whole repeats.
 
     Args:
@@ -100,12 +100,12 @@ def null_sets(e: Array, repeats: Codes | None, count: int, rng: np.random.Genera
     N, d = e.shape
     if repeats is None or len(np.unique(repeats)) == N:
         drawn = rng.standard_normal((count, N, d))
-        lengths = np.linalg.norm(e, axis=1)[_shuffles(rng, count, N)]
+        lengths = np.linalg.norm(e, axis=1)[_permutations(rng, count, N)]
         return np.asarray(drawn * (lengths / np.linalg.norm(drawn, axis=2))[:, :, None])
     sets = np.empty((count, N, d))
     for rows in _by_size(repeats):
         turns = np.linalg.qr(rng.standard_normal((count, len(rows), d, d)))[0]
-        others = e[rows[_shuffles(rng, count, len(rows))]]
+        others = e[rows[_permutations(rng, count, len(rows))]]
         sets[:, rows] = others @ np.swapaxes(turns, 2, 3)
     return sets
 
@@ -117,5 +117,5 @@ def _by_size(repeats: Codes) -> list[Codes]:
     return [np.stack([parts[i] for i in np.flatnonzero(sizes == m)]) for m in np.unique(sizes)]
 
 
-def _shuffles(rng: np.random.Generator, count: int, n: int) -> Codes:
+def _permutations(rng: np.random.Generator, count: int, n: int) -> Codes:
     return np.argsort(rng.random((count, n)), axis=1)

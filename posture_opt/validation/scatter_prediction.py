@@ -13,9 +13,9 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
-from posture_opt.validation.repeat_scatter import COPY_TOLERANCE_M, RepeatScatter, slides
+from posture_opt.validation.repeat_scatter import COPY_TOLERANCE_M, RepeatScatter, prismatic_joints
 from posture_opt.validation.residual_scatter import unseen_errors
-from posture_opt.validation.scatter_model import Scatter, covariances
+from posture_opt.validation.scatter_model import Scatter, joint_covariances
 
 _SCATTER_FOLDS = 5
 _MIN_LEVER_SHARE = 0.01  # of the longest lever
@@ -60,14 +60,14 @@ def predict_scatter(
 
     The empty tuple where the postures are too few.
     """
-    parts = _parts(groups)
+    parts = _fold_parts(groups)
     if len(parts) < 2:
         return ()
     found: dict[str, Array] = {}
     for left_out in parts:
         train = scatter.take(np.setdiff1d(np.arange(len(groups)), left_out))
         test = scatter.take(left_out)
-        models = _models(train, test, names, instrument)
+        models = _scatter_models(train, test, names, instrument)
         if stated is not None:
             models["stated"] = stated[left_out]
         for name, covariance in models.items():
@@ -79,26 +79,26 @@ def predict_scatter(
     )
 
 
-def _parts(groups: Codes) -> list[Codes]:
+def _fold_parts(groups: Codes) -> list[Codes]:
     names = np.random.default_rng(0).permutation(np.unique(groups))
     if len(names) < 2:
         return []
     return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_SCATTER_FOLDS, len(names)))]
 
 
-def _models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
+def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
     """Covariances (G, d, d) [m²] of the cases in ``test`` by each model that ``train`` can teach."""
     d = test.squares.shape[1]
     variance = float(np.trace(train.squares, axis1=-2, axis2=-1).sum()) / float(train.freedom.sum() * d)
     models = {"round": np.broadcast_to(variance * np.eye(d), test.squares.shape)}
     for name, equal in (("joints", False), ("one_sigma", True)):
-        noise = _fitted(train, names, instrument, equal)
+        noise = _fitted_variances(train, names, instrument, equal)
         if noise is not None:
             models[name] = noise.covariance(test.columns) + test.known
     return models
 
 
-def _fitted(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
+def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
     try:
         return fit_joint_variances(train, names, instrument, True, equal, intervals=False)
     except InsufficientDataError:
@@ -129,7 +129,7 @@ def observed_variances(
         scatter, codes = Scatter.of(left, joint_columns(used, calibration.x), known=known), groups
         stated = None
         if between.stated_sigma.any():
-            stated = covariances(scatter.columns, between.stated_sigma, used.sigma) + known
+            stated = joint_covariances(scatter.columns, between.stated_sigma, used.sigma) + known
     if not scatter.squares.max(initial=0.0) > COPY_TOLERANCE_M**2:
         return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
@@ -144,5 +144,5 @@ def observed_variances(
 def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
     """(n,) whether the data could tell a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
-    moving = lever > _MIN_LEVER_SHARE * np.where(slides(residuals), 0.0, lever.max())
+    moving = lever > _MIN_LEVER_SHARE * np.where(prismatic_joints(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

@@ -112,7 +112,9 @@ def check_spread(
     errors = ErrorSources.of(residuals, problem.sources)
     scatter = residual_scatter(problem, calibration)
     groups = groups_of(data, calibration.by, folds)
-    coverage = {name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, scatter).items()}
+    coverage = {
+        name: Coverage.of(*parts) for name, parts in held_out_predictions(problem, calibration, folds, scatter).items()
+    }
     left = calibration.errors[np.ix_(rows, axes)]
     between = RepeatScatter.of(used, calibration, errors)
     noise, predicted = observed_variances(between, used, calibration, groups[rows])
@@ -131,11 +133,11 @@ def check_spread(
         scatter_predictions=predicted,
         outlying=between.outlying,
         instrument=residuals.sigma,
-        notes=_unknowable(problem),
+        notes=_unknowable_notes(problem),
     )
 
 
-def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
+def _unknowable_notes(problem: CalibrationProblem) -> tuple[str, ...]:
     """What the problem says of a type of robots, and no single robot can tell."""
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
@@ -148,7 +150,7 @@ def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
     )
 
 
-def predictions(
+def held_out_predictions(
     problem: CalibrationProblem, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
     """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
@@ -177,18 +179,19 @@ def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes
     for part in parts:
         covariance = covariance_under(calibration, scatter, part)
         found = calibrated_prediction(
-            residuals, calibration.x, covariance, _sigma(scatter, residuals), _instrument(scatter, residuals),
+            residuals, calibration.x, covariance, _joint_sigmas(scatter, residuals),
+            _instrument_sigma(scatter, residuals),
             1 - 1 / max(len(parts), 2) if clustered else 1.0,
         )  # fmt: skip
         common[part], own[part] = found.common[part], found.scatter[part]
     return Prediction(common, own)
 
 
-def _sigma(scatter: JointScatter, residuals: Residuals) -> Array:
+def _joint_sigmas(scatter: JointScatter, residuals: Residuals) -> Array:
     return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
 
 
-def _instrument(scatter: JointScatter, residuals: Residuals) -> float:
+def _instrument_sigma(scatter: JointScatter, residuals: Residuals) -> float:
     return scatter.instrument if scatter.measured else residuals.sigma
 
 

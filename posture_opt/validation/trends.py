@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.validation.model_errors import holm, hotelling
+from posture_opt.validation.model_errors import holm_rejections, hotelling_p_value
 
 _MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
 _MIN_BATCH_ROWS = 3  # rows of a batch
@@ -67,7 +67,7 @@ def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:
     order = ("row", np.arange(len(data), dtype=float)) if data.time is None else ("time", data.time)
     inputs = (order, ("temperature", data.temperature), ("payload", data.payload))
     found = [line for name, x in inputs if x is not None and (line := trend(name, x, errors)) is not None]
-    kept = holm([line.p_value for line in found])
+    kept = holm_rejections([line.p_value for line in found])
     return tuple(
         Trend(t.name, t.range, t.change, t.error, t.p_value, given_up)
         for t, given_up in zip(found, kept, strict=True)
@@ -92,7 +92,11 @@ def trend(name: str, x: Array, errors: Array) -> Trend | None:
     S = left.T @ left / nu / (off @ off)
     extent = float(np.ptp(x))
     return Trend(
-        name, (float(x.min()), float(x.max())), slope * extent, np.sqrt(np.diag(S)) * extent, hotelling(slope, S, nu)
+        name,
+        (float(x.min()), float(x.max())),
+        slope * extent,
+        np.sqrt(np.diag(S)) * extent,
+        hotelling_p_value(slope, S, nu),
     )
 
 
@@ -112,16 +116,16 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
             (lever > _MIN_LEVER_SHARE * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0)
         )
         along = np.sum(errors * motion, axis=1)[moves] / lever[moves]
-        differences = _differences(data.approach[moves, k], along)
+        differences = _side_differences(data.approach[moves, k], along)
         if len(differences) >= _MIN_SIDED_BATCHES:
-            found.append(_compared(data.joint_names[k], differences))
-    kept = holm([sides.p_value for sides in found])
+            found.append(_compare_sides(data.joint_names[k], differences))
+    kept = holm_rejections([sides.p_value for sides in found])
     return tuple(
         Sides(s.joint, s.difference, s.error, s.p_value, given_up) for s, given_up in zip(found, kept, strict=True)
     )
 
 
-def _differences(side: Array, along: Array) -> Array:
+def _side_differences(side: Array, along: Array) -> Array:
     """Mean of those from above minus mean of those from below, in each batch that has both."""
     rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
     batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
@@ -129,7 +133,7 @@ def _differences(side: Array, along: Array) -> Array:
     return np.array([along[rows][side[rows] > 0].mean() - along[rows][side[rows] < 0].mean() for rows in both])
 
 
-def _compared(joint: str, differences: Array) -> Sides:
+def _compare_sides(joint: str, differences: Array) -> Sides:
     from scipy.special import stdtr
 
     mean, error = float(differences.mean()), float(differences.std(ddof=1) / math.sqrt(len(differences)))

@@ -126,7 +126,7 @@ class Components:
             return theta
         u = u[free] - information[np.ix_(free, ~free)] @ theta[~free]
         information = information[np.ix_(free, free)]
-        scale = _scale(information)
+        scale = _unit_diagonal(information)
         values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
         known = values > 1e-12 * max(values[-1], 1e-300)
         roots = np.sqrt(values[known])
@@ -138,7 +138,7 @@ class Components:
     def errors(self, theta: Array) -> Array:
         """(c,) standard errors of the variances; infinite where the data do not tell them."""
         information = self.normal(theta)[0]
-        scale = _scale(information)
+        scale = _unit_diagonal(information)
         values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
         known = values > 1e-9 * max(values[-1], 1e-300)
         spread = np.sum(vectors[:, known] ** 2 / values[known], axis=1)
@@ -152,9 +152,9 @@ class Components:
         if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > _QUADRATIC_FREEDOM:
             spread = np.exp(NORMAL95 * error / theta[k])
             return float(theta[k] / spread), float(theta[k] * spread)
-        return self._end(theta, best, k, error, -1), self._end(theta, best, k, error, 1)
+        return self._interval_end(theta, best, k, error, -1), self._interval_end(theta, best, k, error, 1)
 
-    def _end(self, theta: Array, best: float, k: int, error: float, side: int) -> float:
+    def _interval_end(self, theta: Array, best: float, k: int, error: float, side: int) -> float:
         """Where the profile of the likelihood falls by half the 95 % quantile of χ².
 
         The root of the fall is nearly linear in the variance: regula falsi, with the Illinois rule, is quick.
@@ -173,13 +173,15 @@ class Components:
             outside = max(inside + side * step, 0.0)
             high = beyond(outside)
             if high > 0:
-                return _root(beyond, (inside, low), (outside, high))
+                return _illinois_root(beyond, (inside, low), (outside, high))
             if outside == 0:
                 return 0.0
             inside, low, step = outside, high, 2 * step
 
 
-def _root(function: Callable[[float], float], inside: tuple[float, float], outside: tuple[float, float]) -> float:
+def _illinois_root(
+    function: Callable[[float], float], inside: tuple[float, float], outside: tuple[float, float]
+) -> float:
     """Where a function crosses zero between two points (x, f(x)), f below zero at the first and above at the other."""
     (a, low), (b, high) = inside, outside
     former, middle = None, b
@@ -204,6 +206,6 @@ def _mean_square(scatter: Scatter) -> float:
     return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), _MIN_ERROR_M**2)
 
 
-def _scale(information: Array) -> Array:
+def _unit_diagonal(information: Array) -> Array:
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
     return np.divide(1.0, size, out=np.ones_like(size), where=size > 0)

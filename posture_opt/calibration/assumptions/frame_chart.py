@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.calibration.estimation.parameters import tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.estimation.starting_values import frame_rotation, rpy, start
+from posture_opt.calibration.estimation.starting_values import frame_rotation, roll_pitch_yaw, starting_deviations
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 
@@ -35,7 +35,7 @@ class Chart:
     def of(cls, residuals: Residuals) -> Chart:
         """The chart that suits where free frames start."""
         robot = residuals.robot
-        value = dict(zip((p.name for p in residuals.parameters), start(residuals), strict=True))
+        value = dict(zip((p.name for p in residuals.parameters), starting_deviations(residuals), strict=True))
         free = {"base": robot.base_free, "tool": tool_unknown(robot, residuals.data)}
         locked = []
         for frame in ("base", "tool"):
@@ -44,27 +44,27 @@ class Chart:
                 continue
             angles = {turn: factors[f"{frame}.{turn}"].nominal + value[f"{frame}.{turn}"] for turn in _ANGLE_NAMES}
             if abs(math.cos(angles["pitch"])) < _LOCKED_COSINE:
-                small = _unlocked(frame, getattr(robot, frame), angles)
+                small = _unlocked_factors(frame, getattr(robot, frame), angles)
                 robot = replace(robot, base=small) if frame == "base" else replace(robot, tool=small)
                 locked.append(frame)
-        return cls(residuals, _moved(residuals, robot) if locked else residuals, tuple(locked))
+        return cls(residuals, _in_robot(residuals, robot) if locked else residuals, tuple(locked))
 
-    def told(self, x: Array) -> Array:
+    def given_deviations(self, x: Array) -> Array:
         """Deviations (k,) of ``given`` from those of ``fitted``."""
         x = x.copy()
         for frame in self.locked:
-            at = self._at(frame)
+            at = self._angle_indices(frame)
             turned = frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
-            angles = rpy(turned)
+            angles = roll_pitch_yaw(turned)
             nominal = {f.parameter: f.nominal for f in getattr(self.given.robot, frame)}
             x[at] = [angles[turn] - nominal[f"{frame}.{turn}"] for turn in _ANGLE_NAMES]
         return x
 
-    def told_steps(self, x: Array, directions: Array) -> Array:
+    def given_steps(self, x: Array, directions: Array) -> Array:
         """Steps (k, r) of ``given`` from those of ``fitted``."""
         return np.asarray(self._rates(x) @ directions) if self.locked else directions
 
-    def told_fixed(self, x: Array, fixed: Mask, covariance: Array) -> Mask:
+    def given_determined(self, x: Array, fixed: Mask, covariance: Array) -> Mask:
         """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of.
 
         Where the lock itself lies within the errors (``covariance`` of ``fitted``), roll and yaw have no values of
@@ -72,14 +72,16 @@ class Chart:
         """
         loose = np.asarray((np.abs(self._rates(x)) * ~fixed > _LOOSE_SHARE).any(axis=1))
         for frame in self.locked:
-            yaw, pitch, roll = at = self._at(frame)
-            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True))))
+            yaw, pitch, roll = at = self._angle_indices(frame)
+            angles = roll_pitch_yaw(
+                frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
+            )
             tilt = math.sqrt(max(covariance[yaw, yaw], covariance[pitch, pitch], 0.0))
             if abs(math.cos(angles["pitch"])) < max(_MIN_COSINE, _LOCK_STD_ERRORS * tilt):
                 loose[[yaw, roll]] = True
         return np.asarray(~loose)
 
-    def told_size(self, x: Array, sizes: Array) -> Array:
+    def given_sizes(self, x: Array, sizes: Array) -> Array:
         """Sizes of errors (k,) of ``given`` from those of ``fitted``."""
         return np.asarray(np.sqrt(self._rates(x) ** 2 @ sizes**2))
 
@@ -87,24 +89,26 @@ class Chart:
         """(k, k) of ``given`` by ``fitted``."""
         G = np.eye(len(x))
         for frame in self.locked:
-            at = self._at(frame)
-            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True))))
+            at = self._angle_indices(frame)
+            angles = roll_pitch_yaw(
+                frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
+            )
             G[np.ix_(at, at)] = _rates(angles["roll"], angles["pitch"])
         return G
 
-    def _at(self, frame: str) -> list[int]:
+    def _angle_indices(self, frame: str) -> list[int]:
         names = [p.name for p in self.given.parameters]
         return [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
 
 
-def _unlocked(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
+def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
     shifts = tuple(f for f in factors if f.kind == "translate")
     turned = frame_factors(frame, (0.0, 0.0, 0.0), (angles["roll"], angles["pitch"], angles["yaw"]))[3:]
     small = frame_factors(frame, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:]
     return (*shifts, *(replace(factor, parameter="") for factor in turned), *small)
 
 
-def _moved(residuals: Residuals, robot: Robot) -> Residuals:
+def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
     """The same unknowns in a robot whose factors stand elsewhere."""
     nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
     parameters = (replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)

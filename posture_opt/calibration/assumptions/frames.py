@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma, rotation_sigma
-from posture_opt.calibration.estimation.fit import Fit, Prior, estimate
-from posture_opt.calibration.estimation.identifiability import identify
-from posture_opt.calibration.estimation.least_squares import noise
+from posture_opt.calibration.estimation.fit import Fit, Prior, estimate_parameters
+from posture_opt.calibration.estimation.identifiability import identify_parameters
+from posture_opt.calibration.estimation.least_squares import robust_noise
 from posture_opt.calibration.estimation.parameters import (
     CalibrationProblem,
     Parameter,
-    candidates,
+    candidate_parameters,
     prior_covariance,
     tool_unknown,
 )
 from posture_opt.calibration.estimation.residuals import Distance, Residuals
-from posture_opt.calibration.estimation.starting_values import offset_of_tool, start, tool_sigma
+from posture_opt.calibration.estimation.starting_values import offset_of_tool, starting_deviations, tool_sigma
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
@@ -30,7 +30,7 @@ DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; o
 _MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
 
 
-def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
+def arm_and_data(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
     """The arm of a problem against measurements, and sentences on what was assumed.
 
     Raises:
@@ -54,23 +54,23 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
             f"touched points tell nothing of {offset} and what lies before it: it moves arm and points together"
         )
     used = rotation if data.rotation is not None else 0.0
-    parameters = unknowns(problem, data, orientation=used > 0)
-    distances = _distances(problem, data, sigma)
+    parameters = unknown_parameters(problem, data, orientation=used > 0)
+    distances = _known_distances(problem, data, sigma)
     return Residuals.of(problem.arm, data, parameters, sigma, used, distances), tuple(notes)
 
 
-def unknowns(problem: CalibrationProblem, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
+def unknown_parameters(problem: CalibrationProblem, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
     """The candidates without what the problem file states as known: frames neither free nor given a σ.
 
     Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
     """
-    found = candidates(problem.robot, data, orientation=orientation)
+    found = candidate_parameters(problem.robot, data, orientation=orientation)
     stated = prior_covariance(problem, found)[0]
     free = {"base": problem.robot.base_free, "tool": tool_unknown(problem.robot, data)}
     return tuple(p for i, p in enumerate(found) if free.get(p.group, True) or i in stated)
 
 
-def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
+def _known_distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
     """Known distances, each as sure as the instrument (the play of the ball in its socket)."""
     if data.position is not None:
         return ()
@@ -89,7 +89,7 @@ def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) ->
 
 def fit_frames(residuals: Residuals) -> Array:
     """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
-    x0 = start(residuals)
+    x0 = starting_deviations(residuals)
     found = fit_groups(residuals, x0, residuals.free_groups)
     return x0 if found is None else found.x
 
@@ -100,18 +100,18 @@ def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit 
     A tool stays as near to its start as the size of the arm asks: without that, tool and base would run away together
     where the data hardly tell them apart.
     """
-    found = _directions(residuals, x0, groups)
+    found = _determined_directions(residuals, x0, groups)
     if found is None:
         return None
     directions, spread = found
     tools = [i for i, p in enumerate(residuals.parameters) if offset_of_tool(p) and np.any(directions[i])]
     if not tools:
-        return estimate(residuals, x0, directions)
+        return estimate_parameters(residuals, x0, directions)
     near = Prior.of(tools, tool_sigma(residuals.robot) ** 2 * np.eye(len(tools)))
-    return estimate(residuals, x0, directions, near, weight=spread)
+    return estimate_parameters(residuals, x0, directions, near, weight=spread)
 
 
-def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tuple[Array, float] | None:
+def _determined_directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tuple[Array, float] | None:
     """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none.
 
     Beside it the standard deviation of what they leave, in units of the instrument's, at least 1.
@@ -120,10 +120,10 @@ def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tup
     if not columns:
         return None
     names = [residuals.parameters[i].name for i in columns]
-    r, J = residuals.both(x0)
+    r, J = residuals.residuals_and_jacobian(x0)
     rows = len(residuals.data) * residuals.block
-    spread = max(noise(r[:rows], J[:rows, columns], residuals.block), 1.0)
-    part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=spread)
+    spread = max(robust_noise(r[:rows], J[:rows, columns], residuals.block), 1.0)
+    part = identify_parameters(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=spread)
     directions = np.zeros((len(x0), part.rank))
     directions[columns] = part.directions
     return directions, spread
@@ -140,10 +140,10 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)
     effects = tuple(p for p in residuals.parameters if p.group == "effect")
-    wide = replace(residuals, parameters=(*candidates(robot, data, orientation=residuals.oriented), *effects))
+    wide = replace(residuals, parameters=(*candidate_parameters(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-    told = _directions(wide, start_at, {"base", "tool", "point"})
+    told = _determined_directions(wide, start_at, {"base", "tool", "point"})
     if told is None:
         return wide, start_at
     directions, _ = told
@@ -153,7 +153,7 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
         message = f"{counted} too few to fit base and tool again and to judge by what is left"
         hint = "test with 20 poses or more, or without --refit-frames"
         raise InputError(Issue(message, hint=hint, file=data.file))
-    return wide, estimate(wide, start_at, directions).x
+    return wide, estimate_parameters(wide, start_at, directions).x
 
 
 def held_length(residuals: Residuals) -> int | None:

@@ -10,56 +10,56 @@ from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array
 
 
-def readings(problem: CalibrationProblem, points: Array) -> Array:
+def reading_sigmas(problem: CalibrationProblem, points: Array) -> Array:
     """(N,) standard deviations of a measured coordinate at points (N, 3) of the world [m]; 0 where none is stated.
 
     The instrument stands at the origin of the world, in which it measures.
     """
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     sigma, ranges = np.full(len(points), float(stated or 0.0)), np.linalg.norm(points, axis=1)
-    for effect in _noises(problem):
+    for effect in _noise_effects(problem):
         sigma = effect.reading(sigma, ranges)
     return sigma
 
 
 def position_sigma(problem: CalibrationProblem, data: Measurements) -> float:
     """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated."""
-    return _overall(readings(problem, _points(data)))
+    return _rms_sigma(reading_sigmas(problem, _measured_points(data)))
 
 
 def planned_sigma(problem: CalibrationProblem, points: Array) -> float:
     """The same over points (N, 3) of the world that the tool can reach [m]."""
-    return _overall(readings(problem, points))
+    return _rms_sigma(reading_sigmas(problem, points))
 
 
 def rotation_sigma(problem: CalibrationProblem) -> float:
     """σ of a component of a measured rotation [rad]; 0 where none is stated."""
     sigma = float((problem.measurement.orientation or 0.0) if problem.measurement is not None else 0.0)
-    for effect in _noises(problem):
+    for effect in _noise_effects(problem):
         sigma = effect.turning(sigma)
     return sigma
 
 
-def usable(problem: CalibrationProblem) -> float:
+def usable_share(problem: CalibrationProblem) -> float:
     """The share of measurements that are expected to be no gross errors."""
-    return float(np.prod([effect.usable for effect in _noises(problem)]))
+    return float(np.prod([effect.usable for effect in _noise_effects(problem)]))
 
 
-def relative(problem: CalibrationProblem, data: Measurements) -> Array:
+def relative_sigma(problem: CalibrationProblem, data: Measurements) -> Array:
     """(N,) σ of a measured coordinate of each row over that of all; ones where it is the same everywhere."""
-    sigma = readings(problem, _points(data))
-    overall = _overall(sigma)
+    sigma = reading_sigmas(problem, _measured_points(data))
+    overall = _rms_sigma(sigma)
     return sigma / overall if overall else np.ones(len(data))
 
 
-def _points(data: Measurements) -> Array:
+def _measured_points(data: Measurements) -> Array:
     return np.zeros((len(data), 3)) if data.position is None else data.position
 
 
-def _overall(sigma: Array) -> float:
+def _rms_sigma(sigma: Array) -> float:
     # One number for all rows is to come out as it was stated, to the last digit.
     return float(sigma[0] if np.ptp(sigma) == 0 else np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0
 
 
-def _noises(problem: CalibrationProblem) -> list[NoiseEffect]:
+def _noise_effects(problem: CalibrationProblem) -> list[NoiseEffect]:
     return [effect for effect in problem.effects if isinstance(effect, NoiseEffect)]

@@ -54,7 +54,7 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
 def fitted_ratio(coupling: JointCoupling, fit: Fit) -> tuple[float, float]:
     """The ratio of a coupling that the arm of a fit has, and its standard error, to first order about the fit."""
     used = fit.residuals.take(np.flatnonzero(fit.kept))
-    r, J = used.both(fit.x)
+    r, J = used.residuals_and_jacobian(fit.x)
     A = np.linalg.qr(J @ fit.directions)[0]
     (z,) = EffectSensitivities(used, fit.x).columns(coupling).T
     z, r = (v - A @ (A.T @ v) for v in (z, r))

@@ -34,7 +34,7 @@ class Statistics:
         """Of errors (N, d) [m] whose rows hang together in ``groups`` (N,)."""
         lengths = np.linalg.norm(errors, axis=1)
         rms = float(np.sqrt(np.mean(lengths**2)))
-        interval = _bootstrap(lengths**2, groups, draws)
+        interval = _bootstrap_interval(lengths**2, groups, draws)
         return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
 
     def to_json(self) -> dict[str, object]:
@@ -44,7 +44,7 @@ class Statistics:
         }  # fmt: skip
 
 
-def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
+def _bootstrap_interval(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
     group = resampled_groups(groups)
     total, count = np.bincount(group, squares), np.bincount(group)
     rng = np.random.default_rng(0)
@@ -84,11 +84,11 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
         return np.asarray(codes[data.point], dtype=np.intp)
     if by == "block":
         assert data.position is not None  # refused above
-        return blocks(data.position, 4 * folds)
-    return alike(data.q, data.pose)
+        return median_blocks(data.position, 4 * folds)
+    return equal_poses(data.q, data.pose)
 
 
-def alike(q: Array, pose: Codes) -> Codes:
+def equal_poses(q: Array, pose: Codes) -> Codes:
     """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -104,7 +104,7 @@ def alike(q: Array, pose: Codes) -> Codes:
     return np.asarray(together[cell.ravel()][inverse.ravel()], dtype=np.intp)
 
 
-def blocks(points: Array, count: int) -> Codes:
+def median_blocks(points: Array, count: int) -> Codes:
     """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again."""
     parts = [np.arange(len(points))]
     while len(parts) < count:

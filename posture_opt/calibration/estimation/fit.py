@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance, design_effect
-from posture_opt.calibration.estimation.least_squares import Minimum, least_squares, outlying, reduced
+from posture_opt.calibration.estimation.least_squares import Minimum, find_outliers, least_squares, reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -134,12 +134,12 @@ class Fit:
     @cached_property
     def jacobian(self) -> Array:
         """(m, k) of the whitened residuals of all rows by the parameters."""
-        return self.residuals.both(self.x)[1][: self.residuals.measured]
+        return self.residuals.residuals_and_jacobian(self.x)[1][: self.residuals.measured]
 
     @cached_property
     def residuals_and_jacobian(self) -> tuple[Array, Array]:
         """Whitened residuals (m + d + p,) and their Jacobian: of rows, known distances, and the prior."""
-        r, J = self.residuals.both(self.x)
+        r, J = self.residuals.residuals_and_jacobian(self.x)
         if self.prior is None:
             return r, J
         known = self.weight * self.prior.matrix(len(self.x))
@@ -187,7 +187,7 @@ class Fit:
         return (stopped,) * (not self.minimum.converged) + (changing,) * listed
 
 
-def estimate(
+def estimate_parameters(
     residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
     near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET_TOLERANCE,
 ) -> Fit:  # fmt: skip
@@ -204,17 +204,19 @@ def estimate(
     studentised, settled = np.zeros(n), False
     for _ in range(MAX_OUTLIER_ROUNDS):
         used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
-        found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100)
+        found = least_squares(
+            _prior_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100
+        )
         z = found.x
         x = x0 + directions @ z
         variance = found.variance
         if not robust and prior is None:
             settled = True
             break
-        r, J = residuals.both(x)
+        r, J = residuals.residuals_and_jacobian(x)
         rows = n * residuals.block
         known = known_rows(prior, weight, directions)
-        gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block, known)
+        gross, studentised = find_outliers(r[:rows], reduced_jacobian(J[:rows], directions), residuals.block, known)
         gross = gross if robust else np.zeros(n, dtype=bool)
         variance = variance_of(found, known)
         # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
@@ -240,15 +242,15 @@ def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array)
     return x0 + directions @ found.x, found
 
 
-def clustered(fit: Fit) -> Fit:
+def with_clustered_errors(fit: Fit) -> Fit:
     """The same estimate with the covariance that its residuals ask for where they hang together within blocks.
 
     Source: Liang, Zeger (1986), see `clustered_covariance`.
     """
     used = fit.residuals.take(np.flatnonzero(fit.kept))
-    r, J = used.both(fit.x)
+    r, J = used.residuals_and_jacobian(fit.x)
     known = known_rows(fit.prior, fit.weight, fit.directions)
-    A = reduced(J[: used.measured], fit.directions)
+    A = reduced_jacobian(J[: used.measured], fit.directions)
     C = clustered_covariance(used, r[: used.measured], A, fit.minimum.R, fit.variance, known, fit.weight)
     return replace(fit, C=C)
 
@@ -271,13 +273,13 @@ def fit_with_effects(
     steps = np.zeros((len(wide.parameters), directions.shape[1] + more))
     steps[: len(x0), : directions.shape[1]] = directions
     start = np.r_[x0, wide.start_of(effects)]
-    steps[len(x0) :, directions.shape[1] :] = np.diag(_units(wide, start, len(x0)))
+    steps[len(x0) :, directions.shape[1] :] = np.diag(_unit_steps(wide, start, len(x0)))
     if not shapes:
         held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
         steps = steps[:, ~np.any(steps[held], axis=0)]
     design, near = 1.0, None
     for _ in range(MAX_OUTLIER_ROUNDS):
-        found = estimate(
+        found = estimate_parameters(
             wide,
             start,
             steps,
@@ -288,21 +290,21 @@ def fit_with_effects(
             design=design,
             tolerance=_EFFECT_OFFSET_TOLERANCE,
         )
-        again = _design(found)
+        again = _design_of_fit(found)
         if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:
             break
         design, weight, near = again, found.weight, found.minimum.x
     found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
-    return clustered(found) if again > 1 else found
+    return with_clustered_errors(found) if again > 1 else found
 
 
-def _units(wide: Residuals, start: Array, first: int) -> Array:
+def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
     """(e,) steps of the effects' parameters whose columns have length one, as those of any other unit would drown."""
-    norms = np.linalg.norm(wide.both(start)[1][:, first:], axis=0)
+    norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
     return np.asarray(np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0))
 
 
-def _design(fit: Fit) -> float:
+def _design_of_fit(fit: Fit) -> float:
     """The design effect of what a fit leaves; 1 where there are hardly more residuals than unknowns."""
     if not fit.directions.shape[1]:
         return 1.0
@@ -324,7 +326,7 @@ def variance_of(found: Minimum, known: Array) -> float:
     return float(measured @ measured) / max(len(measured) - len(found.x) + by_prior, 1.0)
 
 
-def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
+def _prior_function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
     known = weight * prior.matrix(len(x0)) if prior is not None else np.zeros((0, len(x0)))
     return _with_known(residuals, x0, directions, known)
 
@@ -332,7 +334,7 @@ def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior |
 def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
     def function(z: Array) -> tuple[Array, Array]:
         x = x0 + directions @ z
-        r, J = residuals.both(x)
-        return np.concatenate([r, known @ x]), reduced(np.concatenate([J, known]), directions)
+        r, J = residuals.residuals_and_jacobian(x)
+        return np.concatenate([r, known @ x]), reduced_jacobian(np.concatenate([J, known]), directions)
 
     return function

@@ -98,7 +98,7 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
     parameters = robot.parameters
     least = np.array([NEGLIGIBLE["rad" if parameters[name].kind == "rotate" else "m"] for name in names])
     kept = [i for i in range(len(names)) if covariance[i, i] > least[i] ** 2]
-    found = Sources(tuple(names[i] for i in kept), semidefinite(covariance[np.ix_(kept, kept)]))
+    found = Sources(tuple(names[i] for i in kept), nearest_semidefinite(covariance[np.ix_(kept, kept)]))
     moved = {name.rpartition(".")[0] for name in names if name.endswith(".roll")}
     others = [
         i
@@ -111,7 +111,7 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
     return found.plus(Sources(tuple(stated.names[i] for i in others), stated.constant[np.ix_(others, others)]))
 
 
-def semidefinite(covariance: Array) -> Array:
+def nearest_semidefinite(covariance: Array) -> Array:
     """The covariance (k, k) without the rounding of its zeros; in correlations, which have no units."""
     sigma = np.sqrt(np.diag(covariance))
     scale = np.where(sigma > 0, sigma, 1.0)  # what moves nothing that was measured has no variance at all

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.estimation.least_squares import triangular
+from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.numerics import Array, Mask
 
 MAX_STANDARD_ERROR = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
@@ -83,7 +83,7 @@ class Identifiability:
         return self.scale[:, None] * self.vectors[:, self.rank : felt]
 
 
-def identify(
+def identify_parameters(
     names: Sequence[str], J: Array, rows: int, held: int | None = None, *, scale: Array | None = None,
     noise: float = 1.0,
 ) -> Identifiability:  # fmt: skip
@@ -105,7 +105,7 @@ def identify(
     """
     k = len(names)
     scale = np.full(k, MAX_STANDARD_ERROR) if scale is None else scale
-    R = triangular(J) if k else np.zeros((0, 0))
+    R = triangular_factor(J) if k else np.zeros((0, 0))
     norms = np.linalg.norm(R, axis=0)
     idle = norms * scale <= _IDLE_STRENGTH * noise
     R = np.where(idle, 0.0, R)
@@ -119,20 +119,20 @@ def identify(
     alone = np.where(unseen > _MAX_UNSEEN, np.inf, np.hypot(alone, unseen))
     unit = np.where(norms > 0, norms, 1.0)
     values = np.asarray(np.linalg.svd(R / unit, compute_uv=False), dtype=float)
-    determined = R / unit @ _orthonormal((scale * unit)[:, None] * Vt[:rank].T)
+    determined = R / unit @ _orthonormal_columns((scale * unit)[:, None] * Vt[:rank].T)
     kept = np.asarray(np.linalg.svd(determined, compute_uv=False)[:rank], dtype=float)
-    words = explain(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
+    words = explain_undetermined(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
     condition = float(kept[0] / kept[-1]) if rank else float("inf")
-    indices = observability(kept, rows)
+    indices = observability_indices(kept, rows)
     return Identifiability(tuple(names), scale, s, Vt.T, values, rank, alone, condition, indices, words, unseen)
 
 
-def _orthonormal(columns: Array) -> Array:
+def _orthonormal_columns(columns: Array) -> Array:
     return np.asarray(np.linalg.qr(columns)[0]) if columns.shape[1] else columns
 
 
-def observability(s: Array, rows: int) -> dict[str, float]:
-    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify` says what they are."""
+def observability_indices(s: Array, rows: int) -> dict[str, float]:
+    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify_parameters` says what they are."""
     if not len(s):
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     values = {
@@ -145,7 +145,7 @@ def observability(s: Array, rows: int) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-def explain(names: Sequence[str], null: Array, idle: Mask, R: Array) -> tuple[str, ...]:
+def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array) -> tuple[str, ...]:
     """A sentence for each undetermined combination, written with as few parameters as can be.
 
     ``null`` (k, d) spans the combinations with columns of unit norm, ``R`` (k, k) says how the data feel them.

@@ -77,31 +77,31 @@ def least_squares(
     D = np.zeros(len(x))
     damping = 1e-3
     for step in range(max_steps):
-        R = triangular(np.concatenate([J, r[:, None]], axis=1))
+        R = triangular_factor(np.concatenate([J, r[:, None]], axis=1))
         R, projected = R[: len(x), :-1], R[: len(x), -1]
         D = np.maximum(D, np.linalg.norm(J, axis=0))
         D = np.where(D > 0, D, 1.0)
         if _at_rest(projected, r, tolerance):
-            return _minimum(x, r, R, step, True)
-        lower = _lower(function, x, r, R, projected, D, damping, step == 0)
+            return _minimum_at(x, r, R, step, True)
+        lower = _descent_step(function, x, r, R, projected, D, damping, step == 0)
         if lower is None:
-            return _minimum(x, r, R, step, True)
+            return _minimum_at(x, r, R, step, True)
         move, r_new, J_new, damping = lower
         expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
         gained = float(r @ r - r_new @ r_new)
         ratio = 1.0 if gained >= expected else gained / float(expected)
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
-    return _minimum(x, r, triangular(J), max_steps, False)
+    return _minimum_at(x, r, triangular_factor(J), max_steps, False)
 
 
-def _lower(
+def _descent_step(
     function: Function, x: Array, r: Array, R: Array, projected: Array, D: Array, damping: float, first: bool
 ) -> tuple[Array, Array, Array, float] | None:
     """A step to smaller residuals: itself, residuals and Jacobian there, damping; None where rounding leaves none."""
     reach, growth = np.inf, 2.0
     while True:
-        move = _damped(R, projected, D, damping)
+        move = _damped_step(R, projected, D, damping)
         length = np.linalg.norm(D * move)
         if length > reach:
             damping *= 2
@@ -118,7 +118,7 @@ def _lower(
             reach = float(np.linalg.norm(D * x))
 
 
-def triangular(A: Array) -> Array:
+def triangular_factor(A: Array) -> Array:
     """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012).
 
     Blocks that fit the cache are faster than one long matrix, and too small for threads to fight over.
@@ -135,7 +135,7 @@ def triangular(A: Array) -> Array:
     return np.asarray(np.concatenate([R, np.zeros((max(k - m, 0), k))]))
 
 
-def reduced(J: Array, directions: Array) -> Array:
+def reduced_jacobian(J: Array, directions: Array) -> Array:
     """``J @ directions`` by blocks of rows."""
     whole = len(J) // 64 * 64
     blocks = J[:whole].reshape(whole // 64, 64, J.shape[1]) @ directions
@@ -153,18 +153,18 @@ def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
     return inside / k <= tolerance**2 * outside / (m - k)
 
 
-def _damped(R: Array, projected: Array, D: Array, damping: float) -> Array:
+def _damped_step(R: Array, projected: Array, D: Array, damping: float) -> Array:
     stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
     target = np.concatenate([-projected, np.zeros(len(D))])
     return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
 
 
-def _minimum(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
+def _minimum_at(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
     freedom = max(len(r) - len(x), 1)
     return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
 
 
-def outlying(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:
+def find_outliers(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:
     """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
 
     The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
@@ -179,26 +179,26 @@ def outlying(residuals: Array, J: Array, block: int, known: Array | None = None)
     return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
 
 
-def unexplained(residuals: Array, J: Array) -> Array:
+def unexplained_residuals(residuals: Array, J: Array) -> Array:
     """What is left of the residuals (m,) after the best step of the unknowns, to first order."""
     k = J.shape[1]
-    R = triangular(np.concatenate([J, residuals[:, None]], axis=1))
+    R = triangular_factor(np.concatenate([J, residuals[:, None]], axis=1))
     return np.asarray(residuals - J @ np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0])
 
 
-def noise(residuals: Array, J: Array, block: int) -> float:
+def robust_noise(residuals: Array, J: Array, block: int) -> float:
     """Standard deviation of what no step of the unknowns explains, whatever a few outliers say; 0 where too few."""
     if len(J) <= J.shape[1]:
         return 0.0
-    return float(np.sqrt(_robust_variance(_inflated_squares(unexplained(residuals, J), J, block), block)))
+    return float(np.sqrt(_robust_variance(_inflated_squares(unexplained_residuals(residuals, J), J, block), block)))
 
 
 def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | None = None) -> Array:
     """``r_iᵀ (I − H_ii)⁻¹ r_i`` (N,) of rows of ``block`` residuals."""
     n = len(residuals) // block
-    R = triangular(J if known is None else np.concatenate([J, known]))
+    R = triangular_factor(J if known is None else np.concatenate([J, known]))
     inverse = np.asarray(np.linalg.pinv(R, rcond=1e-14), dtype=float)
-    Q = reduced(J, inverse).reshape(n, block, J.shape[1])
+    Q = reduced_jacobian(J, inverse).reshape(n, block, J.shape[1])
     r = residuals.reshape(n, block)
     leverage = Q @ np.swapaxes(Q, -1, -2)
     inflated = np.linalg.solve(np.eye(block) * (1 + 1e-9) - leverage, r[..., None])[..., 0]

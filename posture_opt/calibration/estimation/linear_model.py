@@ -50,7 +50,7 @@ class LinearModel:
         return cls(r, U[:, kept], s[kept, None] * V[kept], basis, owner, z)
 
     @classmethod
-    def beside(cls, fit: Fit, columns: Array) -> LinearModel:
+    def with_columns(cls, fit: Fit, columns: Array) -> LinearModel:
         """Of the geometry of a fit and columns (m, c) that it was not fitted with, each of unit length."""
         r, J = fit.residuals_and_jacobian
         geometry = fit.directions[:, fit.geometry]

@@ -72,7 +72,7 @@ def tool_unknown(robot: Robot, data: Measurements) -> bool:
     return robot.tool_free or len(data.target_names) > 1
 
 
-def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
+def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
     """Every parameter that measurements of this kind could tell something about, from base to tool.
 
     Touched points stand in the frame of the base, which is then no unknown, nor is what moves arm and points
@@ -84,16 +84,16 @@ def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -
     for name, index in at.items():
         prefix, _, last = name.rpartition(".")
         group = prefix if prefix in ("base", "tool") else "geometry"
-        if group == "geometry" and not _fitted(robot, prefix, last):
+        if group == "geometry" and not _is_fitted(robot, prefix, last):
             continue
         if data.position is None and (group == "base" or index <= robot.driven[0]):
             continue
         if group == "tool":
             if orientation or last in _AXES:
-                found += _tools(robot, data, name, index)
+                found += _tool_parameters(robot, data, name, index)
             continue
         found.append(_of_factor(robot, name, group, index))
-    return (*found, *_points(data))
+    return (*found, *_point_parameters(data))
 
 
 def effect_parameters(effect: Effect) -> list[Parameter]:
@@ -111,7 +111,7 @@ def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) 
     return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
 
 
-def _tools(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
+def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
     if len(data.target_names) < 2:
         return [_of_factor(robot, name, "tool", index)]
     last = name.rpartition(".")[2]
@@ -119,7 +119,7 @@ def _tools(robot: Robot, data: Measurements, name: str, index: int) -> list[Para
     return [_of_factor(robot, name, "tool", index, code) for code, name in enumerate(names)]
 
 
-def _points(data: Measurements) -> list[Parameter]:
+def _point_parameters(data: Measurements) -> list[Parameter]:
     if data.position is not None:
         return []
     names = data.point_names
@@ -130,7 +130,7 @@ def _points(data: Measurements) -> list[Parameter]:
     ]
 
 
-def _fitted(robot: Robot, joint: str, last: str) -> bool:
+def _is_fitted(robot: Robot, joint: str, last: str) -> bool:
     parameters = robot.parameters
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
     if last == "beta":

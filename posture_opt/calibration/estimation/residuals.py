@@ -195,7 +195,7 @@ class Residuals:
     def tool_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
         """For each model parameter, (N, 3) the shift of the tool point by a unit of it [m/rad or m/m]."""
         twists = self.arm.twists(names, self.q, self.walk(x), self.deviations(x))
-        return [_stacked(shift, len(self.data)) for shift, _ in twists]
+        return [stacked_rows(shift, len(self.data)) for shift, _ in twists]
 
     def whiten(self, twists: Sequence[Twist]) -> Array:
         """(N, block, K) of K shifts and small rotations of the tool, each in units of the σ's."""
@@ -215,7 +215,7 @@ class Residuals:
             parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MAX_WALKED_ROWS))
             return np.concatenate([self.take(rows).error(x) for rows in parts])
         reached = reached or self.walk(x)
-        position = _stacked(reached.position, len(self.data))
+        position = stacked_rows(reached.position, len(self.data))
         if self.data.position is not None:
             return position - self.data.position
         return position - self.points(x)[self.data.point]
@@ -231,14 +231,14 @@ class Residuals:
     def rotation_error(self, reached: Walk) -> Array:
         """Rotation vector (N, 3) [rad] in the world that turns the measured orientation into the model's."""
         assert self.data.rotation is not None
-        R = np.stack([_stacked(column, len(self.data)) for column in reached.columns], axis=-1)
-        return rotation_vectors(R @ np.swapaxes(matrices(self.data.rotation), -1, -2))
+        R = np.stack([stacked_rows(column, len(self.data)) for column in reached.columns], axis=-1)
+        return rotation_vectors(R @ np.swapaxes(rotation_matrices(self.data.rotation), -1, -2))
 
     def whitened(self, x: Array) -> Array:
         """Residuals (N·block + distances,) in units of the instrument's σ."""
         return self._vector(x, self.walk(x))
 
-    def both(self, x: Array) -> tuple[Array, Array]:
+    def residuals_and_jacobian(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (m,) and their Jacobian (m, k)."""
         reached = self.walk(x)
         return self._vector(x, reached), self._jacobian(x, reached)
@@ -296,11 +296,11 @@ def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float,
     return float(x), float(y), float(z)
 
 
-def _stacked(vector: Sequence[Any], n: int) -> Array:
+def stacked_rows(vector: Sequence[Any], n: int) -> Array:
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
-def matrices(quaternions: Array) -> Array:
+def rotation_matrices(quaternions: Array) -> Array:
     """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first."""
     w, x, y, z = quaternions.T
     rows = [

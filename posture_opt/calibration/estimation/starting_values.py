@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter, tool_unknown
-from posture_opt.calibration.estimation.residuals import Residuals, _stacked, matrices
+from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices, stacked_rows
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import group_means, stands
 from posture_opt.model.chain import factor_values, walk
@@ -38,7 +38,7 @@ def nearest_rotation(M: Array) -> Array:
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
-def start(residuals: Residuals) -> Array:
+def starting_deviations(residuals: Residuals) -> Array:
     """Deviations (k,) from nominal at which free frames and touched points fit the nominal arm.
 
     With ``p_i``, ``R_i`` the flange in the base, ``t`` the tool offset and ``m_i`` the measured point,
@@ -53,24 +53,24 @@ def start(residuals: Residuals) -> Array:
     values: dict[str, float] = {}
     offset = flange.nominal
     if data.position is None:
-        offset, points = _sockets(flange, data.point, len(data.point_names), tool_free)
-        R_b, t_b = _base(residuals)
+        offset, points = _socket_start(flange, data.point, len(data.point_names), tool_free)
+        R_b, t_b = _base_pose(residuals)
         points = points @ R_b.T + t_b
         for k, name in enumerate(data.point_names):
             values |= {f"point[{name}].{a}": points[k, i] for i, a in enumerate("xyz")}
     elif robot.base_free or tool_free:
-        R_b, t_b, offset = _frames(flange, data.position, (robot.base_free, tool_free), _base(residuals))
+        R_b, t_b, offset = _frames_start(flange, data.position, (robot.base_free, tool_free), _base_pose(residuals))
         if robot.base_free:
-            values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _angles(robot.base, R_b)
+            values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _named_angles(robot.base, R_b)
         if tool_free and residuals.oriented:
             assert data.rotation is not None
             for k in range(len(offset)):
-                turn = np.swapaxes(R_b @ flange.R, -1, -2) @ matrices(data.rotation)
-                found = _angles(robot.tool, nearest_rotation(turn[flange.codes == k].sum(axis=0)))
-                values |= {name.replace("tool", _tool(residuals, k), 1): angle for name, angle in found.items()}
+                turn = np.swapaxes(R_b @ flange.R, -1, -2) @ rotation_matrices(data.rotation)
+                found = _named_angles(robot.tool, nearest_rotation(turn[flange.codes == k].sum(axis=0)))
+                values |= {name.replace("tool", _tool_name(residuals, k), 1): angle for name, angle in found.items()}
     if tool_free:
         for k in range(len(offset)):
-            values |= {f"{_tool(residuals, k)}.{a}": offset[k, i] for i, a in enumerate("xyz")}
+            values |= {f"{_tool_name(residuals, k)}.{a}": offset[k, i] for i, a in enumerate("xyz")}
     return np.array([values.get(q.name, q.nominal) - q.nominal for q in residuals.parameters])
 
 
@@ -105,7 +105,7 @@ class _Flange:
         tools = max(len(data.target_names), 1)
         codes = data.target if tools > 1 else np.zeros(len(data), dtype=np.intp)
         stated = [f.nominal for f in robot.tool if f.kind == "translate"] or [0.0] * 3
-        return cls(*_flange(residuals), codes, np.array([stated] * tools), tool_sigma(robot))
+        return cls(*_flange_poses(residuals), codes, np.array([stated] * tools), tool_sigma(robot))
 
     def reached(self, offset: Array) -> Array:
         """(N, 3) tool points in the base with some offsets (tools, 3)."""
@@ -127,26 +127,26 @@ class _Flange:
         return np.asarray(np.linalg.lstsq(stacked, wanted, rcond=1e-9)[0])
 
 
-def _tool(residuals: Residuals, code: int) -> str:
+def _tool_name(residuals: Residuals, code: int) -> str:
     names = residuals.data.target_names
     return f"tool[{names[code]}]" if len(names) > 1 else "tool"
 
 
-def _flange(residuals: Residuals) -> tuple[Array, Array]:
+def _flange_poses(residuals: Residuals) -> tuple[Array, Array]:
     """Position (N, 3) and orientation (N, 3, 3) of the flange in the base."""
     n = len(residuals.data)
     factors = tuple(f for link in residuals.robot.links for f in link)
     reached = walk(factors, factor_values(factors, list(stands(residuals.arm, residuals.data.q).T)))
-    return _stacked(reached.position, n), np.stack([_stacked(c, n) for c in reached.columns], axis=-1)
+    return stacked_rows(reached.position, n), np.stack([stacked_rows(c, n) for c in reached.columns], axis=-1)
 
 
-def _base(residuals: Residuals) -> tuple[Array, Array]:
+def _base_pose(residuals: Residuals) -> tuple[Array, Array]:
     factors = residuals.robot.base
     reached = walk(factors, [f.nominal for f in factors])
     return np.array(reached.columns, dtype=float).T, np.array(reached.position, dtype=float)
 
 
-def _frames(
+def _frames_start(
     flange: _Flange, m: Array, free: tuple[bool, bool], base: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
     """Rotation (3, 3) and place (3,) of the base and the offsets (tools, 3), of the stated ones those that are free.
@@ -155,14 +155,14 @@ def _frames(
     """
     R_b, t_b = base
     if not free[0]:
-        off = _rms(flange.reached(flange.nominal) - (m - t_b) @ R_b)
-        return R_b, t_b, _offsets(flange, (m - t_b) @ R_b, off, shift=False)
+        off = _rms_error(flange.reached(flange.nominal) - (m - t_b) @ R_b)
+        return R_b, t_b, _tool_offsets(flange, (m - t_b) @ R_b, off, shift=False)
     starts = [flange.nominal]
-    off = _placed(flange, flange.nominal, m, R_b)[1]
+    off = _placed_base(flange, flange.nominal, m, R_b)[1]
     if free[1]:
         turned = m @ _rotation_of_base(flange, m, off)
-        starts.append(_offsets(flange, turned, off, shift=True))
-    placed = [(_placed(flange, offset, m, R_b), offset) for offset in starts]
+        starts.append(_tool_offsets(flange, turned, off, shift=True))
+    placed = [(_placed_base(flange, offset, m, R_b), offset) for offset in starts]
 
     def cost(one: tuple[tuple[tuple[Array, Array], float], Array]) -> float:
         (_, left), offset = one
@@ -173,7 +173,7 @@ def _frames(
     return *found, offset
 
 
-def _placed(flange: _Flange, offset: Array, m: Array, stated: Array) -> tuple[tuple[Array, Array], float]:
+def _placed_base(flange: _Flange, offset: Array, m: Array, stated: Array) -> tuple[tuple[Array, Array], float]:
     """Rotation and place of the base for some offsets, and the RMS that they leave [m].
 
     Across a line, points scatter by what the arm errs: that tells no turn about it, and the stated one is kept.
@@ -182,12 +182,12 @@ def _placed(flange: _Flange, offset: Array, m: Array, stated: Array) -> tuple[tu
     left, near = 0.0, None
     for _ in range(2):
         R, t = kabsch(reached, m, near)
-        left = _rms(reached @ R.T + t - m)
+        left = _rms_error(reached @ R.T + t - m)
         near = len(m) * left**2 * stated
     return (R, t), left
 
 
-def _rms(errors: Array) -> float:
+def _rms_error(errors: Array) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
@@ -203,7 +203,7 @@ def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
     return nearest_rotation(np.asarray(solution[:9].reshape(3, 3))).T
 
 
-def _offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool) -> Array:
+def _tool_offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool) -> Array:
     A = np.zeros((len(turned), 3, 3 + flange.nominal.size))
     if shift:
         A[:, range(3), range(3)] = 1.0
@@ -211,7 +211,7 @@ def _offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool) -> A
     return flange.solved(A, flange.p - turned, 3, spread)[3:].reshape(-1, 3)
 
 
-def _sockets(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Array, Array]:
+def _socket_start(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Array, Array]:
     offset = flange.nominal
     if free:
         # The points are means: without them, only how far each row strays from the mean of its point is left.
@@ -219,7 +219,7 @@ def _sockets(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Ar
         flange.columns(A, 0)
         own = np.unique(point, return_inverse=True)[1]
         A, b = A - group_means(A, own)[own], flange.p - group_means(flange.p, own)[own]
-        off = _rms(b - A.reshape(len(point), 3, -1) @ offset.ravel())
+        off = _rms_error(b - A.reshape(len(point), 3, -1) @ offset.ravel())
         offset = flange.solved(A, b, 0, off).reshape(-1, 3)
     reached = flange.reached(offset)
     middle = np.zeros((points, 3))
@@ -228,7 +228,7 @@ def _sockets(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Ar
     return offset, middle
 
 
-def rpy(R: Array) -> dict[str, float]:
+def roll_pitch_yaw(R: Array) -> dict[str, float]:
     """Roll, pitch, yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
     pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
     if math.hypot(R[0, 0], R[1, 0]) < 1e-9:  # only a sum of roll and yaw is left: all of it into yaw
@@ -240,18 +240,20 @@ def rpy(R: Array) -> dict[str, float]:
 
 def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Array:
     """Rotation (3, 3) of a frame whose named turns have these values beside their nominal ones."""
-    named = {factor.parameter: turns[factor.parameter.rpartition(".")[2]] for factor in factors if _turn(factor)}
+    named = {
+        factor.parameter: turns[factor.parameter.rpartition(".")[2]] for factor in factors if _is_named_turn(factor)
+    }
     return np.array(walk(factors, factor_values(factors, [], named)).columns, dtype=float).T
 
 
-def _turn(factor: Factor) -> bool:
+def _is_named_turn(factor: Factor) -> bool:
     return factor.kind == "rotate" and bool(factor.parameter)
 
 
-def _angles(factors: Sequence[Factor], R: Array) -> dict[str, float]:
+def _named_angles(factors: Sequence[Factor], R: Array) -> dict[str, float]:
     """The named turns of a frame whose rotation is ``R``: what its constant turns leave over."""
     constant = [factor for factor in factors if factor.kind == "rotate" and not factor.parameter]
     before = np.array(walk(constant, [factor.nominal for factor in constant]).columns, dtype=float).T
-    found = rpy(before.T @ R)
-    names = [factor.parameter for factor in factors if _turn(factor)]
+    found = roll_pitch_yaw(before.T @ R)
+    names = [factor.parameter for factor in factors if _is_named_turn(factor)]
     return {name: found[name.rpartition(".")[2]] for name in names}

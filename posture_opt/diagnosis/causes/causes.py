@@ -89,7 +89,7 @@ class Finding:
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
-        of_file = {} if self.stated is None else _values(self.stated)
+        of_file = {} if self.stated is None else _named_values(self.stated)
         stated = {name: {"stated": value} for name, value in of_file.items()}
         return {
             "kind": self.kind,
@@ -116,16 +116,21 @@ def effect_findings(
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple(r.what for r in found.rivals[i])
         part = model.slices[place]
-        told = determined(model.x[part], model.covariance[part, part])
+        told = is_determined(model.x[part], model.covariance[part, part])
         finding = Finding(
-            model.effects[place], _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high)
+            model.effects[place],
+            _estimates_of(model, place),
+            found.p_values[i],
+            gain.value,
+            rivals,
+            (gain.low, gain.high),
         )
-        findings.append(replace(finding, determined=told, place=place, stated=_stated(model, place)))
+        findings.append(replace(finding, determined=told, place=place, stated=_stated_effect(model, place)))
         tell(place + 1, len(named))
     return findings
 
 
-def determined(values: Array, covariance: Array) -> bool:
+def is_determined(values: Array, covariance: Array) -> bool:
     """Whether a size is told from none: its 95 % confidence region keeps clear of zero.
 
     ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
@@ -138,27 +143,27 @@ def determined(values: Array, covariance: Array) -> bool:
         return True
     inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True)
     z = values / sigma
-    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE)
+    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE_LEVEL)
 
 
-def _stated(model: Fit, place: int) -> Effect | None:
+def _stated_effect(model: Fit, place: int) -> Effect | None:
     """The effect in the file that a fitted one adds to."""
     name = model.residuals.parameters[model.slices[place].start].name
     own = next(e for e in model.residuals.arm.effects if name in e.parameter_names)
     return own if any(own.values) else None
 
 
-def _values(effect: Effect) -> dict[str, float]:
+def _named_values(effect: Effect) -> dict[str, float]:
     names = (name for name, _ in effect.dimensions)
     return dict(zip(names, effect.values, strict=True))
 
 
-def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
+def _estimates_of(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
     """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
-    effect, part, own = model.effects[place], model.slices[place], _stated(model, place)
-    known = {} if own is None else _values(own)
+    effect, part, own = model.effects[place], model.slices[place], _stated_effect(model, place)
+    known = {} if own is None else _named_values(own)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
-    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _unit(dimension)) for (n, dimension), v, s in rows}
+    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _si_unit(dimension)) for (n, dimension), v, s in rows}
     for name in effect.shape:
         value = float(getattr(effect, name))
         fitted = place in model.shapes and name == effect.smooth_shape
@@ -181,13 +186,13 @@ def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
     return np.asarray(alone), np.asarray(beyond)
 
 
-def _unit(dimension: str) -> str:
+def _si_unit(dimension: str) -> str:
     return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
 
 
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    clear = _clear(cause.estimate)
+    clear = _any_determined(cause.estimate)
     return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
 
 
@@ -202,17 +207,17 @@ def contradiction_findings(calibration: Calibration) -> list[Finding]:
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
     """A geometric cause as a finding; the gain is that of all calibrated geometry."""
     gain = 1 - held["calibrated"].rms / held["nominal"].rms
-    clear = _clear(cause.estimate)
+    clear = _any_determined(cause.estimate)
     return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with, determined=clear)
 
 
-def _clear(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
+def _any_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
     """Whether one of independent estimates is told from none, at least."""
-    told = [determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
+    told = [is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
     return any(told) or not told
 
 
-def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
+def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
     """Causes that are not identifiable from data of this kind, whatever their size."""
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
     evidence = Evidence(residuals.data.position is not None, tuple(lengths))

@@ -50,7 +50,7 @@ class Delivery:
         return {"model": self.model, "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left]}
 
 
-def deliver(
+def deliver_arm(
     calibration: Calibration, model: Fit, held: Mapping[str, HeldOut], parts: Folds, noise: Sequence[NoiseCause], *,
     with_time: bool = False,
 ) -> Delivery:  # fmt: skip
@@ -65,23 +65,25 @@ def deliver(
         noise: what was named, for the regions that errors are expected in.
         with_time: keep effects of time.
     """
-    stays = [i for i, effect in enumerate(model.effects) if outlasts(effect, with_time)]
+    stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
     fit, errors, kept = model, held["extended"], stays
     if session:
-        fit, kept = _refitted(calibration, model, stays, parts)
+        fit, kept = _refitted_without(calibration, model, stays, parts)
         errors = held_out(fit, parts, shape=noise_shape(fit, noise))
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
     return Delivery(fit, errors, tuple(kept), session, tuple(i for i in stays if i not in kept))
 
 
-def outlasts(effect: Effect, with_time: bool = False) -> bool:
+def outlasts_session(effect: Effect, with_time: bool = False) -> bool:
     """Whether an effect is of the arm and not of the session in which it was measured."""
     return effect.for_planning or (with_time and "time" in effect.needs)
 
 
-def _refitted(calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds) -> tuple[Fit, list[int]]:
+def _refitted_without(
+    calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds
+) -> tuple[Fit, list[int]]:
     """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them."""
     kept, residuals = list(effects), calibration.residuals.take(calibration.kept_rows)
     while True:

@@ -11,7 +11,12 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.fitted_arm import FittedArm, persistent_sources, places_in_robot, semidefinite
+from posture_opt.calibration.estimation.fitted_arm import (
+    FittedArm,
+    nearest_semidefinite,
+    persistent_sources,
+    places_in_robot,
+)
 from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
@@ -34,7 +39,7 @@ def extended_arm(
         statistics: of every model on held-out rows.
     """
     delivered = delivery.fit
-    fitted = _calibration(calibration, delivered, delivery.held.errors)
+    fitted = _geometry_of(calibration, delivered, delivery.held.errors)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
     rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
     if len(rows) == len(calibration.residuals.data):  # where no effect is delivered, outliers are among them
@@ -47,16 +52,16 @@ def extended_arm(
     return FittedArm(
         label="extended",
         deviations=deviations,
-        known=_sources(problem, fitted, delivered).plus(scatter.errors),
+        known=_extended_sources(problem, fitted, delivered).plus(scatter.errors),
         scatter=scatter.beside,
         effects=delivered.effects,
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
-        header=_header(calibration, model, delivery, findings, statistics, scatter.note),
+        header=_file_header(calibration, model, delivery, findings, statistics, scatter.note),
     )
 
 
-def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
+def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
     """The calibration with the geometry of the extended arm, and the errors that it leaves."""
     before = calibration.held["calibrated"]
     errors = before.errors.copy()
@@ -68,7 +73,7 @@ def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calib
     return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
 
 
-def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:
+def _extended_sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:
     """What is uncertain of geometry and effects, correlated as they were estimated."""
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
@@ -85,10 +90,10 @@ def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) 
         if name in places:
             covariance[row, k:] = covariance[k:, row] = cross[places[name]]
     covariance[k:, k:] = together[np.ix_(model.sizes, model.sizes)]
-    return Sources((*geometry.names, *names), semidefinite(covariance)) if k + e else Sources()
+    return Sources((*geometry.names, *names), nearest_semidefinite(covariance)) if k + e else Sources()
 
 
-def _header(
+def _file_header(
     calibration: Calibration, model: Fit, delivery: Delivery, findings: Sequence[Finding],
     statistics: Mapping[str, Statistics], scatter: str,
 ) -> tuple[str, ...]:  # fmt: skip

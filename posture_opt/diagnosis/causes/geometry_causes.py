@@ -41,7 +41,7 @@ def geometry_causes(
     """
     nominal = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     p = _f_test(nominal, full)
-    if p > levels.GEOMETRY:
+    if p > levels.GEOMETRY_LEVEL:
         return []
     few = _few_parameters(residuals, x_frames, free, full, effects)
     if few is not None:
@@ -49,7 +49,7 @@ def geometry_causes(
     return [GeometryCause(GeometricDeviation.of_all(), {}, p)]
 
 
-def _rss(model: Fit) -> float:
+def _sum_of_squares(model: Fit) -> float:
     r = model.whitened
     return float(r @ r)
 
@@ -63,8 +63,8 @@ def _f_test(small: Fit, large: Fit) -> float:
     left = m - large.count
     if more <= 0 or left <= 0:
         return 1.0
-    gain = max(_rss(small) - _rss(large), 0.0)
-    return float(fdtrc(more, left, gain / more / (_rss(large) / left)))
+    gain = max(_sum_of_squares(small) - _sum_of_squares(large), 0.0)
+    return float(fdtrc(more, left, gain / more / (_sum_of_squares(large) / left)))
 
 
 def _few_parameters(
@@ -74,7 +74,7 @@ def _few_parameters(
     chosen: list[int] = []
     model = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     frames = {i for i in range(len(x_frames)) if np.any(free[i])}
-    while len(chosen) < levels.FEW_PARAMETERS:
+    while len(chosen) < levels.MAX_NAMED_PARAMETERS:
         gains = _gains_alone(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
@@ -82,8 +82,8 @@ def _few_parameters(
         model = fit_with_effects(
             residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), effects, shapes=False
         )
-        if _f_test(model, full) > levels.GEOMETRY:
-            return _causes(residuals, x_frames, free, model, chosen, effects)
+        if _f_test(model, full) > levels.GEOMETRY_LEVEL:
+            return _single_causes(residuals, x_frames, free, model, chosen, effects)
     return None
 
 
@@ -112,18 +112,18 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
         rest = column - Q @ (Q.T @ column)
         # A tilt of a planar arm out of its plane acts in the plane to second order only: no cause to first order.
         if np.linalg.norm(rest) > max(
-            _DEPENDENCE_TOLERANCE * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
+            _DEPENDENCE_TOLERANCE * lengths[i], levels.MIN_PARAMETER_SHARE * most[residuals.parameters[i].unit], 1e-300
         ):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
 
 
-def _causes(
+def _single_causes(
     residuals: Residuals, x_frames: Array, free: Array, model: Fit, chosen: list[int],
     effects: Sequence[Effect],
 ) -> list[GeometryCause]:  # fmt: skip
     causes = []
-    rss, m = _rss(model), len(residuals.data) * residuals.block
+    rss, m = _sum_of_squares(model), len(residuals.data) * residuals.block
     for i in chosen:
         rest = [j for j in chosen if j != i]
         without = fit_with_effects(
@@ -134,7 +134,7 @@ def _causes(
         rivals = [
             GeometricDeviation.of(residuals.parameters[j])
             for j, gain in others.items()
-            if _rss(without) - gain <= limit
+            if _sum_of_squares(without) - gain <= limit
         ]
         parameter = residuals.parameters[i]
         own = GeometricDeviation.of(parameter)

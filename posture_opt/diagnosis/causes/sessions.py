@@ -12,7 +12,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.calibration.other_file import OtherFile, errors_on, predicted
+from posture_opt.calibration.other_file import OtherFile, errors_on, predict_other_file
 from posture_opt.diagnosis.causes.delivery import Delivery
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
@@ -97,7 +97,7 @@ def second_session(
     fits = {"nominal": (calibrated.residuals, calibration.x_nominal)}
     fits |= {name: (fit.residuals, fit.x) for name, fit in (("calibrated", calibrated), ("extended", extended))}
     learned = calibration.request.data.take(calibration.kept_rows)
-    file = predicted(fits, learned, other, refit_frames)
+    file = predict_other_file(fits, learned, other, refit_frames)
     own, out, poses = file.errors["extended"], file.outside, file.data.pose
     gains: list[Gain | None] = [None] * len(model.effects)
     worse: list[int] = []
@@ -110,11 +110,13 @@ def second_session(
         if out.any() and Gain.of(own[out], without[out], poses[out]).high < 0:
             worse.append(i)
     gain = Gain.of(own, file.errors["calibrated"], poses)
-    unstated = _unstated(learned, other, extended.effects, calibrated.residuals.robot)
+    unstated = _without_stated(learned, other, extended.effects, calibrated.residuals.robot)
     return SecondSession(file, gain, tuple(gains), model.effects, tuple(worse), unstated)
 
 
-def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
+def _without_stated(
+    mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot
+) -> tuple[str, ...]:
     """What effects ask for, the first file states and the other does not, with what is taken for it."""
     asked = {need for e in effects for need in (*e.asks, *e.needs)}
     notes = []

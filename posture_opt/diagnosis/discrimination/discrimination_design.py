@@ -27,7 +27,7 @@ def detection_probability(value: float) -> float:
     """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is detected."""
     from scipy.special import ndtr
 
-    return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED))
+    return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED_ROOT_LAMBDA))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class DiscriminationDesign:
 
     def noncentralities(self, information: Array) -> Array:
         """(P,) λ of every pair, what is spent taken off."""
-        return np.array([_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
+        return np.array([_pair_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
 
     def chosen(self, least: int, most: int) -> list[int]:
         """At most ``most`` candidates, each once, that raise the least λ; fewer where they are enough.
@@ -86,35 +86,35 @@ class DiscriminationDesign:
         """
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
-            if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED:
+            if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED_LAMBDA:
                 break
-            found.append(self._best(self.after(found), found))
+            found.append(self._best_candidate(self.after(found), found))
         for _ in range(levels.EXCHANGE_SWEEPS):
             former = list(found)
             for place in range(len(found)):
                 others = found[:place] + found[place + 1 :]
-                found[place] = self._best(self.after(others), others)
+                found[place] = self._best_candidate(self.after(others), others)
             if found == former:
                 break
-        return self._ordered(found)
+        return self._most_informative_first(found)
 
-    def _ordered(self, chosen: list[int]) -> list[int]:
+    def _most_informative_first(self, chosen: list[int]) -> list[int]:
         """Those first that help most, so that the first few are a plan too."""
         order: list[int] = []
         while len(order) < len(chosen):
             rest = [i for i in chosen if i not in order]
             some = replace(self, information=self.after(order), A=self.A[rest])
-            order.append(rest[some._best(some.information, [])])
+            order.append(rest[some._best_candidate(some.information, [])])
         return order
 
-    def _best(self, information: Array, taken: Sequence[int]) -> int:
+    def _best_candidate(self, information: Array, taken: Sequence[int]) -> int:
         reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
-        worth = reached.min(axis=0) + levels.MEAN_WEIGHT * np.minimum(reached, 2 * levels.DISCRIMINATED).mean(axis=0)
+        worth = reached.min(axis=0) + levels.MEAN_PAIR_WEIGHT * np.minimum(reached, 2 * levels.DISCRIMINATED_LAMBDA).mean(axis=0)
         worth[list(taken)] = -np.inf
         return int(np.argmax(worth))
 
 
-def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
+def _pair_noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
     """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
 
     Of columns that are alike to rounding, as of parameters that are not identifiable, the information is held to its
@@ -130,7 +130,7 @@ def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
 
 def _noncentralities_with(pair: OrderedPair, M: Array, A: Array) -> Array:
     """(N,) λ once each of the candidates A (N, b, K) is measured too."""
-    value, beta, L = _noncentrality(pair, M)
+    value, beta, L = _pair_noncentrality(pair, M)
     value -= pair.spent
     V = A[:, :, pair.fitted]
     d = A @ pair.signature - V @ beta

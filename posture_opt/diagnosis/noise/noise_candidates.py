@@ -59,7 +59,7 @@ class NoiseCandidate:
         return {name: (self.size, self.std, unit)}
 
 
-def standardised(e: Array, leverage: Array) -> Array:
+def standardised_residuals(e: Array, leverage: Array) -> Array:
     """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
 
     Source: Cook, Weisberg (1982), section 2.2.
@@ -82,7 +82,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
-    found = _fits(e, rows, patterns, seed)
+    found = _noise_fits(e, rows, patterns, seed)
     most = np.stack([fit.drawn for fit in found]).max(axis=0)
     candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
     return sorted(candidates, key=lambda s: -s.ratio)
@@ -103,12 +103,12 @@ class RepeatedNoise:
     @property
     def refuted(self) -> bool:
         """Whether the repeats scatter by another size."""
-        return self.loss > levels.REFUTED_BY_REPEATS
+        return self.loss > levels.REFUTED_SIZE_LOSS
 
     @property
     def confirmed(self) -> bool:
         """Whether they scatter, and by that size."""
-        return not self.refuted and self.candidate.p_value < levels.NOISE_IN_REPEATS
+        return not self.refuted and self.candidate.p_value < levels.REPEATED_NOISE_LEVEL
 
 
 def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
@@ -116,13 +116,13 @@ def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> Rep
 
     The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
     """
-    if e.size < levels.REPEAT_FREEDOM:
+    if e.size < levels.MIN_REPEAT_FREEDOM:
         return None
     patterns = (p for kind in NOISES for p in kind.patterns(rows))
     pattern = next((p for p in patterns if (p.effect.kind_name(), p.target) == asked.who), None)
     if pattern is None:
         return None
-    (fit,) = _fits(e, rows, [pattern], seed)
+    (fit,) = _noise_fits(e, rows, [pattern], seed)
     return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.size))
 
 
@@ -155,12 +155,12 @@ class _Fit:
         null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
         best, first = np.full(len(sets), -np.inf), []
         for value in map(float, pattern.grid):
-            likelihood, s2 = _likelihood(pattern, value, total, along, d)
+            likelihood, s2 = _log_likelihood(pattern, value, total, along, d)
             first.append((float(likelihood[0]), float(s2[0])))
             best = np.maximum(best, likelihood)
         heights, variances = np.array(first).T
-        top = float(np.interp(_summit(list(heights)), np.arange(len(heights)), pattern.grid))
-        s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
+        top = float(np.interp(_parabola_peak(list(heights)), np.arange(len(heights)), pattern.grid))
+        s2 = _log_likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
         ratios = 2 * (best - null)
         return cls(float(ratios[0]), ratios[1:], top, float(s2[0]), 2 * (heights - null[0]), variances)
 
@@ -182,7 +182,7 @@ class _Fit:
         return float(self.curve.max() - np.interp(size, sizes, self.curve))
 
 
-def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
+def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
     """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them.
 
     Of many rows some sets are drawn at a time, for memory.
@@ -197,7 +197,7 @@ def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[
     return [replace(parts[0], drawn=np.concatenate([fit.drawn for fit in parts])) for parts in each]
 
 
-def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
+def _log_likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
     """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
     weights, determinant, count = np.ones(total.shape[1]), 0.0, total.shape[1] * d
     level = pattern.level(value)
@@ -214,7 +214,7 @@ def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | Non
     return -count / 2 * np.log(s2) - 0.5 * determinant, s2
 
 
-def _summit(values: list[float]) -> float:
+def _parabola_peak(values: list[float]) -> float:
     """Where on the grid, between its points, the top of the parabola through the three highest lies."""
     k = int(np.argmax(values))
     if not 0 < k < len(values) - 1:
@@ -267,26 +267,26 @@ def fit_tails(e: Array) -> Tails:
     """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)
-    gaussian = -2 * _gaussian(squares, d) + np.log(N)
-    student, freedom = _student(squares, d)
-    mixture, share, rows = _mixture(squares, d)
+    gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)
+    student, freedom = _student_fit(squares, d)
+    mixture, share, rows = _mixture_fit(squares, d)
     values = {
         "gaussian": gaussian,
         "heavy": -2 * student + 2 * np.log(N),
         GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
     }
-    if not 0 < rows.sum() <= max(1.0, levels.OUTLIER_SHARE * N):
+    if not 0 < rows.sum() <= max(1.0, levels.MAX_OUTLIER_SHARE * N):
         values[GROSS_ERRORS] = np.inf
     order = sorted(values, key=lambda name: values[name])
     return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
 
 
-def _gaussian(squares: Array, d: int) -> float:
+def _gaussian_likelihood(squares: Array, d: int) -> float:
     s2 = squares.mean() / d
     return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
 
 
-def _student(squares: Array, d: int) -> tuple[float, float]:
+def _student_fit(squares: Array, d: int) -> tuple[float, float]:
     from scipy.special import gammaln
 
     best, freedom = -np.inf, np.inf
@@ -302,10 +302,10 @@ def _student(squares: Array, d: int) -> tuple[float, float]:
     return best, freedom
 
 
-def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
+def _mixture_fit(squares: Array, d: int) -> tuple[float, float, Mask]:
     """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
     s2 = float(np.median(squares)) / d
-    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.OUTLIER_RATIO + 1) ** 2 * s2)
+    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.MIN_OUTLIER_RATIO + 1) ** 2 * s2)
     value = -np.inf
     for _ in range(_EM_ROUNDS):
         good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
@@ -317,5 +317,5 @@ def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
             break
         share = float(np.clip(weight.mean(), 1e-6, 0.5))
         s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
-        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.OUTLIER_RATIO**2 * s2)
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.MIN_OUTLIER_RATIO**2 * s2)
     return value, share, np.asarray(weight > 0.5)

@@ -14,7 +14,7 @@ from posture_opt.diagnosis.scores.column_blocks import ColumnPlace, ColumnStore
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
-    explained,
+    explained_squares,
     log_p,
     projected_basis,
     scan_frequencies,
@@ -69,7 +69,7 @@ class Candidate:
     @property
     def family(self) -> str:
         """The family of tests that it belongs to."""
-        return self.what.family if isinstance(self.what, Effect) else levels.UNNAMED
+        return self.what.family if isinstance(self.what, Effect) else levels.UNNAMED_FAMILY
 
     @property
     def specific(self) -> bool:
@@ -110,13 +110,13 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_compliances(sensitivities, excitation)
-    keep = _keeper(len(sensitivities.residuals.data))
+    keep = _column_keeper(len(sensitivities.residuals.data))
     named = [keep(Candidate(e, sensitivities.columns(e))) for e in effects if e.acts(sensitivities.state)]
     shapes: dict[tuple[str, str], list[Array]] = {}
     for s in named:
         shapes.setdefault(s.key, []).append(s.Z)
     searched = {
-        key: max(effective_number(own), min(len(own), levels.SHAPES_OF_A_PARAMETER)) for key, own in shapes.items()
+        key: max(effective_number(own), min(len(own), levels.MIN_SEARCHED_SHAPES)) for key, own in shapes.items()
     }
     unnamed = [keep(Candidate(u, Z)) for u, Z in unnamed_components(sensitivities, excitation)]
     grids = Counter(s.key for s in unnamed)
@@ -126,7 +126,7 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     ]
 
 
-def _keeper(rows: int) -> Callable[[Candidate], Candidate]:
+def _column_keeper(rows: int) -> Callable[[Candidate], Candidate]:
     """Puts the columns of candidates of many rows into blocks: twice in memory, they would be most of it.
 
     What searches look at together stands together.
@@ -150,7 +150,7 @@ def effective_number(shapes: Sequence[Array]) -> float:
     """
     if len(shapes) == 1:
         return 1.0
-    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // levels.COMPARED_SHAPES)]], axis=1)
+    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // levels.MAX_COMPARED_SHAPES)]], axis=1)
     norms = np.linalg.norm(first, axis=0)
     first = first / np.where(norms > 0, norms, 1.0)
     values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)
@@ -174,7 +174,7 @@ def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excit
             norms = np.linalg.norm(Z, axis=0)
             if norms[-1] > 1e-6 * np.linalg.norm(sensitivities.joints[i]):
                 s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
-                points = wider.points if s[-1] > levels.DISTINCT_MASSES else points
+                points = wider.points if s[-1] > levels.MIN_MASS_SINGULAR_VALUE else points
         if points:
             effects.append(JointCompliance(joint=name, loads="points", points=points))
     return effects
@@ -192,14 +192,14 @@ def score_candidates(
     null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
     (Winkler et al. 2014).
     """
-    rho, sizes, gains = explained(baseline, [s.Z for s in candidates])
+    rho, sizes, gains = explained_squares(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
-    sizes, gains = sizes[alive], _possible(baseline, [candidates[i] for i in alive], gains[alive])
+    sizes, gains = sizes[alive], _within_limits(baseline, [candidates[i] for i in alive], gains[alive])
     rss = baseline.rss
     values = log_p(gains, rss[None, :], sizes[:, None], baseline.freedom) if alive else np.zeros((0, len(rss)))
-    cyclic, lowest = _cyclic(baseline, sensitivities, lines)
+    cyclic, lowest = _cyclic_candidates(baseline, sensitivities, lines)
     families = np.array([candidates[i].family for i in alive])
-    least = {family: _least(values[families == family]) for family in levels.FAMILY_SHARES}
+    least = {family: _least_log_p(values[families == family]) for family in levels.FAMILY_SHARES}
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
     null = NullDistribution(least)
     found: dict[tuple[str, str], ScoredCandidate] = {}
@@ -219,7 +219,7 @@ def score_candidates(
     return sorted(scored, key=lambda j: (j.p_value, j.log_p)), null
 
 
-def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
+def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
     """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameter."""
     gains = gains.copy()
     for row, candidate in enumerate(candidates):
@@ -231,7 +231,7 @@ def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gain
     return gains
 
 
-def absorbed(
+def absorbed_candidates(
     baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
 ) -> tuple[tuple[Candidate, float], ...]:
     """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it."""
@@ -243,7 +243,7 @@ def absorbed(
     return tuple(found.values())
 
 
-def _least(values: Array) -> Array:
+def _least_log_p(values: Array) -> Array:
     """(B,) least log p-value of each flipped set."""
     return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
 
@@ -267,7 +267,7 @@ class Lines:
     @property
     def least_distance(self) -> float:
         """Lines nearer than that are one line [cycles per revolution]."""
-        return levels.LEAST_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
+        return levels.MIN_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
 
     def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
         """The line of so many cycles per revolution."""
@@ -285,7 +285,7 @@ def lines_of_joints(excitation: Excitation, data: Measurements) -> tuple[Lines, 
     return tuple(found)
 
 
-def _cyclic(
+def _cyclic_candidates(
     baseline: ProjectedBaseline, sensitivities: EffectSensitivities, lines_of_all: Sequence[Lines]
 ) -> tuple[list[tuple[Candidate, float]], Array]:
     """Peaks of the joints' periodograms with their log p-values, and the least log p-value (B,) of flipped sets."""
@@ -296,13 +296,13 @@ def _cyclic(
         joint = data.joint_names.index(lines.form.joint)
         gains, most = scan_frequencies(baseline, sensitivities.joints[joint], data.q[:, joint], lines.cycles)
         lowest = np.minimum(lowest, log_p(most, rss[1:], 2, baseline.freedom))
-        for k in _peaks(gains):
+        for k in _highest_peaks(gains):
             p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.freedom)[0])
             found.append((lines.candidate(lines.cycles[k], sensitivities), p))
     return found, lowest
 
 
-def _peaks(gains: Array) -> list[int]:
+def _highest_peaks(gains: Array) -> list[int]:
     """Indices of the highest local maxima."""
     left = np.r_[True, gains[1:] >= gains[:-1]]
     right = np.r_[gains[:-1] >= gains[1:], True]

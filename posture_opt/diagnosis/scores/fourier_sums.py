@@ -69,7 +69,7 @@ class FourierSums:
             yield ifft(grid, axis=0, norm="forward")[self.modes] / self.window[:, None]
 
 
-def squares(q: Array, cycles: Array, weights: Array) -> tuple[Array, Array, Array]:
+def weighted_squares(q: Array, cycles: Array, weights: Array) -> tuple[Array, Array, Array]:
     """``Σ w sin²``, ``Σ w sin cos`` and ``Σ w cos²`` (K, p) at joint values (N,) [rad], of weights (N, p)."""
     s, c = FourierSums.of(2 * q, cycles)(weights)
     total = weights.sum(axis=0)

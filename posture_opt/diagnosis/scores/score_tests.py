@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 from posture_opt.numerics import Array, Codes
 
 _MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
@@ -41,7 +41,7 @@ class ProjectedBaseline:
         cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
     ) -> ProjectedBaseline:  # fmt: skip
         """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
-        Q = orthonormal(columns)
+        Q = orthonormal_basis(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
         leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MAX_LEVERAGE)
@@ -69,7 +69,7 @@ class ProjectedBaseline:
         return np.asarray(Z - self.Q @ (self.Q.T @ Z))
 
 
-def orthonormal(columns: Array) -> Array:
+def orthonormal_basis(columns: Array) -> Array:
     """Orthonormal basis (m, rank) of columns (m, k) of any scales."""
     norms = np.linalg.norm(columns, axis=0)
     kept = columns[:, norms > 0] / norms[norms > 0]
@@ -82,10 +82,10 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
-    if rho < levels.SURVIVING_SHARE:
+    if rho < levels.MIN_SURVIVING_SHARE:
         return np.zeros((len(Z), 0)), rho
     U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _RANK_TOLERANCE * float(s[0]))]), rho
+    return np.asarray(U[:, s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[0]))]), rho
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,28 +118,28 @@ class ProjectedColumns:
     def of(cls, baseline: ProjectedBaseline, candidates: Sequence[Array]) -> ProjectedColumns:
         """Of the columns (m, k) of each candidate, which are walked through in blocks of rows."""
         gram, scores = _projected_products(baseline, candidates)
-        norms, edges = np.sqrt([float(v) for Z in candidates for v in _squares(Z)]), _edges(candidates)
+        norms, edges = np.sqrt([float(v) for Z in candidates for v in _column_squares(Z)]), _column_edges(candidates)
         scale = 1 / np.where(norms > 0, norms, 1.0)
         gram, scores = gram * np.outer(scale, scale), scores * scale
-        turned = [_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
+        turned = [_kept_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
         T = _block_diagonal(turned, len(scores))
         ends = np.cumsum([0, *(t.shape[1] for t in turned)])
         return cls(ends, np.asarray(T.T @ gram @ T), np.asarray(T.T @ scores))
 
 
-def _directions(gram: Array) -> Array:
+def _kept_directions(gram: Array) -> Array:
     """(k, r) what makes orthonormal directions of k projected columns of former length one; as `projected_basis`."""
-    if np.sqrt(max(np.diag(gram).max(initial=0.0), 0.0)) < levels.SURVIVING_SHARE:
+    if np.sqrt(max(np.diag(gram).max(initial=0.0), 0.0)) < levels.MIN_SURVIVING_SHARE:
         return np.zeros((len(gram), 0))
     values, vectors = np.linalg.eigh(gram)
     s = np.sqrt(np.maximum(values, 0.0))
-    clear = s > max(levels.SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
+    clear = s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
     return np.asarray(vectors[:, clear] / s[clear])
 
 
 def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array]:
     """(K, K) inner products of all columns off the baseline, and (K,) those with the residuals that it leaves."""
-    count = int(_edges(candidates)[-1])
+    count = int(_column_edges(candidates)[-1])
     gram, cross, scores = np.zeros((count, count)), np.zeros((baseline.Q.shape[1], count)), np.zeros(count)
     for first in range(0, len(baseline.e) if candidates else 0, _ROWS_AT_ONCE):
         own = slice(first, first + _ROWS_AT_ONCE)
@@ -150,11 +150,11 @@ def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]
     return gram - cross.T @ cross, scores
 
 
-def _edges(candidates: Sequence[Array]) -> Codes:
+def _column_edges(candidates: Sequence[Array]) -> Codes:
     return np.cumsum([0, *(Z.shape[1] for Z in candidates)])
 
 
-def _squares(Z: Array) -> Array:
+def _column_squares(Z: Array) -> Array:
     return np.asarray(np.einsum("mk,mk->k", Z, Z, dtype=float))
 
 
@@ -182,7 +182,7 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
     return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
 
 
-def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
+def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
     """Of candidates (each (m, k)) beside a baseline: shares ρ, ranks, and the sums of squares that they explain.
 
     As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
@@ -191,7 +191,7 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
     sizes = [Z.shape[1] for Z in candidates]
     rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
     gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
-    for chunk in _chunks(sizes, len(baseline.e)):
+    for chunk in _candidate_chunks(sizes, len(baseline.e)):
         Z = np.concatenate([candidates[i] for i in chunk], axis=1, dtype=float)
         cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
         edges = np.cumsum([0, *(sizes[i] for i in chunk)])
@@ -202,18 +202,18 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
             norms = np.where(norms > 0, norms, 1.0)
             rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
             rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
-            if rho[i] < levels.SURVIVING_SHARE:
+            if rho[i] < levels.MIN_SURVIVING_SHARE:
                 continue
             values, vectors = np.linalg.eigh(rest)
             s = np.sqrt(np.maximum(values, 0.0))
-            clear = s > max(levels.SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
+            clear = s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
             kept[i] = int(clear.sum())
             parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
             gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
     return rho, kept, gains
 
 
-def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+def _candidate_chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
     chunk: list[int] = []
     total = 0
     for i, size in enumerate(sizes):
@@ -259,7 +259,7 @@ def scan_frequencies(
     square = np.einsum("nb,nb->n", c, c)
     sines, cosines = FourierSums.of(q, cycles)(np.concatenate([basis, series], axis=1))
     k = basis.shape[1]
-    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in squares(q, cycles, square[:, None]))
+    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in weighted_squares(q, cycles, square[:, None]))
     pairs = ((ss, qs, qs), (cc, qc, qc), (sc, qs, qc))
     gram = tuple(own - np.einsum("ij,ij->i", a, b) for own, a, b in pairs)
     gain = _two_columns(gram, sines[:, k:], cosines[:, k:])
@@ -281,7 +281,7 @@ def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> flo
     The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
     """
     share = (1 + float(np.sum(most >= value))) / (1 + len(most))
-    if share > levels.COUNTED_DRAWS / (1 + len(most)):
+    if share > levels.COUNTED_EXCEEDANCES / (1 + len(most)):
         return share
     start = float(np.quantile(most, 1 - levels.TAIL_SHARE))
     excess = max(float(np.mean(most[most >= start] - start)), slowest)

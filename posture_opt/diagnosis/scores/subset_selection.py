@@ -86,7 +86,7 @@ class Pool:
             part = vectors.T @ left[own]
             gain = float(
                 np.sum(
-                    np.where(values > levels.DISTINCT_SHARE, part**2 / np.maximum(values, levels.DISTINCT_SHARE), 0.0)
+                    np.where(values > levels.MIN_DISTINCT_SHARE, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0)
                 )
             )
             bigger = tuple(sorted((*chosen, i)))
@@ -94,7 +94,7 @@ class Pool:
         return sorted(found)
 
 
-def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
+def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
     """Drops and swaps as long as the criterion falls."""
     value = pool.criterion(chosen)
     while True:
@@ -109,7 +109,7 @@ def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
         value, chosen = better
 
 
-def alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
+def close_alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
     """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first."""
     rest = tuple(j for j in chosen if j != member)
     value = pool.criterion(chosen)

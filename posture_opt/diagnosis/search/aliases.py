@@ -19,7 +19,7 @@ _MAX_EXPLAINED = 1 - 1e-9
 _MAX_ALIASES = 4  # aliases of one line, the slowest: a lattice has a dozen of them
 
 
-def aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
+def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
     """The cyclic errors whose first line stands elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
 
     All frequencies are searched, those too that are not offered because the values of the joint do not resolve them.
@@ -44,13 +44,13 @@ def aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> 
     for k in np.flatnonzero(peaks & apart & (gains > _MIN_ALIAS_GAIN * float(own @ own))):
         near = cycles[k] + step * np.linspace(-0.5, 0.5, 2 * _STEPS_BETWEEN_LINES + 1)
         finer = scan_frequencies(baseline, lever, q, near)[0]
-        if _lost(baseline, float(own @ own), float(finer.max())) <= levels.RIVAL_CRITERION:
+        if _criterion_loss(baseline, float(own @ own), float(finer.max())) <= levels.RIVAL_CRITERION:
             found.append(float(near[int(np.argmax(finer))]))
     shaped = [error.with_shape(other) for other in found[:_MAX_ALIASES]]
     return tuple(Candidate(other, sensitivities.columns(other), chosen[i].searched) for other in shaped)
 
 
-def _lost(baseline: ProjectedBaseline, own: float, other: float) -> float:
+def _criterion_loss(baseline: ProjectedBaseline, own: float, other: float) -> float:
     """By how much the criterion is worse with another line that explains so much."""
     rest = baseline.rss[0] - np.minimum([other, own], _MAX_EXPLAINED * baseline.rss[0])
     return float(baseline.freedom * np.log(rest[0] / rest[1]))

@@ -16,7 +16,7 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis.scores.candidates import Candidate, Lines
 from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
@@ -120,7 +120,7 @@ class LineAtoms(Atoms):
     def grams(self, rows: Codes | None = None) -> Array:
         q, lever = (v if rows is None else v[rows] for v in (self.q, self.lever))
         weights = np.einsum("nb,nb->n", lever, lever)[:, None]
-        ss, sc, cc = squares(q, self.lines.cycles, weights)
+        ss, sc, cc = weighted_squares(q, self.lines.cycles, weights)
         return np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2)
 
     def products(self, vectors: Array) -> Array:
@@ -138,13 +138,13 @@ class LineAtoms(Atoms):
         return np.flatnonzero(apart <= self.lines.least_distance)
 
     def finer(self, index: int) -> Iterator[Candidate]:
-        yield from self._about(self.lines.cycles[index], self._step / (2 * _STEPS_TO_HALF_WAY))
+        yield from self._lines_about(self.lines.cycles[index], self._step / (2 * _STEPS_TO_HALF_WAY))
 
     def closer(self, found: Candidate) -> Iterator[Candidate]:
         assert isinstance(found.what, CyclicError)
-        yield from self._about(found.what.cycles, self._step / (2 * _STEPS_TO_HALF_WAY) ** 2)
+        yield from self._lines_about(found.what.cycles, self._step / (2 * _STEPS_TO_HALF_WAY) ** 2)
 
-    def _about(self, cycles: float, step: float) -> Iterator[Candidate]:
+    def _lines_about(self, cycles: float, step: float) -> Iterator[Candidate]:
         for k in range(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1):
             yield self.lines.candidate(cycles + k * step, self._sensitivities)
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import orthonormal
+from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.search.dictionary import Atoms, Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
-from posture_opt.diagnosis.search.shape_refinement import sharpened
+from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -35,7 +35,7 @@ class Pursued:
     runners_up: tuple[Candidate, ...]
 
 
-def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
+def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
     """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does.
 
     Args:
@@ -51,7 +51,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
     freedom = float(learn.sum() - Q.shape[1])
     states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
-    together = levels.EXCHANGED_EFFECTS if len(learn) <= levels.FITTED_TOGETHER else 0
+    together = levels.MAX_EXCHANGED_EFFECTS if len(learn) <= levels.MAX_LINE_FIT_RESIDUALS else 0
     while len(chosen) < most and freedom >= 1 and rss > 0:  # else there is nothing left to explain
         drops = [state.drops(rss, freedom) for state in states]
         most_of_all = max((float(d.max(initial=0.0)) for d in drops), default=0.0)
@@ -61,14 +61,14 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
         within = most_of_all - levels.RIVAL_CRITERION
         if held_out is None:
             runners_up += [c for s, d in zip(states, drops, strict=True) for c in s.leading(d, max(within, 0.0))]
-        candidate = _finest(states[best].atoms, int(np.argmax(drops[best])), Q, e, learn)
+        candidate = _finest_shape(states[best].atoms, int(np.argmax(drops[best])), Q, e, learn)
         q = _new_directions(candidate, Q, learn)
         if not q.shape[1]:
             states[best].closed[int(np.argmax(drops[best]))] = True
             continue
         chosen.append(candidate)
         if isinstance(candidate.what, CyclicError) and together >= len(chosen):
-            chosen = sharpened(linearised, chosen, learn)
+            chosen = sharpen_lines(linearised, chosen, learn)
             Q, e = _projected(linearised, chosen, learn)
             states = [_State(atoms, Q, e, held_out, chosen) for atoms in dictionary.atoms]
         else:
@@ -83,7 +83,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
 def _projected(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
     """An orthonormal basis of geometry and chosen candidates on the rows that teach, and what it leaves of them."""
     columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1) * learn[:, None]
-    Q = np.where(learn[:, None], orthonormal(columns), 0.0)
+    Q = np.where(learn[:, None], orthonormal_basis(columns), 0.0)
     e = linearised.r * learn
     return Q, e - Q @ (Q.T @ e)
 
@@ -117,7 +117,7 @@ class _State:
 
     def drops(self, rss: float, freedom: float) -> Array:
         """(n,) by how much each candidate would lower the criterion; minus infinity for one that cannot be."""
-        gain, count = _gains(*_principal(self.gram, self.score))
+        gain, count = _explained_squares(*_principal_scores(self.gram, self.score))
         gain = np.minimum(gain, _MAX_EXPLAINED * rss)
         prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
@@ -138,7 +138,7 @@ class _State:
         return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP_PER_KIND]]
 
 
-def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
+def _principal_scores(gram: Array, score: Array) -> tuple[Array, Array]:
     """(n, k) eigenvalues of Gram matrices, and the squares of the scores along their eigenvectors.
 
     In closed form up to two columns, of which there are thousands.
@@ -157,13 +157,13 @@ def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
     return values, along**2
 
 
-def _finest(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
+def _finest_shape(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
     """The candidate between two neighbours on the grid that explains most."""
-    best = _strongest(list(atoms.finer(index)), Q, e, learn)
-    return _strongest(list(atoms.closer(best)), Q, e, learn)
+    best = _strongest_candidate(list(atoms.finer(index)), Q, e, learn)
+    return _strongest_candidate(list(atoms.closer(best)), Q, e, learn)
 
 
-def _strongest(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> Candidate:
+def _strongest_candidate(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> Candidate:
     """That of some candidates of one width that explains most."""
     if len(finer) == 1:
         return finer[0]
@@ -174,14 +174,14 @@ def _strongest(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> 
     scale = 1 / np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
     inner = (Z.T @ Q).reshape(-1, width, Q.shape[1])
     gram = (gram - inner @ np.swapaxes(inner, 1, 2)) * scale[:, :, None] * scale[:, None, :]
-    gains = _gains(*_principal(gram, (Z.T @ e).reshape(-1, width) * scale))[0]
+    gains = _explained_squares(*_principal_scores(gram, (Z.T @ e).reshape(-1, width) * scale))[0]
     return finer[int(np.argmax(gains))]
 
 
-def _gains(values: Array, parts: Array) -> tuple[Array, Array]:
+def _explained_squares(values: Array, parts: Array) -> tuple[Array, Array]:
     """(n,) what candidates explain along the eigenvectors that are new, and how many these are."""
-    clear = values > levels.DISTINCT_SHARE
-    return np.sum(np.where(clear, parts / np.maximum(values, levels.DISTINCT_SHARE), 0.0), axis=1), clear.sum(axis=1)
+    clear = values > levels.MIN_DISTINCT_SHARE
+    return np.sum(np.where(clear, parts / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1), clear.sum(axis=1)
 
 
 def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
@@ -192,7 +192,7 @@ def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
     rest = Z - Q @ (Q.T @ Z)
     rest = rest - Q @ (Q.T @ rest)
     U, s, _ = np.linalg.svd(rest, full_matrices=False)
-    return np.asarray(U[:, s**2 > levels.DISTINCT_SHARE])
+    return np.asarray(U[:, s**2 > levels.MIN_DISTINCT_SHARE])
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
         found.append(Subset(tuple(kept), theta * scale))
         if not kept:
             return found[::-1]
-        gone = min(kept, key=lambda i: _cost(C, theta, places[i]))
+        gone = min(kept, key=lambda i: _wald_cost(C, theta, places[i]))
         own = places[gone]
         # The inverse of what is left of the Gram matrix, by the Schur complement.
         share = np.linalg.solve(C[np.ix_(own, own)], C[own]).T
@@ -235,6 +235,6 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
         kept.remove(gone)
 
 
-def _cost(C: Array, theta: Array, own: Codes) -> float:
+def _wald_cost(C: Array, theta: Array, own: Codes) -> float:
     """Rise of the sum of squares without some of the parameters: ``θᵀ C⁻¹ θ`` (Wald)."""
     return float(theta[own] @ np.linalg.solve(C[np.ix_(own, own)], theta[own]))

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import recounted
+from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.calibration.estimation.least_squares import outlying
+from posture_opt.calibration.estimation.least_squares import find_outliers
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import Effect
@@ -30,26 +30,26 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
     if not calibration.outliers or not effects:
         return calibration
     tangents = EffectSensitivities(calibration.residuals, calibration.x)
-    r, J = tangents.residuals.both(calibration.x)
+    r, J = tangents.residuals.residuals_and_jacobian(calibration.x)
     m = tangents.residuals.measured
     r, G = r[:m], J[:m] @ calibration.identifiability.directions
     before = ~calibration.fit.kept
     left = before
-    for explanation in _explanations(found):
+    for explanation in _effect_sets(found):
         Z = [tangents.columns(s.what)[:m] for s in explanation if isinstance(s.what, Effect)]
-        gross = _gross(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
+        gross = _gross_rows(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
         left = min(left, before & gross, key=np.count_nonzero)
-    return calibration if left is before else recounted(calibration, ~left)
+    return calibration if left is before else recount_rows(calibration, ~left)
 
 
-def _explanations(found: SearchResult) -> Iterator[Sequence[Candidate]]:
+def _effect_sets(found: SearchResult) -> Iterator[Sequence[Candidate]]:
     yield found.chosen
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
     for i, rival in others[: _MAX_EXPLANATIONS - 1]:
         yield (*found.chosen[:i], rival, *found.chosen[i + 1 :])
 
 
-def _gross(r: Array, A: Array, block: int) -> Mask:
+def _gross_rows(r: Array, A: Array, block: int) -> Mask:
     """(N,) which rows stay gross errors beside the columns A (m, k), with such rows left out of the fit."""
     scale = np.linalg.norm(A, axis=0)
     A = A / np.where(scale > 0, scale, 1.0)
@@ -57,7 +57,7 @@ def _gross(r: Array, A: Array, block: int) -> Mask:
     for _ in range(_MAX_OUTLIER_ROUNDS):
         rows = np.repeat(~gone, block)
         rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
-        again = outlying(rest, A, block)[0]
+        again = find_outliers(rest, A, block)[0]
         if np.array_equal(again, gone):
             break
         gone = again

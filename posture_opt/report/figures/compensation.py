@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.compensation.compensation import rms
+from posture_opt.compensation.compensation import root_mean_square
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.page.style import BLUE, LIGHT, ORANGE, legend_below, new_figure, styled
 from posture_opt.report.text.units_text import length, length_unit
@@ -26,7 +26,7 @@ def plot_compensation(found: Compensation) -> Figure:
     from matplotlib.ticker import MaxNLocator
 
     off, left = found.off, found.left
-    among = [rms(off), rms(left)]
+    among = [root_mean_square(off), root_mean_square(left)]
     unit, factor = length_unit(among)
     least = max(float(left.max()) * 1e-3, 1e-9)  # what was not off at all still shows, at the lower edge
     number = np.arange(1, len(found) + 1)
