@@ -36,6 +36,10 @@ SCALED = ("LACK_OF_FIT_LEVEL", "GEOMETRY_LEVEL", "NOISE_LEVEL", "FURTHER_NOISE_L
 """Levels that act after the search."""
 PLANNED = ("DETECTED_ROOT_LAMBDA", "MEAN_PAIR_WEIGHT")
 """Levels of the plan that discriminates rivals."""
+PLANNED_FAMILY = "narrow_unloaded"
+"""A family whose first draw has a cause with rivals that postures discriminate."""
+UNEXPLAINED = ("outside", "shape_often")
+"""Families whose errors are in no catalogue: leaving them unexplained is right."""
 SEARCHED: dict[str, Change] = {
     "PERIODOGRAM_PEAKS = 2": {"PERIODOGRAM_PEAKS": 2},
     "PERIODOGRAM_PEAKS = 8": {"PERIODOGRAM_PEAKS": 8},
@@ -82,10 +86,10 @@ class Decision:
     planned: tuple[Any, ...] = ()
 
 
-def hidden_cases(seed: int) -> list[HiddenCase]:
+def hidden_cases(seed: int, families: Sequence[str] = FAMILIES) -> list[HiddenCase]:
     """The first draw of each family whose effects have a noncentrality λ of 25 at least."""
     found = []
-    for family in FAMILIES:
+    for family in families:
         for index in range(20):
             try:
                 drawn = draw(seed, family, index, weakest=25.0)
@@ -106,7 +110,8 @@ def decision(case: HiddenCase, planned: bool) -> Decision:
     effects = [finding.to_json() for finding in found.effects]
     rivals = [sorted((r["kind"], r["target"]) for r in e["confounded_with"]) for e in effects]
     named = tuple((e["kind"], e["target"], e["status"], *r) for e, r in zip(effects, rivals, strict=True))
-    right = score(case.truth, {"verdict": found.verdict, "effects": effects})["inside"]
+    inside = score(case.truth, {"verdict": found.verdict, "effects": effects})["inside"]
+    right = found.verdict == "unexplained" if case.family in UNEXPLAINED else inside
     split = found.split if planned else None
     plan = () if split is None else (tuple(sorted(split.counts.items())), len(split.rows))
     places = found.unexplained_places if found.verdict == "unexplained" else ()
@@ -158,6 +163,8 @@ def scaled(name: str, factor: float) -> Change:
     """A level, or each of a tuple, times a factor; counts stay whole numbers."""
     value = getattr(levels, name)
     more = tuple(v * factor for v in value) if isinstance(value, tuple) else type(value)(value * factor)
+    if name == "DETECTED_ROOT_LAMBDA":  # the other level is derived from it
+        return {name: more, "DISCRIMINATED_LAMBDA": (more + 1.2816) ** 2}
     return {name: more}
 
 
@@ -184,25 +191,20 @@ def main() -> None:
     print(machine_line("numpy", "scipy"))
     print("| level | right | what changes |\n|---|---|---|")
     with SharedSearch():
-        base = decisions(cases, {}, planned=True)
-        print(row("as it is", cases, base, base), *(f"    {c.family}: {b}" for c, b in zip(cases, base, strict=True)),
-              sep="\n", flush=True)  # fmt: skip
-        bare = [Decision(b.answer, b.right) for b in base]
-        for name in SCALED:
+        base = decisions(cases, {})
+        print(row("as it is", cases, base, base), flush=True)
+        for name in filter(lambda name: options.only in name, SCALED):
             for factor in (0.5, 2.0):
-                if options.only in name:
-                    print(row(f"{name} × {factor:g}", cases, bare, decisions(cases, scaled(name, factor))), flush=True)
-        some = [i for i, b in enumerate(base) if b.planned]
-        for name in PLANNED:
+                print(row(f"{name} × {factor:g}", cases, base, decisions(cases, scaled(name, factor))), flush=True)
+        planned = hidden_cases(options.seed, (PLANNED_FAMILY,))
+        plans = decisions(planned, {}, planned=True)
+        for name in filter(lambda name: options.only in name, PLANNED):
             for factor in (0.5, 2.0):
-                if options.only in name:
-                    now = decisions([cases[i] for i in some], scaled(name, factor), planned=True)
-                    print(
-                        row(f"{name} × {factor:g}", [cases[i] for i in some], [base[i] for i in some], now), flush=True
-                    )
+                now = decisions(planned, scaled(name, factor), planned=True)
+                print(row(f"{name} × {factor:g}", planned, plans, now), flush=True)
     for name, change in SEARCHED.items():
         if options.only in name:
-            print(row(name, cases, bare, decisions(cases, change)), flush=True)
+            print(row(name, cases, base, decisions(cases, change)), flush=True)
     print(f"{time.process_time() - start:.0f} s of CPU")
 
 

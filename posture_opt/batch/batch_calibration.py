@@ -110,11 +110,15 @@ class Batch(Result):
 
     @property
     def thinned_json(self) -> dict[str, Any]:
-        """The part ``thinned`` of a document, where not all rows are used."""
+        """The part ``thinned`` of a document: how many rows there were and are; empty where all were used."""
         used = len(self.data)
         return {"thinned": {"rows": self.total, "rows_used": used}} if self.total > used else {}
 
     def _parameter(self, p: Parameter, k: int | None) -> dict[str, Any]:
+        """One parameter of the type: its mean over the robots and the standard error of that mean.
+
+        ``k`` is its place among those that all robots determine; with ``None`` the nominal value is reported.
+        """
         known = k is not None
         mean, std = (float(self.spread.mean[k]), float(self.spread.mean_std[k])) if k is not None else (0.0, None)
         return {
@@ -123,6 +127,7 @@ class Batch(Result):
         }  # fmt: skip
 
     def _robot(self, k: int) -> dict[str, Any]:
+        """The entry of one robot under ``batch.robots``: its rows, errors, deviations from nominal and outliers."""
         found = self.calibrations[k]
         return {
             "robot": self.robots[k],
@@ -145,6 +150,9 @@ def calibrate_batch(
 ) -> Batch:
     """Calibrate every robot of a type by itself, and estimate how their geometry varies from one to the next.
 
+    With estimates ``x_r`` of R robots and their covariances ``S_r`` the model is ``x_r ~ N(μ, Ω + S_r)``. Only
+    parameters that the data of every robot determine are in it. The cost is one `calibrate` a robot.
+
     Each robot has its own free base and tool. Stated σ's of geometry are no priors here: they would pull all robots to
     the nominal one and hide what is asked for. The covariance across the batch is that of the estimates less what their
     own errors make of it (:func:`posture_opt.batch.batch_covariance.covariance_between_robots`).
@@ -155,6 +163,16 @@ def calibrate_batch(
     Raises:
         InputError: the data are of one robot.
         InsufficientDataError: fewer than three robots, or too little of one of them.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_correlated_lengths")
+        >>> data = po.read_measurements("problems/planar_2r_batch.csv", problem)
+        >>> batch = po.calibrate_batch(problem, data)
+        >>> len(batch.robots), batch.names
+        (12, ('joint1.theta', 'joint1.a', 'joint2.theta', 'joint2.a'))
+        >>> print(f"{1e3 * batch.spread.sigma[1]:.2f} mm")  # how far the first link varies from robot to robot
+        0.36 mm
     """
     _check_batch(problem, data)
     total, data = len(data), thin_each_robot(data, most_rows)
@@ -195,11 +213,17 @@ def _thinning_notes(total: int, used: int) -> tuple[str, ...]:
 
 
 def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
-    """Errors (N, 3) of all robots, outliers left out."""
+    """Errors (M, 3) [m] of the rows of all robots that are no outliers, robot after robot."""
     return np.concatenate([e[c.kept_rows] for c, e in zip(calibrations, errors, strict=True)])
 
 
 def _check_batch(problem: CalibrationProblem, data: Measurements) -> None:
+    """Refuses data that cannot say how a type varies.
+
+    Raises:
+        InputError: one robot only.
+        InsufficientDataError: fewer than `MIN_ROBOTS`, or touched points without a known distance.
+    """
     names = data.robot_names
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
@@ -224,7 +248,7 @@ def _calibrate_each(
     by: By | None,
     progress: Progress | None,
 ) -> Iterator[Calibration]:
-    """Every robot by itself."""
+    """The calibration of every robot by itself, in the order of their names; each step of the progress is one robot."""
     for code, mine in enumerate(rows):
         yield _calibrate_one(problem, data, mine, code, folds, by)
         if progress is not None:
@@ -234,6 +258,11 @@ def _calibrate_each(
 def _calibrate_one(
     problem: CalibrationProblem, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
 ) -> Calibration:
+    """The calibration of one robot; errors name it.
+
+    Raises:
+        InputError, InsufficientDataError: as `calibrate`, with the name of the robot in front.
+    """
     name = data.robot_names[code]
     mine = data.take(rows)
     own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
@@ -246,7 +275,10 @@ def _calibrate_one(
 
 
 def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
-    """The problem without σ's of geometry; those of frames that are not free stay knowledge."""
+    """The problem without σ's of geometry, which would pull every robot to the nominal one.
+
+    σ's of frames that are not free stay knowledge, and so does all scatter.
+    """
     sources = problem.sources
     frame = np.array([name.rpartition(".")[0] in ("base", "tool") for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
@@ -256,7 +288,11 @@ def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
 
 
 def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
-    """Geometric parameters that all robots' data determine, and the names of the others."""
+    """Geometric parameters that all robots' data determine, and the names of the others.
+
+    Raises:
+        InsufficientDataError: there is none.
+    """
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
     told = tuple(p for p, known in geometry if known and p.group == "geometry")
@@ -271,7 +307,10 @@ def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Par
 def _batch_coverage(
     problem: CalibrationProblem, calibrations: tuple[Calibration, ...], folds: int
 ) -> dict[str, tuple[float, tuple[float, float]]]:
-    """Shares of all rows inside the predicted 95 % regions; rows of one robot hang together."""
+    """By model, the share of all rows inside their predicted 95 % regions, with its 95 % interval.
+
+    Rows of one robot are correlated, so the interval is that of as many robots as there are.
+    """
     inside: dict[str, list[Mask]] = {}
     for calibration in calibrations:
         for name, (errors, predicted, _) in held_out_predictions(problem, calibration, folds).items():

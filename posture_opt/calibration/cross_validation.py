@@ -1,8 +1,8 @@
 """Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file.
 
 The others are fitted anew, exactly (`refitted_errors`), or to first order about the fit to all rows (`held_out`). Every
-fold then fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into the
-folds too (`linear_held_out_errors`, by models of their own).
+fold then fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into
+the folds too (`linear_held_out_errors`, by models of their own).
 """
 
 from __future__ import annotations

@@ -50,6 +50,7 @@ class Compensation(Result):
     unsettled: Mask
 
     def __len__(self) -> int:
+        """The number of targets."""
         return len(self.q)
 
     @property
@@ -103,9 +104,11 @@ class Compensation(Result):
 
     @property
     def _joints_given(self) -> bool:
+        """Whether the targets state joint values."""
         return self.targets.near is not None
 
     def _column_header(self, k: int) -> str:
+        """The header of column k of the targets as it was given."""
         return self.targets.heads[k].strip()
 
     def to_json(self) -> dict[str, Any]:
@@ -155,5 +158,5 @@ def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:
 
 
 def root_mean_square(values: Array) -> float:
-    """Root mean square."""
+    """Root mean square of values, in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))

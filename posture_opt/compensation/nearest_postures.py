@@ -34,35 +34,50 @@ _FREEDOM_SAMPLES = 12  # random postures at which freedom is counted
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world."""
+    """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world.
+
+    ``rotation`` is None where any orientation serves.
+    """
 
     position: Array
     rotation: Array | None
 
     def take(self, rows: Mask) -> Poses:
-        """Some of them."""
+        """The poses of some rows, given as a mask (N,)."""
         return Poses(self.position[rows], None if self.rotation is None else self.rotation[rows])
 
     def repeated(self, count: int) -> Poses:
-        """The same pose so many times, where there is one."""
+        """One pose ``count`` times, to be compared with as many postures."""
         rotation = None if self.rotation is None else np.repeat(self.rotation, count, axis=0)
         return Poses(np.repeat(self.position, count, axis=0), rotation)
 
 
 @dataclass(frozen=True, eq=False)
 class Misses:
-    """What N postures leave of their poses: of the tool point (N, 3) [m], of the rotation (N, 3) [rad], world."""
+    """What N postures miss of their poses: wanted minus reached.
+
+    Args:
+        position: (N, 3) of the tool point [m], world.
+        rotation: (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one.
+    """
 
     position: Array
     rotation: Array
 
 
 class NearestPostures:
-    """The solver of one chain without effects.
+    """The inverse kinematics of one chain without effects, for many rows at once.
 
     Attributes:
-        directions: (3, r) in which the arm moves its tool point at will.
+        directions: (3, r) orthonormal, world: in which the arm moves its tool point at will.
         turns: in how many ways it turns the tool with the point held.
+
+    Example:
+        >>> import numpy as np, posture_opt as po
+        >>> solver = NearestPostures(po.load_problem("insert_planar_2r").robot)
+        >>> q = solver.solve(Poses(np.array([[1.2, 0.3, 0.0]]), None), np.array([[0.5, -0.5]]))
+        >>> bool(solver.reached(q, Poses(np.array([[1.2, 0.3, 0.0]]), None))[0])
+        True
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -74,12 +89,20 @@ class NearestPostures:
         self.turns: int = self._freedom() - self.directions.shape[1]
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
-        """What postures (N, n) leave."""
+        """What postures (N, n) [rad or m] miss of N wanted poses."""
         T = np.asarray(self._arm.pose(q), dtype=float)
         return pose_misses(T, wanted)
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """(N, n) postures at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N, n)."""
+        """The postures (N, n) at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N,
+        n).
+
+        ``min |q − near|²`` subject to ``f(q) = pose`` and the limits. Rows at which Newton's method does not converge
+        are fitted one by one.
+
+        Args:
+            near: (N, n) [rad or m]; start: (N, n) where the iteration begins, ``near`` by default.
+        """
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
@@ -93,7 +116,11 @@ class NearestPostures:
         return np.asarray(np.linalg.norm(wanted.position - self._first, axis=1) > self._stretched)
 
     def followed(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """(N, n) where Newton's method ends: at the poses, or anywhere where it does not settle."""
+        """Where Newton's method ends (N, n): at the poses, or anywhere where it does not converge in `_MAX_STEPS`
+        steps.
+
+        Every step is no longer than `_MAX_STEP` in any joint and stays within the limits.
+        """
         q = np.clip(near if start is None else start, self._lower, self._upper).copy()
         open_rows = np.ones(len(q), dtype=bool)
         for _ in range(_MAX_STEPS):
@@ -135,14 +162,16 @@ class NearestPostures:
         return 1.0 if self.turns >= 3 else 1e-3
 
     def reached(self, q: Array, wanted: Poses) -> Mask:
-        """(N,) whether postures are at their poses, as far as the arm moves at will."""
+        """Whether postures (N, n) are at their poses (N,), to `REACHED_TOLERANCE`, in what the arm moves at will."""
         left = self.misses(q, wanted)
         off = np.linalg.norm(left.position @ self.directions, axis=1)
         turned = np.linalg.norm(left.rotation, axis=1) if self.turns >= 3 else np.zeros(len(q))
         return np.asarray((off < REACHED_TOLERANCE) & (turned < REACHED_TOLERANCE))
 
     def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
-        """(N, n) one step of every row, joints beyond their limits held at them."""
+        """One step (N, n) of every row; joints that it would drive beyond a limit are set to it and taken out, one
+        round each.
+        """
         left = self.misses(q, wanted)
         J = np.asarray(self._arm.jacobian(q), dtype=float)
         parts = [(self.directions.T @ J[:, :3], left.position @ self.directions, self.directions.shape[1])]
@@ -161,7 +190,11 @@ class NearestPostures:
         return step
 
     def _freedom(self) -> int:
-        """The largest number of ways in which the tool moves and turns at once; leaning by corrections is none."""
+        """The rank of point and rotation together, the largest over random postures.
+
+        What a calibrated arm gains by axes that are not quite parallel is no freedom: singular values below twice its
+        skew count as zero.
+        """
         rng = np.random.default_rng(0)
         q = rng.uniform(*drawn_between(self.robot), (_FREEDOM_SAMPLES, self.robot.n))
         J = np.asarray(self._arm.jacobian(q), dtype=float)
@@ -170,7 +203,10 @@ class NearestPostures:
 
 
 def pose_misses(T: Array, wanted: Poses) -> Misses:
-    """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation."""
+    """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation.
+
+    ``wanted.position − p`` and the rotation vector of ``R_wanted Rᵀ``, both in the world.
+    """
     position = wanted.position - T[:, :3, 3]
     if wanted.rotation is None:
         return Misses(position, np.zeros_like(position))
@@ -192,7 +228,13 @@ def rotation_vectors(R: Array) -> Array:
 
 
 def _prioritised_step(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
-    """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near."""
+    """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near.
+
+    Args:
+        parts: (A (N, m, n), b (N, m), rank) each, the most important first.
+        to_near: (N, n) difference to the posture to stay near.
+        free: (N, n) 1 where a joint moves; held: (N, n) the step of the others.
+    """
     step = held.copy()
     null = free[:, :, None] * np.eye(free.shape[1])
     for A, b, rank in parts:
@@ -205,7 +247,11 @@ def _prioritised_step(parts: list[tuple[Array, Array, int]], to_near: Array, fre
 
 
 def _damped_inverse(A: Array, rank: int, squared: Array) -> Array:
-    """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each."""
+    """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each.
+
+    ``V diag(s / (s² + λ)) Uᵀ`` with λ proportional to the squared error (Sugihara 2011): no damping where the pose is
+    reached, so that convergence stays quadratic.
+    """
     U, s, V = np.linalg.svd(A, full_matrices=False)
     kept = s[:, :rank]
     weights = kept / (kept**2 + (_DAMPING_SHARE * squared + _MIN_DAMPING)[:, None])

@@ -1,4 +1,4 @@
-"""Postures for targets that come without one: those of the drawn arm, each near the one before it."""
+"""Postures for targets that come without one: those of the nominal arm, each near the one before it."""
 
 from __future__ import annotations
 
@@ -20,10 +20,16 @@ _SAME_ORIENTATION_RAD = 1e-3  # rad: orientations that are as near as each other
 
 
 def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
-    """(N, n) postures of the ``drawn`` arm at wanted poses, for which the ``chain`` with its corrections reaches them.
+    """Postures (N, n) [rad or m] of the nominal arm at wanted poses, for which the ``chain`` with its corrections has
+    one.
 
-    Each row starts from the one before it, so that the arm moves little; the first, and one that cannot be reached so,
-    takes of many random starts the posture nearest to the one before, or to the middle of the joints' ranges.
+    Each row starts from the one before it, so that the arm moves little. The first row, and one that cannot be reached
+    so, takes of `_RANDOM_STARTS` random starts the posture nearest to the one before, or to the middle of the joints'
+    ranges. Draws are seeded: the same targets give the same postures.
+
+    Args:
+        drawn: the robot without corrections; chain: the solver of the robot with them.
+        wanted: N poses, world.
     """
     low, high = drawn_between(chain.robot)
     before = (low + high) / 2
@@ -42,7 +48,7 @@ def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array
 def _searched_posture(
     search: InverseKinematics, chain: NearestPostures, one: Poses, before: Array, rng: np.random.Generator
 ) -> Array:
-    """(1, n) of the postures that random starts lead to, the nearest to ``before``; else what comes nearest."""
+    """A posture (1, n) that random starts lead to, the nearest to ``before`` (n,); else what comes nearest."""
     oriented = one.rotation is not None and chain.turns >= 3
     R = np.eye(3) if one.rotation is None else one.rotation[0]
     request = PoseRequest(one.position[0], R[:, 2], R @ spin_axis(_TOOL_AXIS), np.array([1.0, *[float(oriented)] * 2]))

@@ -50,6 +50,7 @@ class Targets:
     file: str
 
     def __len__(self) -> int:
+        """The number of targets."""
         return len(self.line)
 
 
@@ -62,6 +63,13 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
 
     Raises:
         InputError: everything wrong with the file, each with line, column and a hint.
+
+    Example:
+        >>> import posture_opt as po
+        >>> robot = po.load_problem("insert_planar_2r_calibrated").robot
+        >>> rows = read_targets({"x [mm]": [1000.0, 1100.0], "y [mm]": [300.0, 300.0]}, robot)
+        >>> len(rows), rows.position[1].tolist()
+        (2, [1.1, 0.3, 0.0])
     """
     table = open_table(source, column_kinds(robot))
     faults = table.faults
@@ -85,7 +93,9 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
 
 
 def rotation_matrices(quaternions: Array) -> Array:
-    """(N, 3, 3) of unit quaternions (N, 4), w x y z."""
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first; ``T_world_tool`` turns tool vectors into the
+    world.
+    """
     w, x, y, z = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -96,6 +106,9 @@ def rotation_matrices(quaternions: Array) -> Array:
 
 
 def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
+    """Faults of the header: columns of measurements, some joints without the others, coordinates that the arm could
+    change.
+    """
     there = {*columns, *meant}
     for name in _MEASURED_ONLY_COLUMNS:
         if name in columns:
@@ -121,7 +134,7 @@ def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, li
 
 
 def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
-    """(N, n) the postures of the joint columns; values beyond the limits are faults."""
+    """Postures (N, n) [rad or m] of the joint columns, ``None`` without; values beyond the limits are faults."""
     if robot.joint_names[0] not in columns:
         return None
     found = [cells.number(name) for name in robot.joint_names]
@@ -139,7 +152,9 @@ def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, fa
 
 
 def _wanted_positions(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
-    """(N, 3) the wanted points; a coordinate that the arm cannot change may be left out."""
+    """Wanted points (N, 3) [m], world, or ``None`` without them; a coordinate that the arm cannot change may be left
+    out.
+    """
     if not any(axis in columns for axis in AXES):
         return None
     fixed = nominal_poses(robot, np.array([robot.lower]))[0][0]
@@ -149,6 +164,7 @@ def _wanted_positions(cells: Cells, columns: Mapping[str, Column], robot: Robot)
 
 
 def _stated_sides(cells: Cells, robot: Robot) -> Array:
+    """Sides (N, n) of the columns ``JOINT.approach``, −1 or +1; 0 where none is stated."""
     side = np.zeros((len(cells.line), robot.n))
     for j, name in enumerate(robot.joint_names):
         values = cells.number(f"{name}.approach")
@@ -158,4 +174,5 @@ def _stated_sides(cells: Cells, robot: Robot) -> Array:
 
 
 def _cell_text(cell: Any) -> str:
+    """A cell as it is written again: strings stripped, floats with all their digits."""
     return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -71,7 +71,12 @@ class Workspace:
         return bool(np.isfinite(self.box).any())
 
     def allowed(self, q: Array) -> Mask:
-        """(N,) which of the postures (N, n) are allowed."""
+        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, and clear of all
+        collisions.
+
+        Limits of the joints are not checked: candidates are drawn within them. Collisions are checked last, for the
+        rest.
+        """
         reached = nominal_chain(self.robot, q)
         points = skeleton_points(self.robot, reached, len(q))
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
@@ -82,7 +87,9 @@ class Workspace:
         return found
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
-        """``count`` random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
+        """Random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
+
+        Uniform in the joint values between ``lower`` and ``upper``; `_MAX_TRIED_POSTURES` are tried at the most.
 
         Raises:
             NoSolutionError: hardly any posture is allowed.
@@ -104,12 +111,19 @@ class Workspace:
         return np.concatenate(found)[:count], have / tried
 
     def rounded(self, q: Array) -> Array:
-        """Postures as they stand in the file: to 0.01 deg and 0.01 mm, inside the limits."""
+        """Postures (N, n) as they are in the file: to 0.01 deg and 0.01 mm (`POSTURE_STEP`), inside the limits."""
         step = np.array([POSTURE_STEP[joint.type] for joint in self.robot.joints])
         return np.asarray(np.clip(np.round(q / step), np.ceil(self.lower / step), np.floor(self.upper / step)) * step)
 
 
 def _joint_range(joint: Joint, margin: float) -> tuple[float, float]:
+    """Lower and upper end of a joint's range in a plan [rad or m]: one turn at most, a margin to its limits taken off.
+
+    The margin is 2° or 2 mm, at most 5 % of the range on each side, or what the task states if that is more.
+
+    Raises:
+        InputError: a slide without limits.
+    """
     lower, upper = joint.lower, joint.upper
     if joint.type == "prismatic" and not (math.isfinite(lower) and math.isfinite(upper)):
         raise InputError(Issue(f"{joint.name} has no limits to plan within", hint=f"state the limits of {joint.name}"))
@@ -124,7 +138,7 @@ def _joint_range(joint: Joint, margin: float) -> tuple[float, float]:
 
 
 def nominal_chain(robot: Robot, q: Array) -> Walk:
-    """The nominal chain at the postures (N, n)."""
+    """The nominal chain at the postures (N, n) [rad or m], without effects; origins of its frames in the world."""
     return walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
 
 
@@ -137,7 +151,9 @@ def skeleton_points(robot: Robot, reached: Walk, count: int) -> Array:
 
 
 def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
-    """Payloads [kg] that are at hand: those of the data, the one that the file states, and none."""
+    """Payloads [kg] that are available: those of the data (`_MAX_PAYLOADS` of many), the one that the file states, and
+    none.
+    """
     measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
     if len(measured) > _MAX_PAYLOADS:
         measured = measured[np.linspace(0, len(measured) - 1, _MAX_PAYLOADS).round().astype(int)]

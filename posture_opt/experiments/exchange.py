@@ -41,38 +41,51 @@ class Criterion(Protocol):
 
 @dataclass(frozen=True)
 class Determinant:
-    """D-optimality: ``log det C``, the volume of the confidence ellipsoid; units of the unknowns do not matter."""
+    """D-optimality: ``log det C``, the volume of the confidence ellipsoid; units of the unknowns do not matter.
+
+    One candidate A (b, r) lowers it by ``log det(I + A C Aᵀ)`` (matrix determinant lemma), so that no inverse is
+    updated.
+    """
 
     logarithmic: ClassVar[bool] = True
 
     def value(self, C: Array) -> float:
+        """``log det C``."""
         return float(np.linalg.slogdet(C)[1])
 
     def gains(self, C: Array, A: Array) -> Array:
+        """``log det(I + A_i C A_iᵀ)`` (N,), as ``det(M + AᵀA) = det M · det(I + A C Aᵀ)``."""
         # det(M + AᵀA) = det M det(I + A C Aᵀ)
         return np.asarray(np.linalg.slogdet(_seen_covariance(A @ C, A))[1])
 
     def transformed(self, T: Array) -> Determinant:
+        """Itself: a change of unknowns adds a constant to the logarithm."""
         return self
 
 
 @dataclass(frozen=True, eq=False)
 class Variance:
-    """L-optimality: ``trace(L C Lᵀ)``, the summed variance of the quantities ``L z``, L (t, r); t = 1 is c-optimal."""
+    """L-optimality: ``trace(L C Lᵀ)``, the summed variance of the quantities ``L z``, L (t, r); t = 1 is c-optimal.
+
+    One candidate lowers it by ``tr(G_iᵀ (I + A_i C A_iᵀ)⁻¹ G_i)``, ``G_i = A_i C Lᵀ`` (Woodbury 1950).
+    """
 
     L: Array
     logarithmic: ClassVar[bool] = False
 
     def value(self, C: Array) -> float:
+        """``trace(L C Lᵀ)``."""
         return float(np.sum((self.L @ C) * self.L))
 
     def gains(self, C: Array, A: Array) -> Array:
+        """Decrease (N,) of the trace by each candidate, from ``(M + AᵀA)⁻¹ = C − C Aᵀ (I + A C Aᵀ)⁻¹ A C``."""
         # (M + AᵀA)⁻¹ = C − C Aᵀ (I + A C Aᵀ)⁻¹ A C
         W = A @ C
         G = W @ self.L.T
         return np.asarray(np.sum(G * np.linalg.solve(_seen_covariance(W, A), G), axis=(1, 2)))
 
     def transformed(self, T: Array) -> Variance:
+        """The same quantities of the new unknowns: ``L z = (L T) z'``."""
         return Variance(self.L @ T)
 
 
@@ -100,6 +113,10 @@ def exchange_design(
 ) -> Design:
     """The best ``count`` of the candidates, by exchanging one at a time for the best of all others.
 
+    The unknowns are scaled so that an average design has unit information: values of designs are comparable, and a
+    ridge of `_RIDGE_SHARE` keeps one with too few candidates invertible. A local optimum; each start costs a few sweeps
+    of ``count`` evaluations of all N gains.
+
     Every place of the design is emptied in turn and given to the candidate that lowers the criterion most, until
     no place changes; the best of several starts counts, the first of them chosen one by one, the others at random
     (Fedorov 1972; one place at a time: Cook, Nachtsheim 1980).
@@ -112,6 +129,14 @@ def exchange_design(
         former: a design to start from, in place of all others.
         workers: who share the starts, and need not be named; the design does not depend on it.
         progress: called with (done, total) starts.
+
+    Example:
+        >>> import numpy as np
+        >>> t = np.linspace(-1, 1, 21)  # a line is fitted best by measurements at its two ends
+        >>> A = np.stack([np.ones(21), t], axis=1)[:, None, :]
+        >>> design = exchange_design(A, np.zeros((2, 2)), Determinant(), count=2)
+        >>> sorted(float(t[i]) for i in design.chosen)
+        [-1.0, 1.0]
     """
     assert replicate or count <= len(A), "no more places than candidates"
     T, A, information = _normalised_problem(A, information, count)
@@ -150,6 +175,13 @@ def unit_information(information: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
+    """The exchange over one set of candidates, in unknowns of unit information.
+
+    Args:
+        A: (N, b, r) candidates; start: (r, r) information that is there already, ridge included.
+        places: (N, n) as of `exchange_design`, or None.
+    """
+
     A: Array
     start: Array
     criterion: Criterion
@@ -158,10 +190,12 @@ class _Search:
     places: Array | None
 
     def information(self, chosen: Codes) -> Array:
+        """``M_0 + Σ A_iᵀ A_i`` (r, r) of the chosen candidates."""
         flat = self.A[chosen].reshape(-1, self.A.shape[-1])
         return np.asarray(self.start + flat.T @ flat)
 
     def value(self, chosen: Codes) -> float:
+        """The criterion of the chosen candidates."""
         return self.criterion.value(inverse_matrix(self.information(chosen)))
 
     def one_by_one(self) -> Codes:
@@ -194,6 +228,7 @@ class _Search:
         return chosen
 
     def _gains(self, M: Array, barred: Mask) -> Array:
+        """What each candidate (N,) would lower the criterion by after information M (r, r); −∞ where it is barred."""
         return np.where(barred, -np.inf, self.criterion.gains(inverse_matrix(M), self.A))
 
     def _barred_by(self, chosen: int) -> Mask:
@@ -207,12 +242,12 @@ class _Search:
 
 
 def inverse_matrix(M: Array) -> Array:
-    """``M⁻¹`` (r, r)."""
+    """The inverse (r, r) of an information matrix: the covariance of the estimates."""
     return np.asarray(np.linalg.inv(M), dtype=float)
 
 
 def _seen_covariance(W: Array, A: Array) -> Array:
-    """``I + A C Aᵀ`` (N, b, b) from ``W = A C``."""
+    """``I + A C Aᵀ`` (N, b, b) from ``W = A C`` (N, b, r): the predicted covariance of each candidate's measurement."""
     S = W @ np.swapaxes(A, 1, 2)
     S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
     return np.asarray(S)

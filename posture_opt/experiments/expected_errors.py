@@ -1,4 +1,8 @@
-"""What is known of an arm before and after measurements: standard errors, observability, the task's variance."""
+"""What is known of an arm before and after measurements: standard errors, observability, the task's variance.
+
+All errors are those of a linear model at one set of deviations: they shrink with the square root of the number of
+measurements, and say nothing of what the model lacks.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +53,7 @@ class ExpectedErrors:
 
 
 def _nan_median(values: Sequence[Array]) -> Array:
+    """The median over stages, entry by entry; NaN counts as infinite, and an infinite median is NaN again."""
     middle = np.median([np.where(np.isnan(value), np.inf, value) for value in values], axis=0)
     return np.where(np.isinf(middle), np.nan, middle)
 
@@ -71,6 +76,7 @@ class PriorInformation:
 
     @classmethod
     def of(cls, problem: CalibrationProblem, parameters: tuple[Parameter, ...]) -> PriorInformation:
+        """From the σ's that a problem states and the tolerances of `prior_tolerances`."""
         rows, covariance = prior_covariance(problem, parameters)
         k, scale = len(parameters), prior_tolerances(parameters, rows)
         prior = full_prior(parameters, problem.robot, scale, rows, covariance).matrix(k)
@@ -120,6 +126,7 @@ class Unknowns:
 
     @property
     def count(self) -> int:
+        """The number r of combinations that are determined, or at least felt."""
         return int(self.D.shape[1])
 
     @property
@@ -133,7 +140,11 @@ class Unknowns:
         return np.asarray(self._identified(self.given.R).determined | self.prior.stated)
 
     def criterion(self, purpose: str) -> Criterion:
-        """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z."""
+        """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z.
+
+        ``parameters`` is D-optimal, ``task`` L-optimal: the summed variance of the tool point along the directions that
+        count.
+        """
         return Determinant() if purpose == "parameters" else Variance(self.L)
 
     def blocks(self, J: Array) -> Array:
@@ -162,10 +173,14 @@ class Unknowns:
         return ExpectedErrors(std, task, self._observability(J))
 
     def _identified(self, rows: Array) -> Identifiability:
+        """What whitened rows (m, k) together with the stated σ's determine."""
         stack = np.concatenate([rows / np.sqrt(self.given.variance), self.prior.W])
         return identify_parameters(self.prior.names, stack, len(stack) + 1, scale=self.prior.scale)
 
     def _observability(self, J: Array) -> dict[str, float]:
+        """O1 … O5 of the given data with measurements J (n, b, k); zeros where they do not determine all that
+        candidates can.
+        """
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
         if len(s) < self.seen.shape[1] or s[-1] <= _RANK_TOLERANCE * s[0]:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)

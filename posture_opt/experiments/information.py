@@ -1,4 +1,8 @@
-"""What measurements at any posture would tell about an arm, and what is known of it already."""
+"""What measurements at any posture would say about an arm, and what is known of it already.
+
+The information of a measurement with the whitened derivatives A (b, k) is ``AᵀA``: the inverse of the covariance of
+the k unknowns that it alone would leave. It adds up over measurements.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +62,13 @@ class GivenInformation:
 
 @dataclass(frozen=True, eq=False)
 class MeasurementModel:
-    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture."""
+    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture.
+
+    Args:
+        residuals: the arm against one planned row of each target; the row says what the instrument measures.
+        problem: for the noise of the instrument.
+        repeats: a mean of r repeats has ``1/√r`` of the standard deviation.
+    """
 
     residuals: Residuals
     problem: CalibrationProblem
@@ -66,10 +76,12 @@ class MeasurementModel:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """The k unknowns."""
         return self.residuals.parameters
 
     @property
     def targets(self) -> tuple[str, ...]:
+        """Names of the points on the tool that are measured; empty for one."""
         return self.residuals.data.target_names
 
     @property
@@ -83,7 +95,10 @@ class MeasurementModel:
         return self.residuals.block * self.rows
 
     def blocks(self, q: Array, x: Array) -> Array:
-        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it."""
+        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it.
+
+        ``b`` is `coordinates`. An instrument whose noise grows with the range is less certain at far postures.
+        """
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
         _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
@@ -101,9 +116,10 @@ class MeasurementModel:
         return np.asarray(np.sqrt(usable_share(self.problem)) * rows * scale[:, None, :, None])
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
-        """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
+        """Shift (t, k) of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unit of each
+        unknown.
 
-        The rows of ``basis`` are directions about the arm as its nominal base stands; they turn with a base found
+        The rows of ``basis`` (t, 3) are directions about the arm as its nominal base is; they turn with a base found
         elsewhere.
         """
         data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
@@ -122,7 +138,13 @@ class MeasurementModel:
 
 
 def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], oriented: bool) -> Measurements:
-    """Measurements of every target at the postures (N, n), with nothing measured yet."""
+    """Measurements of every target at the postures q (N, n) [rad or m], with nothing measured yet: positions are zero.
+
+    Args:
+        axes: (3,) which coordinates will be measured.
+        targets: names of the points on the tool; empty for one.
+        oriented: whether orientations will be measured; they are the identity.
+    """
     each = max(len(targets), 1)
     rows, n = len(q) * each, robot.n
     zeros = np.zeros(rows, dtype=np.intp)
@@ -139,7 +161,10 @@ def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], o
 def measurement_model(
     problem: CalibrationProblem, given: Measurements | None, repeats: int = 1
 ) -> tuple[MeasurementModel, tuple[str, ...]]:
-    """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
+    """The instrument of a problem and what it measures, and sentences on what was assumed.
+
+    It measures what the given data have; without data, every coordinate that the arm can move.
+    """
     robot, rotation = problem.robot, rotation_sigma(problem)
     sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
     notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
@@ -172,7 +197,12 @@ def repeat_variance(problem: CalibrationProblem, sigma: float, q: Array) -> floa
 
 
 def nothing_measured(unknowns: int, variance: float = 1.0) -> GivenInformation:
-    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance."""
+    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance.
+
+    Args:
+        unknowns: k, how many.
+        variance: of a measured coordinate in units of the instrument's.
+    """
     return GivenInformation(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
 
 
@@ -181,8 +211,15 @@ def given_information(
 ) -> GivenInformation:
     """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
 
+    With the touched points first, the triangular factor R of the Jacobian holds in its last rows what is left for the
+    unknowns of the plan: their information after the points are projected out.
+
     Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
     counts with what the fit leaves in place of the ``expected`` variance.
+
+    Args:
+        parameters: the k unknowns of the plan.
+        expected: variance of a measured coordinate in units of the instrument's, before anything was measured.
     """
     residuals, notes = arm_and_data(problem, data)
     x = fit_frames(residuals)

@@ -24,7 +24,12 @@ _NO_TABLE_NOTE = "nothing says where the table is: the arm may reach below its b
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts."""
+    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts.
+
+    Args:
+        q: (n,) the posture [rad or m].
+        basis: (t, 3) orthonormal directions, world; ``within`` names them: ``across``, ``along`` or ``all``.
+    """
 
     q: Array
     basis: Array
@@ -34,6 +39,9 @@ class Target:
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasurementPlan(Result):
     """Postures to measure, in the order of the tour, and what is expected of them.
+
+    `plan_measurements` makes it. All expected errors hold for the model of the problem file: what the model lacks is
+    not in them, so a calibration with the plan can be worse than ``after``, and not better.
 
     Args:
         problem: the arm that is to be measured, and its task.
@@ -146,6 +154,9 @@ class MeasurementPlan(Result):
         }
 
     def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
+        """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
+        stage [m].
+        """
         if self.target is None:
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
@@ -153,4 +164,5 @@ class MeasurementPlan(Result):
 
 
 def _finite_or_none(value: float) -> float | None:
+    """A number of a document: None in place of NaN and infinity, which JSON does not have."""
     return float(value) if np.isfinite(value) else None

@@ -88,6 +88,13 @@ def plan_measurements(
         InputError: no postures asked for, or too few for a calibration; no task to plan for.
         InsufficientDataError: nothing can be determined by measuring this arm.
         NoSolutionError: no posture is allowed, or the task has none.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> plan = po.plan_measurements(problem, count=6, candidates=100)
+        >>> plan.q.shape, bool(plan.gain >= 1)  # random postures have larger standard errors
+        ((6, 2), True)
     """
     if count < 1:
         raise InputError(Issue(f"{count} postures are no plan", ("--count",), count, "plan at least 1"))
@@ -128,11 +135,17 @@ def _least_height(problem: PlannedProblem) -> bool:
 
 
 def _at_flange(problem: PlannedProblem) -> bool:
+    """Whether the tool is free and no offset of it is stated: the plan takes the flange for the tool point."""
     return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
 
 
 def _planned_target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
-    """The task's best posture; where none is needed, its lack is only remarked on."""
+    """The task's best posture; where none is needed, its lack is only remarked on.
+
+    Raises:
+        InputError: a task is needed and the problem has none.
+        NoSolutionError: a task is needed and has no posture.
+    """
     if problem.task is None and not needed:
         return None, ()
     if problem.task is None:
@@ -161,6 +174,8 @@ def plan_postures(
         InputError: fewer postures than a calibration needs.
         InsufficientDataError: no parameter can be determined by this instrument.
         NoSolutionError: hardly any posture is allowed.
+
+    The random plans it is compared with are drawn from the same candidates (`_RANDOM_PLANS` of them).
     """
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)
@@ -195,6 +210,7 @@ def plan_postures(
 def _information_given(
     problem: CalibrationProblem, data: Measurements | None, measuring: MeasurementModel, variance: float
 ) -> GivenInformation:
+    """What the data made already say of the unknowns, or of nothing measured with a coordinate of some ``variance``."""
     if data is None:
         return nothing_measured(len(measuring.parameters), variance)
     return given_information(problem, data, measuring.parameters, variance)
@@ -213,6 +229,6 @@ def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) ->
 
 
 def _unit_travel(workspace: Workspace) -> Array:
-    """Joint travel that counts as one radian: of a slide the length of the arm."""
+    """Joint travel (n,) that counts as one radian: 1 rad of a revolute joint, the length of the arm of a slide [m]."""
     size = max(workspace.robot.length, 1e-3)
     return np.array([1.0 if joint.type == "revolute" else size for joint in workspace.robot.joints])

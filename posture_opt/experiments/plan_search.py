@@ -1,4 +1,8 @@
-"""The choice of postures to measure, how many random ones would do the same, and the order of the tour."""
+"""The choice of postures to measure, how many random ones would do the same, and the order of the tour.
+
+The choice is an exact design problem: the best ``count`` of some thousand candidates by exchange (Fedorov 1972), then
+refined in shrinking neighbourhoods of the chosen postures, as the criterion is smooth in the joint values.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,14 @@ _MAX_PASSES = 60  # of reversing parts of the tour
 
 @dataclass(frozen=True, eq=False)
 class PlanSearch:
-    """The choice of postures under one criterion."""
+    """The choice of postures under one criterion.
+
+    Args:
+        measuring: the measurement at a posture; ``unknowns`` what it is to determine.
+        criterion: what a plan makes small, of the covariance of the unknowns.
+        workspace: where postures may be.
+        x: (k,) deviations from nominal [rad, m] at which everything is linearised.
+    """
 
     measuring: MeasurementModel
     unknowns: Unknowns
@@ -39,7 +50,13 @@ class PlanSearch:
     def best(
         self, pool: Array, J: Array, count: int, seed: int, workers: Workers, progress: Progress | None
     ) -> tuple[Array, Array]:
-        """The best postures (count, n) and their derivatives: first of the pool, then also of others near them."""
+        """The best postures (count, n) [rad or m] and their derivatives (count, b, k): of the pool, then also of others
+        near.
+
+        Args:
+            pool: (N, n) allowed postures; J: (N, b, k) whitened derivatives there.
+            seed: of the starts and of the neighbourhoods.
+        """
         apart = self._separations(count)
         starts = max(1, min(_MAX_STARTS, _MAX_STARTED_POSTURES // count))
         start, total = self.unknowns.start, starts + len(_NEIGHBOURHOODS)
@@ -66,12 +83,16 @@ class PlanSearch:
         return q, chosen
 
     def _separations(self, count: int) -> Array:
-        """(n,) two postures differ by more than this in at least one joint: a plan is no row of repeats."""
+        """Separations (n,) [rad or m]: two postures of a plan differ by more than this in at least one joint.
+
+        A quarter of the range over the n-th root of ``count`` where that is less: there must be room for all of them.
+        """
         workspace, n = self.workspace.upper - self.workspace.lower, self.workspace.robot.n
         stated = np.array([_SEPARATION[joint.type] for joint in self.workspace.robot.joints])
         return np.asarray(np.maximum(np.minimum(stated, workspace / (4 * count ** (1 / n))), 1e-9))
 
     def _nearby_postures(self, q: Array, near: float, rng: np.random.Generator) -> Array:
+        """Allowed postures (M, n) near those of a plan: Gaussian steps of ``near`` times each joint's range."""
         step = near * (self.workspace.upper - self.workspace.lower)
         tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
         tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
@@ -89,9 +110,17 @@ class PlanSearch:
         )
 
     def compared(self, chosen: Array, random: list[Array]) -> tuple[int | None, float]:
-        """How many random postures do the same (median), and how much larger the standard error of as many is.
+        """How many random postures do the same, and how much larger the standard error of as many random ones is;
+        medians.
 
-        ``random`` are the derivatives (N, b, k) of random postures, in several orders.
+        The ratio of standard errors is ``exp((v_r − v) / 2r)`` for the logarithm of a determinant over r unknowns, and
+        ``√(v_r / v)`` for a variance.
+
+        Args:
+            chosen: (count, b, k) derivatives of the plan; random: (N, b, k) of random postures, in several orders.
+
+        Returns:
+            None in place of the number where all random postures together are worse than the plan.
         """
         best = self.value(chosen)
         sizes = [self._equivalent_count(drawn, best) for drawn in random]
@@ -116,6 +145,8 @@ class PlanSearch:
 class Tour:
     """Postures in the order of the tour.
 
+    A tour is open: it begins at the first posture and does not return.
+
     Args:
         order: (N,) indices of the postures.
         travel: sum over the legs of the largest joint move [rad], as the tour goes and as the postures came.
@@ -132,11 +163,23 @@ class Tour:
 
 
 def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
-    """A short way through postures (N, n): nearest neighbour, then parts reversed as long as that helps (2-opt).
+    """A short way through postures (N, n): nearest neighbour, then parts reversed as long as that helps (2-opt; Croes
+    1958).
+
+    A leg costs the largest joint motion; one that leads through what is not allowed costs ten turns more, so that it is
+    taken only where there is no other. The start is the first posture.
 
     Args:
+        q: (N, n) postures [rad or m].
         lengths: (n,) joint travel that counts as one radian: 1 for revolute joints, an arm's length for slides.
-        allowed: which postures may be passed through.
+        allowed: which postures (M, n) may be passed through.
+
+    Example:
+        >>> import numpy as np
+        >>> q = np.array([[0.0], [2.0], [1.0]])
+        >>> way = shortest_tour(q, np.ones(1), lambda q: np.ones(len(q), dtype=bool))
+        >>> way.order.tolist(), way.travel, way.unordered
+        ([0, 2, 1], 2.0, 3.0)
     """
     n = len(q)
     if n < 2:
@@ -156,7 +199,10 @@ def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) ->
 
 
 def _blocked_moves(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
-    """(N, N) whether the straight move between two postures leads through what is not allowed."""
+    """(N, N) whether the straight move between two postures leads through what is not allowed.
+
+    `_LEG_POINTS` postures between the two are looked at, evenly spaced in the joint values.
+    """
     n = len(q)
     i, j = np.triu_indices(n, 1)
     free = np.ones(len(i), dtype=bool)
@@ -178,7 +224,10 @@ def _nearest_neighbours(cost: Array) -> Codes:
 
 
 def _two_opt(order: Codes, cost: Array) -> Codes:
-    """The open tour with parts reversed, the best reversal of each start first, until none shortens it."""
+    """The open tour with parts reversed, the best reversal of each start first, until none shortens it.
+
+    Only the two legs at the ends of a reversed part change; all ends of one start are compared at once.
+    """
     n = len(order)
     for _ in range(_MAX_PASSES):
         shorter = False

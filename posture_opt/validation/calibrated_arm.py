@@ -56,7 +56,11 @@ def nominal_arm(calibration: Calibration) -> FittedArm:
 
 
 def calibrated_models(problem: FittableProblem, calibration: Calibration) -> dict[str, Any]:
-    """The problem before calibration, its free frames found, and calibrated."""
+    """The problem before calibration, its free frames found, and calibrated.
+
+    Returns:
+        Problems by name, ``nominal`` and ``calibrated``.
+    """
     return {
         "nominal": problem.with_fit(nominal_arm(calibration)),
         "calibrated": problem.with_fit(calibrated_arm(problem, calibration)),

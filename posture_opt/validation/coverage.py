@@ -1,4 +1,8 @@
-"""How much of what was measured lies in the regions that a model predicts, and by what factor these are off."""
+"""How much of what was measured lies in the regions that a model predicts, and by what factor these are off.
+
+With the predicted covariance C (d, d) of an error e, ``D² = eᵀ C⁻¹ e`` is χ² with d degrees of freedom where the
+prediction is true. A region of probability p holds the errors with ``D² ≤ χ²_d(p)``.
+"""
 
 from __future__ import annotations
 
@@ -56,6 +60,11 @@ class Coverage:
         ``D_i² = e_iᵀ C_i⁻¹ e_i`` has the distribution χ²(d) where the prediction is true, and the factor is the root of
         its 95 % quantile over what data simulated as predicted have in the median. Its interval is that of such data,
         or that of a bootstrap over the groups, whichever reaches further.
+
+        Args:
+            errors: (N, d) of rows that the model has not seen [m].
+            predicted: their common part and their own scatter.
+            groups: (N,) codes; a bootstrap draws whole groups.
         """
         from scipy.special import chdtr
 
@@ -98,7 +107,9 @@ class Coverage:
         return "understated" if self.factor > 1 else "overstated"
 
     def held(self, p: float) -> float:
-        """The share of the rows in the predicted region of probability ``p``."""
+        """The share of the rows in the predicted region of probability ``p``; equal to ``p`` where the prediction is
+        true.
+        """
         return float(np.searchsorted(self.probability, p, side="right") / len(self.probability))
 
     def to_json(self) -> dict[str, Any]:
@@ -112,15 +123,33 @@ class Coverage:
 
 
 def squared_distances(errors: Array, covariances: Array) -> Array:
-    """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d)."""
+    """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d).
+
+    Args:
+        errors: [m]; covariances: positive definite [m²].
+
+    Example:
+        >>> import numpy as np
+        >>> squared_distances(np.array([[3.0, 4.0]]), np.eye(2)[None]).tolist()
+        [25.0]
+    """
     return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
 
 def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
-    """The 95 % interval of a share of rows that hang together in groups.
+    """The 95 % interval of a share of rows that are correlated within groups.
 
-    Clopper and Pearson's (1934) for as many independent rows as would vary as much as the groups do (Korn,
-    Graubard 1998).
+    Clopper and Pearson's (1934) for as many independent rows as would vary as much as the groups do (Korn, Graubard
+    1998): ``n_eff = p (1 − p) / v`` with the variance v of the share between groups, n at the most.
+
+    Args:
+        inside: (N,) whether each row counts; groups: (N,) codes from 0 on.
+
+    Example:
+        >>> import numpy as np
+        >>> low, high = share_interval(np.array([True] * 19 + [False]), np.arange(20))
+        >>> print(f"{low:.3f} {high:.3f}")
+        0.751 0.999
     """
     from scipy.special import betaincinv
 
@@ -137,7 +166,7 @@ def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
 
 
 def _as_predicted(predicted: Prediction) -> Array:
-    """(draws, N) squared distances of data that are as predicted."""
+    """Squared distances (draws, N) of data that are as predicted: one δ for all rows of a draw, a v for each row."""
     rng = np.random.default_rng(0)
     L = np.linalg.cholesky(predicted.covariance)
     common = np.linalg.solve(L, predicted.common)

@@ -97,7 +97,15 @@ def fit_joint_variances(
     equal: bool = False,
     intervals: bool = True,
 ) -> JointVariances:
-    """As :func:`estimate_joint_variances`, from sums of squares; ``intervals`` are left open where not asked for."""
+    """As :func:`estimate_joint_variances`, from sums of squares; ``intervals`` are left open where not asked for.
+
+    Args:
+        scatter: sums of squares (G, d, d) [m²] with their degrees of freedom and joint columns.
+        intervals: off, intervals are (0, ∞): each end costs some maximisations.
+
+    Raises:
+        InsufficientDataError: fewer coordinates of scatter than unknown standard deviations.
+    """
     model = Components.of(scatter, names, instrument, fit_instrument, equal)
     freedom = int(scatter.freedom.sum()) * scatter.squares.shape[1]
     if freedom < model.size:
@@ -132,7 +140,13 @@ def fit_joint_variances(
 
 
 def _std_of_root(theta: Array, error: Array) -> Array:
-    """Standard errors of the roots of variances; near zero, where a tangent says nothing, the root of the error."""
+    """Standard errors of the roots of variances; near zero, where a tangent says nothing, the root of the error.
+
+    ``std(√θ) = std(θ) / (2 √θ)``, with √θ no less than half the root of the error.
+
+    Args:
+        theta: (c,) variances; error: (c,) their standard errors, infinite where the data do not determine them.
+    """
     finite = np.where(np.isfinite(error), error, 0.0)
     steep = 2 * np.maximum(np.sqrt(theta), np.sqrt(finite) / 2)
     found = np.divide(finite, steep, out=np.zeros_like(finite), where=steep > 0)

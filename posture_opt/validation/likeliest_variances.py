@@ -1,4 +1,7 @@
-"""As many standard deviations of joints as errors tell: one for all turning joints, or one each."""
+"""As many standard deviations of joints as the errors determine: one for all turning joints, or one each.
+
+The choice is that of BIC (Schwarz 1978): m − 1 further σ's have to raise twice the log-likelihood by (m − 1) log n.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,9 @@ def likeliest_variances(
         errors: (N, d) about zero [m]; ``known`` (N, d, d) part of their covariance [m²].
         columns: (N, d, n) shift of the tool point by a unit of each joint's error [m/rad, m/m].
         instrument: σ of a coordinate [m]; a start where ``fit``.
+
+    Returns:
+        σ of every joint; of the common model the same for all turning joints.
     """
     try:
         common = estimate_joint_variances(

@@ -1,4 +1,7 @@
-"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere."""
+"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere.
+
+A mean that is not zero is an error that the model repeats; it can be corrected. What scatters about zero cannot.
+"""
 
 from __future__ import annotations
 
@@ -71,6 +74,12 @@ def mean_test(vectors: Array) -> MeanTest:
     distribution F(d, n − d) where the true mean is zero. Directions without any variance are left out of it.
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
+
+    Example:
+        >>> import numpy as np
+        >>> found = mean_test(np.array([[1.0], [2.0], [3.0]]))
+        >>> float(found.mean[0]), round(found.p_value, 3), found.zero
+        (2.0, 0.074, True)
     """
     n, d = vectors.shape
     mean = vectors.mean(axis=0)
@@ -83,7 +92,8 @@ def mean_test(vectors: Array) -> MeanTest:
 def hotelling_p_value(estimate: Array, S: Array, dof: float) -> float:
     """The probability of an estimate (d,) so far from zero, its covariance S (d, d) estimated with ``dof``.
 
-    ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d). NaN where S has no variance, or ν < d.
+    ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d) distributed where the true value is zero.
+    Directions without variance are left out. NaN where S has no variance, or ν < d.
     """
     from scipy.special import fdtrc
 
@@ -115,7 +125,17 @@ def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
 
 
 def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[bool]:
-    """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most."""
+    """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most.
+
+    The least p-value is held against ``size / m`` of m hypotheses, the next against ``size / (m − 1)``, until one is
+    kept.
+
+    Source: S. Holm, Scand. J. Stat. 6 (1979) 65.
+
+    Example:
+        >>> holm_rejections([0.01, 0.04, 0.03])
+        [True, False, False]
+    """
     given_up = [False] * len(p_values)
     for rank, index in enumerate(np.argsort(p_values)):
         if not p_values[index] <= size / (len(p_values) - rank):
@@ -207,6 +227,9 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
         fitted: (N, 3) of the model fitted to all rows; the means of these are tested.
         axes: the coordinates that were measured.
         direction: (3,) unit vector of the task.
+
+    Returns:
+        Deviations by direction; a direction of the task is left out where the measured axes do not span it.
     """
     parts = [("xyz"[axis], errors[:, [axis]]) for axis in axes]
     if direction is not None:
@@ -224,7 +247,7 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
 
 
 def measured_parts(axes: Codes, direction: Array) -> tuple[bool, bool]:
-    """Whether what was measured tells of along the direction, and of across it: a plane has one line across."""
+    """Whether the measured axes show deviations along the direction (3,), and across it: a plane has one line."""
     hidden = np.abs(np.delete(direction, axes))
     return bool(np.all(hidden < _DIRECTION_TOLERANCE)), bool(
         np.all((hidden < _DIRECTION_TOLERANCE) | (hidden > 1 - _DIRECTION_TOLERANCE))

@@ -57,7 +57,10 @@ class JointScatter:
 
 
 def stated_scatter(problem: CalibrationProblem) -> JointScatter:
-    """What the problem states of the joints' scatter, without that of its effects."""
+    """What the problem states of the joints' scatter, without that of its effects.
+
+    In this order: scatter that the file states; σ's of the joints, taken for scatter; the data sheet's repeatability.
+    """
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     scatter = {name: s for name, s in total.items() if s > 0}
@@ -81,7 +84,10 @@ def stated_scatter(problem: CalibrationProblem) -> JointScatter:
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
-    """JOINT.theta or JOINT.d -> σ from repeat to repeat that effects state [rad or m]."""
+    """JOINT.theta or JOINT.d -> σ from repeat to repeat that effects state [rad or m].
+
+    Effects that scatter one joint add as independent errors, ``√(Σ σ²)``.
+    """
     total: dict[str, float] = {}
     for effect in effects:
         total = added_in_quadrature(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total
@@ -89,12 +95,17 @@ def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, flo
 
 
 def added_in_quadrature(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations of independent errors, added by name."""
+    """Standard deviations of independent errors, added by name: ``√(σ_1² + σ_2²)``."""
     return {name: math.hypot(one.get(name, 0.0), other.get(name, 0.0)) for name in (*one, *other)}
 
 
 def scatter_beside(problem: CalibrationProblem, name: str, own: float, said: float) -> float:
-    """The σ of a joint of which effects say ``said``, ``own`` of it part of what the problem states."""
+    """The σ of a joint from repeat to repeat [rad or m]: what the problem states, with the part of effects replaced.
+
+    Args:
+        own: part of the stated σ that is that of effects of the problem.
+        said: σ of all effects, of the problem and named in the data.
+    """
     variance = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
     return math.sqrt(max(float(variance) - own**2, 0.0) + said**2)
 
@@ -120,7 +131,12 @@ class ErrorSources:
 
     @classmethod
     def of(cls, residuals: Residuals, sources: Sources) -> ErrorSources:
-        """The sources of a problem that have a variance."""
+        """The sources of a problem that have a variance.
+
+        Args:
+            residuals: for the names of the arm's parameters; sources without variance, or of no parameter, are left
+                out.
+        """
         known = residuals.robot.parameters
         kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in known]
         chosen = np.ix_(kept, kept)
@@ -150,7 +166,11 @@ class Prediction:
 
 
 def joint_columns(residuals: Residuals, x: Array) -> Array:
-    """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m]."""
+    """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m].
+
+    Args:
+        x: (k,) deviations from nominal [rad, m].
+    """
     d = len(residuals.axes)
     return np.asarray(residuals.sensitivities(residuals.robot.driven, x)[:, :d] * residuals.sigma)
 
@@ -171,6 +191,8 @@ def nominal_prediction(
     Args:
         x: (k,) deviations with the free frames fitted.
         instrument: σ of a coordinate [m].
+
+        errors: sources of the problem; folds: rows of each fold; kept: (N,) rows that are no outliers.
     """
     N, d, block = len(residuals.data), len(residuals.axes), residuals.block
     B, F = residuals.sensitivities(errors.names, x), _free_columns(residuals, x)

@@ -48,7 +48,15 @@ class RepeatScatter:
 
     @classmethod
     def of(cls, used: Residuals, calibration: Calibration, errors: ErrorSources) -> RepeatScatter:
-        """Of the rows that a calibration kept."""
+        """Of the rows that a calibration kept.
+
+        Postures whose repeats agree to `COPY_TOLERANCE_M` are copies of one row and do not count; postures whose
+        scatter is far from that of all others are left out and listed.
+
+        Args:
+            used: the arm against the rows that count.
+            errors: sources of the problem, split in what stays and what scatters.
+        """
         data = used.data
         between, by = repeat_errors(errors, used)
         driven = joint_errors(used.robot)
@@ -76,7 +84,13 @@ class RepeatScatter:
 
 
 def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, str]:
-    """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values."""
+    """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values.
+
+    Returns:
+        (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints stand in
+            for
+        it.
+    """
     if errors.scatter.any():
         return errors.scatter, "visit"
     driven = np.isin(errors.names, joint_errors(residuals.robot))
@@ -160,6 +174,8 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
     Args:
         lines: (G,) the line of each posture's first repeat.
+
+        squares and freedom of ``scatter`` (G cases); covariances: predicted (G, d, d) [m²].
     """
     from scipy.special import chdtrc, chdtri
 
@@ -196,6 +212,12 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
 
 def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
+    """Statistics (G,) of the test of size and shape with Bartlett's factor, and where there are repeats enough for it
+    (G,).
+
+    Args:
+        whitened: (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.
+    """
     used = nu >= _MIN_FREEDOM_PER_AXIS * d
     safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
     ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
@@ -203,7 +225,10 @@ def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]
 
 
 def _two_sided(value: Array | float, freedom: Array | float) -> Array:
-    """Twice the smaller tail of χ²."""
+    """Twice the smaller tail of χ².
+
+    The p-value of a two-sided test, at most 1; ``value`` is χ² with ``freedom`` degrees under the null.
+    """
     from scipy.special import chdtr, chdtrc
 
     return np.asarray(np.minimum(2 * np.minimum(chdtr(freedom, value), chdtrc(freedom, value)), 1.0))

@@ -187,6 +187,7 @@ def _posture_pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
 def _pose_performance(
     data: Measurements, deviations: dict[str, Array], rotations: Array | None, rows: Codes
 ) -> PosePerformance:
+    """ISO 9283 at the pose of some rows: accuracy AP before and after calibration, repeatability RP; rotations too."""
     goal = np.zeros(deviations["nominal"].shape[1])
     nominal = position_performance(deviations["nominal"][rows], goal)
     # RP is the arm's, whatever the model: its interval need not be simulated twice.
@@ -197,6 +198,7 @@ def _pose_performance(
 
 
 def _pose_json(pose: PosePerformance, oriented: bool) -> dict[str, Any]:
+    """An entry of ``repeats.poses``: AP and RP with their intervals [m], of rotations [rad]."""
     document: dict[str, Any] = {"line": pose.line, "n": pose.nominal.n}
     for name, found in (("nominal", pose.nominal), ("calibrated", pose.calibrated)):
         document[name] = {"AP": found.accuracy, "AP_interval95": list(found.accuracy_interval)}

@@ -82,7 +82,9 @@ def residual_scatter(
 
 
 def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
-    """What the calibration leaves, parted in scatter and what stays; that of joints that are ``fixed`` is scatter."""
+    """What the calibration leaves, split in scatter and what stays at a posture; that of joints that are ``fixed`` is
+    scatter.
+    """
     if limit is None:
         bound = "an upper bound, as repeats are too few to tell it from errors of the model"
         return replace(total, note=f"scatter of the joints from {total.note}: {bound}")

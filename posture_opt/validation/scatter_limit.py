@@ -1,4 +1,5 @@
-"""How far the joints can scatter from repeat to repeat at the most: as repeats show, or as the file or a sheet says.
+"""How far the joints can scatter from repeat to repeat at the most: as repeats show, or as the file or a data sheet
+says.
 
 What a calibration leaves of the errors holds the scatter and whatever the model lacks, which is the same at every
 repeat of a posture. Only the first is scatter.
@@ -51,6 +52,7 @@ def scatter_limit(
 
 
 def _as_stated(problem: CalibrationProblem) -> ScatterLimit | None:
+    """The limit by the file's scatter, else by the data sheet's repeatability (ISO 9283); None without both."""
     sources = problem.sources
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     stated = {name: s for name, s in total.items() if s > 0}
@@ -67,6 +69,11 @@ def _as_stated(problem: CalibrationProblem) -> ScatterLimit | None:
 def _by_repeats(
     problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None
 ) -> ScatterLimit | None:
+    """The limit by differences between repeats of one posture; None where they are too few.
+
+    The difference of two readings of one repeat has ``2σ²``, so contrasts are scaled by `Contrasts.reading` to the
+    variance of one reading before joints are estimated from them.
+    """
     kept = calibration.residuals.take(calibration.kept_rows)
     contrasts = Contrasts.of(kept.data, prismatic_joints(kept))
     if len(contrasts) * len(kept.axes) < ENOUGH:

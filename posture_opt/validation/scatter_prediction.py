@@ -53,6 +53,9 @@ def predict_scatter(
 ) -> tuple[ScatterPrediction, ...]:
     """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
 
+    The log-likelihood of data that a model was not fitted to compares models with different numbers of parameters
+    without a penalty (Stone 1977).
+
     Args:
         groups: (G,) cases of one code are left out together.
         stated: (G, d, d) covariances that the problem file states [m²], if it does.
@@ -80,6 +83,7 @@ def predict_scatter(
 
 
 def _fold_parts(groups: Codes) -> list[Codes]:
+    """The cases of each of `_SCATTER_FOLDS` folds, codes of one group together; empty with fewer than two groups."""
     names = np.random.default_rng(0).permutation(np.unique(groups))
     if len(names) < 2:
         return []
@@ -99,6 +103,7 @@ def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instr
 
 
 def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
+    """Variance components of the training cases; None where they are too few."""
     try:
         return fit_joint_variances(train, names, instrument, True, equal, intervals=False)
     except InsufficientDataError:
@@ -106,6 +111,12 @@ def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float,
 
 
 def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> ScatterPrediction:
+    """The mean log-likelihood per row of one model, and its difference to that of the rival with its standard error.
+
+    Args:
+        values, rival: (G,) log-likelihoods of the cases left out; freedom: (G,) rows less one of each.
+        groups: (G,) codes, over which the standard error is taken.
+    """
     rows = float(freedom.sum())
     codes = np.unique(groups, return_inverse=True)[1]
     gain, many = (values - rival).sum() / rows, int(codes.max()) + 1
@@ -120,6 +131,9 @@ def observed_variances(
     """σ of joints and instrument from repeats where there are any, else from what the calibration leaves.
 
     There the uncertainty of its parameters is a known part of every error, which is no instrument's.
+
+    Returns:
+        The variances, None where they cannot be estimated; and models of the scatter, compared on postures left out.
     """
     names = joint_errors(used.robot)
     if len(between.scatter.freedom):

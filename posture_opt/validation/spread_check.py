@@ -105,6 +105,14 @@ def check_spread(
 
     Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> check = po.check_spread(problem, data, po.calibrate(problem, data))
+        >>> check.coverage["calibrated"].share, check.coverage["calibrated"].verdict
+        (0.95, 'right')
     """
     residuals = calibration.residuals
     rows, axes = calibration.kept_rows, residuals.axes

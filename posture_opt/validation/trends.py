@@ -126,7 +126,11 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
 
 
 def _side_differences(side: Array, along: Array) -> Array:
-    """Mean of those from above minus mean of those from below, in each batch that has both."""
+    """Mean of those that arrive from above minus mean of those from below, in each batch that has both.
+
+    Args:
+        side: (M,) −1 or +1 of one joint; along: (M,) errors along the direction in which it moves the tool [m].
+    """
     rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
     batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
     both = [rows for rows in batches if np.ptp(side[rows]) > 0] if rarer else []
@@ -134,6 +138,7 @@ def _side_differences(side: Array, along: Array) -> Array:
 
 
 def _compare_sides(joint: str, differences: Array) -> Sides:
+    """Student's t test of the mean of differences between batches, two-sided."""
     from scipy.special import stdtr
 
     mean, error = float(differences.mean()), float(differences.std(ddof=1) / math.sqrt(len(differences)))

@@ -1,4 +1,8 @@
-"""Variance components: scatter whose covariance is a sum of known matrices with unknown variances."""
+"""Variance components: scatter whose covariance is a sum of known matrices with unknown variances.
+
+``C_g(θ) = known_g + Σ_c θ_c M_cg`` at each of G postures, with sums of squares A_g of ν_g degrees of freedom. The
+log-likelihood ``−½ Σ_g (ν_g log|C_g| + tr(C_g⁻¹ A_g))`` is maximised over ``θ ≥ 0`` by Fisher scoring.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +31,11 @@ _INTERVAL_TOLERANCE = 0.03  # of the root of χ²: how exactly the end of an int
 class Components:
     """Variances θ (c,) and the covariance ``known + Σ θ_c M_c`` that is linear in them.
 
-    ``member`` (n, c) says which component each joint's variance is; the instrument's is the last where it is
-    fitted, counted from ``fixed`` of ``known``.
+    Args:
+        scatter: sums of squares with their degrees of freedom.
+        member: (n, c) which component each joint's variance is; the instrument's is the last where it is fitted.
+        fixed: variance of the instrument that is taken as known [m²], or the floor that its component is counted from.
+        fitted: whether the instrument's variance is a component.
     """
 
     scatter: Scatter
@@ -38,6 +45,9 @@ class Components:
 
     @classmethod
     def of(cls, scatter: Scatter, names: tuple[str, ...], instrument: float, fitted: bool, equal: bool) -> Components:
+        """One component a joint, or one for all turning joints if ``equal``; the instrument's behind them if
+        ``fitted``.
+        """
         alike = np.array([equal and not name.endswith(".d") for name in names])
         member = np.eye(len(names))
         if alike.any():
@@ -49,6 +59,7 @@ class Components:
 
     @property
     def size(self) -> int:
+        """The number c of components."""
         return int(self.member.shape[1])
 
     def start(self) -> Array:
@@ -72,6 +83,7 @@ class Components:
         return np.asarray(found)
 
     def covariance(self, theta: Array) -> Array:
+        """Covariances (G, d, d) [m²] at variances θ (c,)."""
         return np.asarray((theta @ self.parts).reshape(self.scatter.squares.shape) + self.known)
 
     @cached_property
@@ -80,10 +92,14 @@ class Components:
         return np.asarray(self.fixed * np.eye(self.scatter.squares.shape[1]) + self.scatter.known)
 
     def log_likelihood(self, theta: Array) -> float:
+        """The log-likelihood of all scatter at variances θ (c,); −∞ where a covariance is singular."""
         return float(self.scatter.log_likelihoods(self.covariance(theta)).sum())
 
     def normal(self, theta: Array) -> tuple[Array, Array]:
-        """Expected information (c, c), and u (c,): the scoring step goes to ``θ`` with ``I θ = u``."""
+        """Expected information (c, c), and u (c,): the scoring step goes to ``θ`` with ``I θ = u``.
+
+        ``I_ab = ½ Σ_g ν_g tr(C⁻¹ M_a C⁻¹ M_b)`` and ``u_a = ½ Σ_g tr(C⁻¹ M_a C⁻¹ (A_g − ν_g known))``.
+        """
         J, nu = self.scatter.columns, self.scatter.freedom
         inverse = np.linalg.inv(self.covariance(theta))
         W = inverse @ J
@@ -97,7 +113,10 @@ class Components:
         return information, np.asarray(self.parts @ (inverse @ weighted @ inverse).ravel() / 2)
 
     def maximise(self, theta: Array, held: int | None = None) -> tuple[Array, float]:
-        """The likeliest variances, and their log-likelihood; the component ``held`` keeps its value."""
+        """The likeliest variances, and their log-likelihood; the component ``held`` keeps its value.
+
+        Steps are halved until the likelihood does not fall; `_MAX_SCORING_STEPS` at the most.
+        """
         value = self.log_likelihood(theta)
         if not np.isfinite(value):  # a covariance that is singular in floats
             return theta, value
@@ -118,7 +137,10 @@ class Components:
         return theta, value
 
     def _scoring(self, theta: Array, free: Mask) -> Array:
-        """Where a step of Fisher scoring leads, all variances kept at zero or above."""
+        """Where a step of Fisher scoring leads, all variances kept at zero or above.
+
+        Least squares with ``θ ≥ 0`` (Lawson, Hanson 1974) on the roots of the information, in units of its diagonal.
+        """
         from scipy.optimize import nnls
 
         information, u = self.normal(theta)
@@ -146,7 +168,11 @@ class Components:
         return np.where(lost | (np.diag(information) <= 0), np.inf, np.sqrt(spread) * scale)
 
     def interval(self, theta: Array, best: float, k: int, error: float) -> tuple[float, float]:
-        """The 95 % interval of one variance: where the others, made likeliest, leave the likelihood high enough."""
+        """The 95 % interval of one variance: where the others, made likeliest, leave the likelihood high enough.
+
+        Where the data determine it well, ``exp(± 1.96 error/θ)`` about θ, as the likelihood is quadratic in log σ
+        there.
+        """
         if not np.isfinite(error):
             return 0.0, np.inf
         if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > _QUADRATIC_FREEDOM:
@@ -202,10 +228,12 @@ def _illinois_root(
 
 
 def _mean_square(scatter: Scatter) -> float:
+    """The mean square of a coordinate of the scatter [m²], 1e-24 at the least."""
     total = float(np.trace(scatter.squares, axis1=-2, axis2=-1).sum())
     return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), _MIN_ERROR_M**2)
 
 
 def _unit_diagonal(information: Array) -> Array:
+    """Factors (c,) that make the diagonal of an information matrix one; 1 where it is zero."""
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
     return np.divide(1.0, size, out=np.ones_like(size), where=size > 0)

@@ -109,7 +109,9 @@ class DiscriminationDesign:
 
     def _best_candidate(self, information: Array, taken: Sequence[int]) -> int:
         reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
-        worth = reached.min(axis=0) + levels.MEAN_PAIR_WEIGHT * np.minimum(reached, 2 * levels.DISCRIMINATED_LAMBDA).mean(axis=0)
+        worth = reached.min(axis=0) + levels.MEAN_PAIR_WEIGHT * np.minimum(
+            reached, 2 * levels.DISCRIMINATED_LAMBDA
+        ).mean(axis=0)
         worth[list(taken)] = -np.inf
         return int(np.argmax(worth))
 

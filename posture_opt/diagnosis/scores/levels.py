@@ -34,7 +34,8 @@ GEOMETRY_LEVEL = 0.01
 NOISE_LEVEL = 0.002
 """Family-wise level of the first kind of noise, and of a stated σ. Ablation B: no change."""
 FURTHER_NOISE_LEVEL = NOISE_LEVEL / 2
-"""Level of noise in addition to a cause that is named already (two tests share it, Bonferroni). Ablation B: no change."""
+"""Level of noise in addition to a cause that is named already (two tests share it, Bonferroni). Ablation B: no change.
+"""
 UNNAMED_FAMILY = "unnamed"
 """The family of unnamed components; each effect states its own."""
 FAMILY_SHARES: Mapping[str, float] = {"named": 0.66, "steps": 0.1, UNNAMED_FAMILY: 0.12, "periodic": 0.12}
@@ -133,7 +134,7 @@ SHAPES_BETWEEN = 7
 MOMENTS_TRIED = 24
 """Moments of a step that are tried before those next to the best; chosen for time."""
 
-# Unnamed components: their grids. Ablation B, each of the four kinds halved and doubled as a whole: @UNNAMED@
+# Unnamed components: their grids. Ablation B, each of the four kinds halved and doubled as a whole: no change.
 CURVE_BUMPS = 8
 """Radial bases over the range of a joint."""
 COURSE_BUMPS = 5
@@ -203,7 +204,9 @@ MIN_PARAMETER_SHARE = 1e-3
 # Model discrimination.
 DETECTED_ROOT_LAMBDA = 3.5
 """√λ that is seen every other time at the level of the whole search: the two-sided ``p = 4.7e-4`` of a Gaussian, that
-of `FIRST_EFFECT_LEVEL` over some thirty independent candidates. @DETECTED@"""
+of `FIRST_EFFECT_LEVEL` over some thirty independent candidates. Ablation B, on the planned
+draw: it scales the size of a plan (50 measurements become 9 when it is halved; doubled, 30, as the closer one of two
+rivals is given up)."""
 DISCRIMINATED_LAMBDA = (DETECTED_ROOT_LAMBDA + 1.2816) ** 2
 """λ that is seen nine times in ten, by the 90 % quantile 1.2816 of a Gaussian: 22.9."""
 MAX_DISCRIMINATED_EFFECTS = 6
@@ -211,7 +214,7 @@ MAX_DISCRIMINATED_EFFECTS = 6
 MAX_DISCRIMINATED_RIVALS = 4
 """Rivals of an effect that it is discriminated from; chosen for time."""
 MEAN_PAIR_WEIGHT = 1e-2
-"""Weight of the mean over all pairs next to the weakest, which decides between equals. @MEAN@"""
+"""Weight of the mean over all pairs next to the weakest, which decides between equals. Ablation B: no change."""
 EXCHANGE_SWEEPS = 2
 """Sweeps of the exchange of a design (Fedorov 1972); chosen for time."""
 PLANNED_POSTURES = 10

@@ -86,7 +86,9 @@ class Pool:
             part = vectors.T @ left[own]
             gain = float(
                 np.sum(
-                    np.where(values > levels.MIN_DISTINCT_SHARE, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0)
+                    np.where(
+                        values > levels.MIN_DISTINCT_SHARE, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0
+                    )
                 )
             )
             bigger = tuple(sorted((*chosen, i)))

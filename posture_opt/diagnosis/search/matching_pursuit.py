@@ -181,7 +181,9 @@ def _strongest_candidate(finer: Sequence[Candidate], Q: Array, e: Array, learn: 
 def _explained_squares(values: Array, parts: Array) -> tuple[Array, Array]:
     """(n,) what candidates explain along the eigenvectors that are new, and how many these are."""
     clear = values > levels.MIN_DISTINCT_SHARE
-    return np.sum(np.where(clear, parts / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1), clear.sum(axis=1)
+    return np.sum(np.where(clear, parts / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1), clear.sum(
+        axis=1
+    )
 
 
 def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
