@@ -27,12 +27,17 @@ from tests.hidden.score import score
 
 Change = Mapping[str, Any]
 
-FAMILIES = ("few_poses", "planar", "scara", "narrow", "two", "joint_noise", "range_noise", "stated_sigma", "outliers",
-            "geometry", "outside", "shape_often", "clean")  # fmt: skip
-"""Families of hidden draws, one draw of each."""
-SCALED = ("LACK_OF_FIT_LEVEL", "GEOMETRY_LEVEL", "NOISE_LEVEL", "FURTHER_NOISE_LEVEL", "TAIL_SHARE", "MIN_REPEAT_FREEDOM", "JOINT_KERNEL_WIDTHS",
-          "FIELD_KERNEL_WIDTHS", "INPUT_KERNEL_WIDTH", "STRUCTURE_LEVEL", "MAX_OUTLIER_SHARE", "MIN_OUTLIER_RATIO", "MAX_NAMED_PARAMETERS",
-          "MIN_PARAMETER_SHARE")  # fmt: skip
+FAMILIES = (
+    *("few_poses", "planar", "scara", "narrow", "two"),
+    *("joint_noise", "range_noise", "stated_sigma", "outliers"),
+    *("geometry", "outside", "shape_often", "clean"),
+)
+"""Families of hidden draws, one draw of each: effects, noise, and the rest."""
+SCALED = (
+    *("LACK_OF_FIT_LEVEL", "GEOMETRY_LEVEL", "NOISE_LEVEL", "FURTHER_NOISE_LEVEL", "STRUCTURE_LEVEL"),
+    *("TAIL_SHARE", "MIN_REPEAT_FREEDOM", "JOINT_KERNEL_WIDTHS", "FIELD_KERNEL_WIDTHS", "INPUT_KERNEL_WIDTH"),
+    *("MAX_OUTLIER_SHARE", "MIN_OUTLIER_RATIO", "MAX_NAMED_PARAMETERS", "MIN_PARAMETER_SHARE"),
+)
 """Levels that act after the search."""
 PLANNED = ("DETECTED_ROOT_LAMBDA", "MEAN_PAIR_WEIGHT")
 """Levels of the plan that discriminates rivals."""

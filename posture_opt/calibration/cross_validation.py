@@ -27,11 +27,14 @@ _INFORMATION_TOLERANCE = (
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Position errors (N, 3) [m] of every row by a model that has not seen its group, and whether they were expected.
+    """Position errors of every row by a model that has not seen its group, and whether they were expected.
 
-    ``inside`` (N,): in the 95 % region that the errors of the other rows lead one to expect, and what these leave
-    unknown of the parameters; where noise is not the same at all rows, in the ``shape`` (N, axes, axes) that it has at
-    each. ``unsettled`` fits did not come to rest.
+    Args:
+        errors: (N, 3) model minus measured [m], world.
+        inside: (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave
+            unknown of the parameters.
+        shape: (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows.
+        unsettled: how many fits did not converge.
     """
 
     errors: Array
@@ -59,6 +62,10 @@ def refitted_errors(
         found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
         tell: is called after each fit.
         frames: fit free frames and nothing else.
+        residuals: the arm against all rows, outliers included; folds: the rows that each leaves out.
+
+    Returns:
+        Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
     """
     data = residuals.data
     errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
@@ -87,6 +94,8 @@ def held_out(
     about: LinearModel | None = None,
 ) -> HeldOut:  # fmt: skip
     """Errors of a model refitted to the other rows of each fold, to first order about its estimate.
+
+    The cost is one eigendecomposition (p, p) a fold, p the number of columns, in place of a nonlinear fit.
 
     About the estimate of all rows the model is linear to well below the noise: leaving a fold out moves a
     parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out;
@@ -162,6 +171,7 @@ def _fold_step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> t
 
 
 def _residual_indices(rows: Codes, block: int) -> Codes:
+    """Indices of the residuals of some rows, ``block`` each."""
     return np.asarray((rows[:, None] * block + np.arange(block)).ravel())
 
 
@@ -194,7 +204,10 @@ def _inside_regions(rest: Residuals, errors: Array, taught: Array, x: Array, fou
 
 
 def in_regions(e: Array, C: Array, free: float) -> Mask:
-    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) told by ``free`` other errors."""
+    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) told by ``free`` other errors.
+
+    ``eᵀ C⁻¹ e ≤ d ν / (ν − d + 1) · F_{0.95}(d, ν − d + 1)`` (Hotelling 1931) with ν = ``free``.
+    """
     from scipy.special import fdtri
 
     d = e.shape[1]

@@ -27,7 +27,10 @@ _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
 def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """``JOINT at VALUE`` of each joint that stood still in all rows."""
+    """``JOINT at VALUE`` of each joint that stood still in all rows.
+
+    A joint stands still where its values span less than `_STILL_JOINT_RANGE` [rad or m].
+    """
     return tuple(
         f"{joint.name} at {math.degrees(q[0]):.4g} deg"
         if joint.unit == "rad"
@@ -51,6 +54,10 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
 
     Raises:
         InsufficientDataError: too few rows, or all of them alike.
+
+    Args:
+        known: what the data determine at the nominal arm.
+        groups: how many groups of correlated rows there are; one alone cannot be predicted by others.
     """
     data, block = residuals.data, residuals.block
     counted, measure = _row_count_text(residuals), spread_poses(residuals)
@@ -122,6 +129,7 @@ def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
 
 
 def _row_count_text(residuals: Residuals) -> str:
+    """How many rows, and known distances, in words."""
     poses = len(np.unique(residuals.data.pose))
     return f"{len(residuals.data) * residuals.block} measured coordinates in {poses} pose{'s' * (poses != 1)}"
 
@@ -134,14 +142,21 @@ def spread_poses(residuals: Residuals) -> str:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m]."""
+    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m].
+
+    ``left`` is the RMS position error after calibration, ``motion`` the RMS motion of the measured points about their
+    mean.
+    """
 
     left: float
     motion: float
 
     @classmethod
     def of(cls, residuals: Residuals, errors: Array) -> Disagreement | None:
-        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
+        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm.
+
+        Disagreement begins at 1 % of the motion, and at 0.1 % of the reach of the arm.
+        """
         found = cls(_rms_length(errors), _rms_motion(residuals))
         long = reach(residuals.robot)
         return (
@@ -177,4 +192,5 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
 
 
 def _rms_length(errors: Array) -> float:
+    """Root mean square of the lengths of errors (N, 3) [m]."""
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

@@ -41,7 +41,7 @@ class OtherFile:
 
     @cached_property
     def models(self) -> dict[str, Statistics]:
-        """The errors of all rows in figures."""
+        """The errors of all rows by model, with a bootstrap over poses."""
         return {name: Statistics.of(errors, self.data.pose) for name, errors in self.errors.items()}
 
     @property
@@ -90,7 +90,12 @@ def predict_other_file(
 
 
 def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
-    """(N, 3) position errors [m] of a model on matched measurements; of touched points, about the mean of each."""
+    """(N, 3) position errors [m] of a model on matched measurements; of touched points, about the mean of each.
+
+    Args:
+        model: residuals of the file it was fitted to, and its deviations (k,) [rad, m].
+        refit_frames: whether base and tool are fitted to the other file first.
+    """
     residuals, x = model
     kept = [i for i, p in enumerate(residuals.parameters) if p.group != "point"]  # points of a file are its own
     there = residuals.of_data(other).with_parameters([residuals.parameters[i] for i in kept])

@@ -113,6 +113,10 @@ def diagnose(
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
 
+    With whitened residuals r, geometry columns G and candidate columns Z the model is ``r = G x + Z θ + noise``.
+    Candidates are chosen by an orthogonal matching pursuit, dropped by F tests, and as many are kept as predict rows
+    that each fold left out. Then the noise, what is left, and the geometry are tested. Hundreds of rows take seconds.
+
     Geometry that the data determine is part of every model. Effects and unnamed components compete by what they
     explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
 
@@ -129,6 +133,16 @@ def diagnose(
     Raises:
         InputError: as `calibrate`.
         InsufficientDataError: fewer measurements than unknowns.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> diagnosis = po.diagnose(problem, data, plan=False)
+        >>> [finding.kind for finding in diagnosis.effects]
+        ['geometry']
+        >>> diagnosis.verdict, diagnosis.unexplained_places  # errors grow with both joints, and no posture was repeated
+        ('unexplained', ('joint1', 'joint2'))
     """
     stages = Stages(progress, 20, 55, 5, 20)
     thinning = thin(data, most_rows)
@@ -151,7 +165,11 @@ def diagnose(
 def _explain_residuals(
     problem: FittableProblem, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
 ) -> _Explained:
-    """The arm with what was found, and what it leaves."""
+    """The arm with what was found, and what it leaves.
+
+    Args:
+        found: the search among all candidates; effects of its named set are fitted together with the geometry.
+    """
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     residuals = linearised.sensitivities.residuals
     chosen = (found.names or found).chosen
@@ -165,7 +183,10 @@ def _explain_residuals(
 
 
 def _held_out_errors(found: _Explained) -> _HeldOut:
-    """Errors on held-out rows before calibration, after it, and with the effects."""
+    """Errors on held-out rows before calibration, after it, and with the effects.
+
+    The effects are chosen anew in each fold, so that their choice cannot profit from the rows that it is judged by.
+    """
     calibration, model = found.calibration, found.model
     groups, parts = _groups_and_folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
@@ -198,7 +219,11 @@ def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tupl
 def _predict_session(
     test: Measurements, found: _Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
 ) -> SecondSession:
-    """The other file predicted, by the arm without effects of time."""
+    """The other file predicted, by the arm without effects of time.
+
+    Args:
+        with_time: whether effects of time are in the delivered arm; the other file is predicted without them.
+    """
     calibration, model = found.calibration, found.model
     lasting = deliver_arm(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
     return second_session(test, calibration, model, lasting, refit_frames=refit_frames)
@@ -223,6 +248,9 @@ def _assemble_diagnosis(
     findings: tuple[Finding, ...],
     other: SecondSession | None,
 ) -> Diagnosis:
+    """The result: ``unexplained`` where a test of what is left is below its level, or errors are uneven for an unknown
+    reason.
+    """
     open_ = found.closed < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
     verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
     calibration = found.calibration
@@ -248,7 +276,7 @@ def _assemble_diagnosis(
 
 
 def _determined_first(*findings: Finding) -> list[Finding]:
-    """The findings, those behind whose size the data do not tell."""
+    """The findings in their order, those whose size the data do not determine last."""
     return sorted(findings, key=lambda finding: not finding.determined)
 
 
@@ -274,7 +302,7 @@ def _selection_folds(calibration: Calibration) -> tuple[Folding, ...]:
 def _search_effects(
     calibration: Calibration, draws: int, seed: int, stages: Stages
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
-    """What the residuals hold, once more where it explains rows that looked like outliers."""
+    """What the residuals hold; searched once more where effects explain rows that looked like outliers."""
     linearised = linearise_calibration(calibration, draws, seed)
     foldings = _selection_folds(calibration)
     found = search_effects(linearised, foldings, stages.rounds(stages.next()))
@@ -287,7 +315,7 @@ def _search_effects(
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:
-    """The model as the data alone tell it: by them geometry is judged a cause, whatever is stated of it."""
+    """The model without its prior: by the data alone geometry is judged a cause, whatever is stated of it."""
     if model.prior is None:
         return model
     directions = calibration.identifiability.directions

@@ -62,6 +62,9 @@ class Choice:
 class MeasuredGoals:
     """What the data say of the postures that models choose among those in which a goal was measured.
 
+    A test of the choice itself: a goal was commanded in several postures, so that the error of each is known, and each
+    model says which it would have taken.
+
     Args:
         goals: how many; ``postures`` in all of them.
         within: the part of an error that counts: ``across`` the task's direction, ``along`` it, or ``all``.
@@ -133,7 +136,11 @@ def measured_goals(diagnosis: Diagnosis, models: Mapping[str, HasTask]) -> Measu
 
 
 def goals_in_postures(data: Measurements) -> list[Postures]:
-    """For every goal with two postures or more, the rows of each posture."""
+    """For every goal with two postures or more, the rows of each posture.
+
+    Returns:
+        For each goal the indices of the rows of each posture; goals of a single posture are left out.
+    """
     if data.position is None or not data.goal_given:
         return []
     payload = np.zeros(len(data)) if data.payload is None else data.payload
@@ -169,4 +176,5 @@ def _predicted_radius(models: Mapping[str, HasTask], name: str, data: Measuremen
 
 
 def _median_and_p95(values: Floats) -> dict[str, float]:
+    """Median and 95 % quantile of values, for a document."""
     return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95))}

@@ -191,7 +191,6 @@ def nominal_prediction(
     Args:
         x: (k,) deviations with the free frames fitted.
         instrument: σ of a coordinate [m].
-
         errors: sources of the problem; folds: rows of each fold; kept: (N,) rows that are no outliers.
     """
     N, d, block = len(residuals.data), len(residuals.axes), residuals.block

@@ -174,8 +174,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
     Args:
         lines: (G,) the line of each posture's first repeat.
-
-        squares and freedom of ``scatter`` (G cases); covariances: predicted (G, d, d) [m²].
+        scatter: sums of squares and degrees of freedom of G postures; covariances: predicted (G, d, d) [m²].
     """
     from scipy.special import chdtrc, chdtri
 

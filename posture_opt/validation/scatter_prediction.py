@@ -53,8 +53,7 @@ def predict_scatter(
 ) -> tuple[ScatterPrediction, ...]:
     """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
 
-    The log-likelihood of data that a model was not fitted to compares models with different numbers of parameters
-    without a penalty (Stone 1977).
+    The log-likelihood of data that a model was not fitted to needs no penalty for the number of its parameters.
 
     Args:
         groups: (G,) cases of one code are left out together.

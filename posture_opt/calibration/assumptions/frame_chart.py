@@ -1,4 +1,8 @@
-"""Free frames that stand near gimbal lock: fitted by small turns, told in roll, pitch and yaw."""
+"""Free frames near gimbal lock: fitted by small turns, reported in roll, pitch and yaw.
+
+At a pitch of ±90° roll and yaw turn about one axis: their sum or difference is all that matters, and a fit in them
+takes steps without end. Small angles about the start have no such place nearby.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +26,13 @@ _ANGLE_NAMES = ("yaw", "pitch", "roll")
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The unknowns of ``given`` as they are told, and those of ``fitted`` as they are fitted.
+    """The unknowns of ``given`` as they are reported, and those of ``fitted`` as they are fitted.
 
-    In ``fitted`` a locked frame is ``Trans(x, y, z) R₀ Rz(yaw) Ry(pitch) Rx(roll)`` with small angles.
+    In ``fitted`` a locked frame is ``Trans(x, y, z) R₀ Rz(yaw) Ry(pitch) Rx(roll)`` with small angles; in ``given`` it
+    is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``. Where no frame is locked both are the same.
+
+    Args:
+        locked: which of ``base`` and ``tool`` start within 6° of a pitch of ±90°.
     """
 
     given: Residuals
@@ -86,7 +94,7 @@ class Chart:
         return np.asarray(np.sqrt(self._rates(x) ** 2 @ sizes**2))
 
     def _rates(self, x: Array) -> Array:
-        """(k, k) of ``given`` by ``fitted``."""
+        """The derivative (k, k) of the deviations of ``given`` by those of ``fitted``, at x (k,)."""
         G = np.eye(len(x))
         for frame in self.locked:
             at = self._angle_indices(frame)
@@ -97,11 +105,13 @@ class Chart:
         return G
 
     def _angle_indices(self, frame: str) -> list[int]:
+        """Indices of yaw, pitch and roll of a frame among the parameters."""
         names = [p.name for p in self.given.parameters]
         return [names.index(f"{frame}.{turn}") for turn in _ANGLE_NAMES]
 
 
 def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str, float]) -> tuple[Factor, ...]:
+    """The factors of a frame: its angles as a constant rotation R₀, then small angles as the parameters."""
     shifts = tuple(f for f in factors if f.kind == "translate")
     turned = frame_factors(frame, (0.0, 0.0, 0.0), (angles["roll"], angles["pitch"], angles["yaw"]))[3:]
     small = frame_factors(frame, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:]
@@ -116,7 +126,7 @@ def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
 
 
 def _rates(roll: float, pitch: float) -> Array:
-    """Rates of (yaw, pitch, roll) per small turn about the frame's (z, y, x)."""
+    """Rates (3, 3) of (yaw, pitch, roll) per small turn about the frame's (z, y, x); cos(pitch) is kept off zero."""
     c, s = math.cos(roll), math.sin(roll)
     cosine = math.copysign(max(abs(math.cos(pitch)), _MIN_COSINE), math.cos(pitch))
     tangent = math.sin(pitch) / cosine

@@ -35,6 +35,9 @@ def arm_and_data(problem: CalibrationProblem, data: Measurements) -> tuple[Resid
 
     Raises:
         InputError: measurements of several robots, or distances between points that no row touches.
+
+    The σ of a coordinate is that of the problem's instrument, `DEFAULT_SIGMA_M` where none is stated; it scales the
+    residuals and matters only against a prior. Orientations count only where a σ is stated for them.
     """
     if len(data.robot_names) > 1:
         names = ", ".join(f"'{name}'" for name in data.robot_names)
@@ -63,6 +66,9 @@ def unknown_parameters(problem: CalibrationProblem, data: Measurements, *, orien
     """The candidates without what the problem file states as known: frames neither free nor given a σ.
 
     Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
+
+    Args:
+        orientation: whether orientations are measured, which the tool's rotation needs.
     """
     found = candidate_parameters(problem.robot, data, orientation=orientation)
     stated = prior_covariance(problem, found)[0]
@@ -71,7 +77,11 @@ def unknown_parameters(problem: CalibrationProblem, data: Measurements, *, orien
 
 
 def _known_distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
-    """Known distances, each as sure as the instrument (the play of the ball in its socket)."""
+    """Known distances, each as sure as the instrument (the play of the ball in its socket).
+
+    Raises:
+        InputError: a stated distance names a point that no row touches.
+    """
     if data.position is not None:
         return ()
     found, issues = [], []
@@ -99,6 +109,10 @@ def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit 
 
     A tool stays as near to its start as the size of the arm asks: without that, tool and base would run away together
     where the data hardly tell them apart.
+
+    Args:
+        x0: (k,) deviations [rad, m] where the fit starts; groups: of ``geometry``, ``base``, ``tool``, ``effect``,
+            ``point``.
     """
     found = _determined_directions(residuals, x0, groups)
     if found is None:
@@ -136,6 +150,9 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
 
     Raises:
         InputError: the frames would bend to any measurements.
+
+    Args:
+        x: (k,) deviations of ``residuals.parameters`` [rad, m].
     """
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)
@@ -180,6 +197,9 @@ def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
     """Free frames that stand where none can, and how far off [m]: data that do not determine them let them run away.
 
     A tool is no longer than twice its arm, and no arm reaches points that are three times its reach from its base.
+
+    Args:
+        x: (k,) deviations of the calibrated arm [rad, m].
     """
     robot, data = residuals.robot, residuals.data
     value = {p.name: p.nominal + v for p, v in zip(residuals.parameters, x, strict=True)}

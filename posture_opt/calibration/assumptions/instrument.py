@@ -14,6 +14,8 @@ def reading_sigmas(problem: CalibrationProblem, points: Array) -> Array:
     """(N,) standard deviations of a measured coordinate at points (N, 3) of the world [m]; 0 where none is stated.
 
     The instrument stands at the origin of the world, in which it measures.
+
+    Noise effects of the problem change the stated σ with the range r = |point| [m].
     """
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     sigma, ranges = np.full(len(points), float(stated or 0.0)), np.linalg.norm(points, axis=1)
@@ -23,12 +25,15 @@ def reading_sigmas(problem: CalibrationProblem, points: Array) -> Array:
 
 
 def position_sigma(problem: CalibrationProblem, data: Measurements) -> float:
-    """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated."""
+    """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated.
+
+    ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
+    """
     return _rms_sigma(reading_sigmas(problem, _measured_points(data)))
 
 
 def planned_sigma(problem: CalibrationProblem, points: Array) -> float:
-    """The same over points (N, 3) of the world that the tool can reach [m]."""
+    """σ of a measured coordinate over points (N, 3) of the world that the tool can reach, root mean square [m]."""
     return _rms_sigma(reading_sigmas(problem, points))
 
 
@@ -41,7 +46,10 @@ def rotation_sigma(problem: CalibrationProblem) -> float:
 
 
 def usable_share(problem: CalibrationProblem) -> float:
-    """The share of measurements that are expected to be no gross errors."""
+    """The share of measurements that are expected to be no gross errors.
+
+    The product over all outlier effects of the problem; 1 without any.
+    """
     return float(np.prod([effect.usable for effect in _noise_effects(problem)]))
 
 
@@ -53,13 +61,16 @@ def relative_sigma(problem: CalibrationProblem, data: Measurements) -> Array:
 
 
 def _measured_points(data: Measurements) -> Array:
+    """Measured positions (N, 3) [m], world; zeros where points were touched, so that ranges are zero."""
     return np.zeros((len(data), 3)) if data.position is None else data.position
 
 
 def _rms_sigma(sigma: Array) -> float:
+    """Root mean square of σ's (N,), which keeps the last digit of a constant; 0 of none."""
     # One number for all rows is to come out as it was stated, to the last digit.
     return float(sigma[0] if np.ptp(sigma) == 0 else np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0
 
 
 def _noise_effects(problem: CalibrationProblem) -> list[NoiseEffect]:
+    """The effects of the problem that only add scatter."""
     return [effect for effect in problem.effects if isinstance(effect, NoiseEffect)]

@@ -24,6 +24,13 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
 
     The controller counts the angle of a joint from the horizon or from another link, so that its value is off by all
     of another joint's: no small effect, and none that a linear search could find.
+
+    All ordered pairs of turning joints are tried, ratio +1 and −1, against an affine fit of the nominal tool points to
+    the measured ones: it needs neither base nor tool.
+
+    Returns:
+        The coupling ``q_b ← q_b + ratio · q_a``; None unless it leaves a fifth of the misfit, or the arm has it
+            already.
     """
     robot, rows = arm.robot, sample_rows(data)
     q = stands(arm, data.q[rows])
@@ -52,7 +59,11 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
 
 
 def fitted_ratio(coupling: JointCoupling, fit: Fit) -> tuple[float, float]:
-    """The ratio of a coupling that the arm of a fit has, and its standard error, to first order about the fit."""
+    """The ratio of a coupling that the arm of a fit has, and its standard error, to first order about the fit.
+
+    The step is that of linear regression, ``− zᵀr / zᵀz``, with the column z of the coupling projected off all that was
+    fitted.
+    """
     used = fit.residuals.take(np.flatnonzero(fit.kept))
     r, J = used.residuals_and_jacobian(fit.x)
     A = np.linalg.qr(J @ fit.directions)[0]

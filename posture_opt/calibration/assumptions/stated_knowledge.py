@@ -84,6 +84,8 @@ class Refuted:
         freedom: how many parameters they hold.
         rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
         coupling: of two joints, which the file does not state and without which the data make no sense.
+
+    The p-value of all of them together is that of Wilks (1938): ``P(χ²_f > 2 · evidence)`` with f = ``freedom``.
     """
 
     names: tuple[str, ...] = ()
@@ -95,7 +97,7 @@ class Refuted:
     coupling: JointCoupling | None = None
 
     def contradictions(self, fit: Fit) -> tuple[Contradiction, ...]:
-        """The contradictions with the sizes that the fit without them found."""
+        """The contradictions with the sizes that the fit without them found, ``fit`` of all rows."""
         from scipy.special import gammaincc
 
         p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))
@@ -122,12 +124,18 @@ class Refuted:
 def consistent_problem(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P, Refuted]:
     """The problem without the statements that the data refute, and which those are.
 
+    A statement is set aside where minus the log-likelihood falls by `_MIN_EVIDENCE` and by `_EVIDENCE_PER_RESIDUAL` for
+    each residual, parameters and statements charged. Each combination that is tried costs one fit.
+
     Frames that are stated, and σ's of parameters, are set aside as long as that makes the errors of the calibrated arm
     much smaller, and smaller than any single effect of the catalogue would. Where no base and no tool make sense of
     the data, a joint may be logged relative to another, see `full_coupling`. Geometry is fitted within its tolerance in
     every comparison: what a joint's zero explains as well is no error of a frame.
 
     Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
+
+    Returns:
+        The problem, with the refuted frames free and the refuted σ's gone, and what was refuted.
     """
     before = _Statements(problem, data, priors)
     coupling = full_coupling(problem.arm, data)
@@ -181,6 +189,9 @@ class _Trial:
 
 
 def _scale_of(e: Array, count: int) -> float:
+    """The standard deviation of residuals e (N, block) from their median length, at least 1; ``count`` parameters were
+    fitted.
+    """
     from scipy.special import gammaincinv
 
     N, block = e.shape
@@ -199,7 +210,12 @@ def _negative_log_likelihood(e: Array, known: Array, scale: float) -> float:
 
 
 class _Statements(Generic[_P]):
-    """The statements of one problem against one file, each combination of them fitted once."""
+    """The statements of one problem against one file, each combination of them fitted once.
+
+    Attributes:
+        statements: names of frames that are stated as exact, then of parameters with a stated σ.
+        sigma: of the latter [rad or m].
+    """
 
     def __init__(self, problem: _P, data: Measurements, priors: bool) -> None:
         self.problem, self.data, self.priors = problem, data, priors
@@ -285,7 +301,7 @@ class _Statements(Generic[_P]):
         return self._clearly_better(other.trial(()), self.trial(()))
 
     def _clearly_better(self, one: _Trial, other: _Trial) -> bool:
-        """Whether the other explains much more, and surely so."""
+        """Whether the other trial explains so much more that chance is no explanation (`_required_evidence`)."""
         gain = self.cost(one) - self.cost(other) - (other.count - one.count)
         return gain > _required_evidence(one.e)
 
@@ -382,6 +398,9 @@ def _required_evidence(e: Array) -> float:
 def _calibrated_trial(
     problem: CalibrationProblem, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
 ) -> _Trial:
+    """The arm fitted without the ``released`` statements, prior rows weighed by ``weight`` (in units of the
+    instrument's σ).
+    """
     parameters = residuals.parameters
     known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
     x, found = minimum_of(residuals, fit_frames(residuals), np.diag(prior_tolerances(parameters, [])), known)

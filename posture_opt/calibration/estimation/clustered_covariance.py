@@ -18,7 +18,10 @@ MIN_DESIGN_EFFECT = 1.5  # a smaller effect of the blocks is what independent ro
 
 
 def neighbour_blocks(residuals: Residuals) -> Codes:
-    """The block (N,) of neighbouring postures that each row lies in."""
+    """The block (N,) of neighbouring postures that each row lies in, `POSTURE_BLOCKS` of about equal size.
+
+    Joints are scaled by their standard deviation and cut at medians, the longest side first.
+    """
     q = residuals.data.q
     spans = np.std(q, axis=0)
     return median_blocks(q / np.where(spans > 0, spans, 1.0), POSTURE_BLOCKS)
@@ -29,6 +32,9 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
 
     With ``J = U S Vᵀ`` the estimate errs by ``Uᵀ r`` in units of S: the squared sums of ``U r`` over the rows of each
     block, over those of single coordinates (Kish 1965). ``rest`` (m,) is what a step of all unknowns leaves.
+
+    Args:
+        rest: (m,) residuals of the rows; J: (m, k) their Jacobian.
     """
     R = triangular_factor(J)
     left, singular, _ = np.linalg.svd(R)
@@ -67,7 +73,7 @@ def clustered_covariance(
 
 
 def _block_sums(scores: Array, residuals: Residuals) -> Array:
-    """(G, p) sums over the blocks of rows; a known distance, behind them, is a block of its own."""
+    """Sums (G, p) of scores (m, p) over the blocks of rows; a known distance, behind them, is a block of its own."""
     block = np.repeat(neighbour_blocks(residuals), residuals.block)
     apart = int(block.max(initial=-1)) + 1 + np.arange(len(scores) - len(block))
     block = np.concatenate([block, apart])

@@ -20,7 +20,10 @@ _MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints
 
 
 def case_of(data: Measurements, robot: Robot) -> Excitation:
-    """What these measurements can show of effects."""
+    """What these measurements can show of effects.
+
+    An input counts as varied from `_MIN_INPUT_RANGE` on; the side of arrival where most rows state it and both occur.
+    """
     state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
     known = {"time"} if len(data) > 1 else set()
     for name, least in _MIN_INPUT_RANGE.items():
@@ -37,7 +40,11 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
 
 @dataclass(frozen=True, eq=False)
 class EffectSensitivities:
-    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian.
+
+    Args:
+        residuals: the arm against N rows; x: (k,) its deviations from nominal [rad, m].
+    """
 
     residuals: Residuals
     x: Array
@@ -67,7 +74,11 @@ class EffectSensitivities:
         return np.moveaxis(self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk), -1, 0)
 
     def columns(self, effect: Effect) -> Array:
-        """(rows, parameters) whitened residual per unit of each parameter of an effect."""
+        """(rows, parameters) whitened residual per unit of each parameter of an effect.
+
+        ``∂r/∂θ = (1/σ) J_point ∂(joints, frames)/∂θ``: an effect moves joints or frames, the chain carries that to the
+        point.
+        """
         twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.sensitivities(self.state)]
         return self._flat(self.residuals.whiten(twists))
 
@@ -79,12 +90,12 @@ class EffectSensitivities:
         return self._flat(wide.sensitivities([p.source for p in own], x))
 
     def of_joint(self, joint: int, features: Array) -> Array:
-        """(rows, k) of features (N, k) that add to one joint."""
+        """Columns (rows, k) of features (N, k) [rad or m] that add to the value of one joint."""
         columns: Array = self.joints[joint][:, :, None] * features[:, None, :]
         return self._flat(columns)
 
     def of_point(self, features: Array) -> Array:
-        """(rows, axes·k) of features (N, k) that shift the measured point along each axis."""
+        """Columns (rows, axes·k) of features (N, k) [m] that shift the measured point along each measured axis."""
         residuals = self.residuals
         N, axes = len(residuals.data), len(residuals.axes)
         columns = np.zeros((N, residuals.block, axes, features.shape[1]))

@@ -45,6 +45,11 @@ class Statistics:
 
 
 def _bootstrap_interval(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
+    """The 95 % percentile interval of the RMS [m] over resampled groups (Efron 1979), seeded.
+
+    Args:
+        squares: (N,) squared lengths [m²]; groups: (N,) codes.
+    """
     group = resampled_groups(groups)
     total, count = np.bincount(group, squares), np.bincount(group)
     rng = np.random.default_rng(0)
@@ -89,7 +94,10 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
 
 
 def equal_poses(q: Array, pose: Codes) -> Codes:
-    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one."""
+    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one.
+
+    Connected components of pairs that are within `_SAME_POSE_TOLERANCE` in every joint.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -122,7 +130,13 @@ def median_blocks(points: Array, count: int) -> Codes:
 
 
 def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
-    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own."""
+    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own.
+
+    Example:
+        >>> import numpy as np
+        >>> [rows.tolist() for rows in folds_of(np.array([0, 0, 1, 1]), 2, "pose")]
+        [[0, 1], [2, 3]]
+    """
     names = np.unique(groups)
     if by == "place":
         return [np.flatnonzero(groups == name) for name in names]

@@ -31,7 +31,11 @@ _OFFSET_TOLERANCE = 1e-3  # of a standard error: how near to the minimum is near
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector."""
+    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector.
+
+    It adds the rows ``w W`` to the Jacobian, w the standard deviation of the residuals: data that the model explains
+    badly weigh less against it.
+    """
 
     rows: tuple[int, ...] = ()
     W: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -41,6 +45,9 @@ class Prior:
         """From the covariance of the deviations ``rows``; what has no variance in it, as after a calibration, is held.
 
         ``W = Λ^(−½) Vᵀ D⁻¹`` with the correlations ``V Λ Vᵀ`` and the standard deviations D.
+
+        Args:
+            rows: indices of the deviations; covariance: (p, p) [rad², m²].
         """
         if not rows:
             return cls()
@@ -193,11 +200,19 @@ def estimate_parameters(
 ) -> Fit:  # fmt: skip
     """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
 
+    ``min |r(x0 + D z)|² + |w W (x0 + D z)|²`` over z; the covariance of z is ``design · s² (RᵀR)⁻¹`` with the residual
+    variance s² and the triangular factor R of both blocks of rows.
+
     In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
     the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
     ``near`` is a first guess of ``z``, ``weight`` one of the standard deviation that weighs the prior; the minimum
     does not depend on them. ``design`` is the number of rows that tell as much as one alone would: neighbours that err
     alike.
+
+    Args:
+        x0: (k,) [rad, m]; directions: D (k, r), the steps that are fitted.
+        robust: whether gross outliers are left out, `find_outliers`.
+        tolerance: relative offset at which a fit ends.
     """
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
@@ -236,6 +251,9 @@ def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array)
     """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the minimum in z.
 
     Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
+
+    Args:
+        directions: D (k, r).
     """
     function = _with_known(residuals, x0, directions, known)
     found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET_TOLERANCE, max_steps=30)
@@ -299,7 +317,7 @@ def fit_with_effects(
 
 
 def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
-    """(e,) steps of the effects' parameters whose columns have length one, as those of any other unit would drown."""
+    """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates."""
     norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
     return np.asarray(np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0))
 
@@ -314,7 +332,7 @@ def _design_of_fit(fit: Fit) -> float:
 
 
 def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
-    """The prior as further rows of the Jacobian."""
+    """The prior as further rows (p, r) of the Jacobian by the steps ``directions`` (k, r)."""
     rows = np.zeros((0, directions.shape[1]))
     return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
 
@@ -327,11 +345,16 @@ def variance_of(found: Minimum, known: Array) -> float:
 
 
 def _prior_function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
+    """Residuals and Jacobian by z (r,), with the rows of a prior."""
     known = weight * prior.matrix(len(x0)) if prior is not None else np.zeros((0, len(x0)))
     return _with_known(residuals, x0, directions, known)
 
 
 def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
+    """Residuals (m + p,) and Jacobian (m + p, r) as a function of z (r,), rows ``known`` (p, k) behind those of the
+    data.
+    """
+
     def function(z: Array) -> tuple[Array, Array]:
         x = x0 + directions @ z
         r, J = residuals.residuals_and_jacobian(x)

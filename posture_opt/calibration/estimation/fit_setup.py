@@ -66,6 +66,10 @@ def determine_directions(
     The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
     express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
     geometry has the prior of 10 mm and 1°. With an estimate already ``found``, the noise is what that one leaves.
+
+    Args:
+        x: (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
+        priors: whether stated σ's, and tolerances of the geometry, count as knowledge.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
     names = [p.name for p in parameters]
@@ -126,11 +130,15 @@ def _noise_and_design(residuals: Residuals, x: Array, found: Fit | None) -> tupl
 
 
 def _design_notes(design: float) -> tuple[str, ...]:
+    """A sentence where rows are fewer than they look; none at a design effect of 1."""
     return (DESIGN_NOTE.format(design),) if design > 1 else ()
 
 
 def prior_tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Array:
-    """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
+    """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far.
+
+    Geometry: 10 mm and 1° (`LENGTH_TOLERANCE_M`, `ANGLE_TOLERANCE_RAD`); free frames and points 1 m and 1 rad.
+    """
     part = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
     return np.array(
         [part[p.unit] if p.group == "geometry" or i in stated else FREE_TOLERANCE for i, p in enumerate(parameters)]
@@ -140,7 +148,11 @@ def prior_tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Arra
 def full_prior(
     parameters: Sequence[Parameter], robot: Robot, scale: Array, stated: list[int], covariance: Array
 ) -> Prior:
-    """Stated σ's, for the rest of the geometry its tolerance, and for the offsets of free tools the arm's size."""
+    """Stated σ's, for the rest of the geometry its tolerance, and for the offsets of free tools the arm's size.
+
+    Args:
+        scale: (k,) tolerances; stated: indices with a stated σ, whose covariance is ``covariance``.
+    """
     sigma = np.where([offset_of_tool(p) for p in parameters], tool_sigma(robot), scale)
     rest = [i for i, p in enumerate(parameters) if (p.group == "geometry" or offset_of_tool(p)) and i not in stated]
     both = np.zeros((len(stated) + len(rest),) * 2)

@@ -102,6 +102,13 @@ def identify_parameters(
     Args:
         scale: (k,) tolerances [rad or m]; 50 mm and 0.05 rad where not given.
         noise: residuals' standard deviation in units of the instrument's.
+
+    Example:
+        >>> import numpy as np
+        >>> J = np.array([[1e3, 1e3], [1e3, 1e3]])  # both parameters do the same
+        >>> found = identify_parameters(["a", "b"], J, rows=2)
+        >>> found.rank, found.words
+        (1, ('a and b move what was measured the same way',))
     """
     k = len(names)
     scale = np.full(k, MAX_STANDARD_ERROR) if scale is None else scale
@@ -128,11 +135,15 @@ def identify_parameters(
 
 
 def _orthonormal_columns(columns: Array) -> Array:
+    """An orthonormal basis of columns (k, r) of full rank."""
     return np.asarray(np.linalg.qr(columns)[0]) if columns.shape[1] else columns
 
 
 def observability_indices(s: Array, rows: int) -> dict[str, float]:
-    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify_parameters` says what they are."""
+    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify_parameters` says what they are.
+
+    All are larger for better conditioned data; zeros without any direction.
+    """
     if not len(s):
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     values = {
@@ -149,6 +160,8 @@ def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array
     """A sentence for each undetermined combination, written with as few parameters as can be.
 
     ``null`` (k, d) spans the combinations with columns of unit norm, ``R`` (k, k) says how the data feel them.
+
+    Combinations that the data feel, but not enough, are said to be hardly told apart; others not at all.
     """
     sentences = [f"{name} moves nothing that was measured" for name, still in zip(names, idle, strict=True) if still]
     left = [name for name, still in zip(names, idle, strict=True) if not still]
@@ -170,7 +183,10 @@ def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array
 
 
 def sparse_basis(null: Array) -> Array:
-    """The same null space (k, d) in reduced echelon form, on the d parameters that span it best."""
+    """The same null space (k, d) in reduced echelon form, on the d parameters that span it best.
+
+    Pivots are chosen as in a QR decomposition with column pivoting, so that few parameters appear in each column.
+    """
     k = len(null)
     null = null[:, np.linalg.norm(null, axis=0) > 1e-6] if k else null
     U, s, _ = np.linalg.svd(null, full_matrices=False) if null.size else (np.zeros((k, 0)), np.zeros(0), None)

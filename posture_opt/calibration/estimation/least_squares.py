@@ -71,6 +71,16 @@ def least_squares(
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
     damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``.
     Where the first step fails, the next is no longer than ``x0`` itself, lest it end on a plateau far away.
+
+    Args:
+        function: x (k,) -> residuals (m,) and Jacobian (m, k).
+
+    Example:
+        >>> import numpy as np
+        >>> t, y = np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.9, 5.1])
+        >>> line = lambda x: (x[0] + x[1] * t - y, np.stack([np.ones(3), t], axis=1))
+        >>> np.round(least_squares(line, np.zeros(2)).x, 3).tolist()
+        [0.95, 2.05]
     """
     x = np.array(x0, dtype=float)
     r, J = function(x)
@@ -136,13 +146,17 @@ def triangular_factor(A: Array) -> Array:
 
 
 def reduced_jacobian(J: Array, directions: Array) -> Array:
-    """``J @ directions`` by blocks of rows."""
+    """``J @ directions`` (m, r), by blocks of 64 rows."""
     whole = len(J) // 64 * 64
     blocks = J[:whole].reshape(whole // 64, 64, J.shape[1]) @ directions
     return np.concatenate([blocks.reshape(whole, directions.shape[1]), J[whole:] @ directions])
 
 
 def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
+    """Whether the residuals (m,) are orthogonal to the tangent plane: ``projected`` (k,) is ``Qᵀ r``.
+
+    Source: Bates, Watts (1981), the relative offset criterion.
+    """
     m, k = len(r), len(projected)
     if not k:
         return True  # nothing is free
@@ -154,12 +168,14 @@ def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
 
 
 def _damped_step(R: Array, projected: Array, D: Array, damping: float) -> Array:
+    """The step (k,) that minimises ``|R s + Qᵀr|² + λ |D s|²``, λ the damping."""
     stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
     target = np.concatenate([-projected, np.zeros(len(D))])
     return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
 
 
 def _minimum_at(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
+    """The estimate at x with its residual variance."""
     freedom = max(len(r) - len(x), 1)
     return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
 
@@ -180,7 +196,11 @@ def find_outliers(residuals: Array, J: Array, block: int, known: Array | None = 
 
 
 def unexplained_residuals(residuals: Array, J: Array) -> Array:
-    """What is left of the residuals (m,) after the best step of the unknowns, to first order."""
+    """What is left of the residuals (m,) after the best step of the unknowns, to first order.
+
+    Args:
+        J: (m, k) Jacobian.
+    """
     k = J.shape[1]
     R = triangular_factor(np.concatenate([J, residuals[:, None]], axis=1))
     return np.asarray(residuals - J @ np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0])
@@ -206,6 +226,7 @@ def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | Non
 
 
 def _robust_variance(squared: Array, block: int) -> float:
+    """The variance of Gaussian residuals with this median of squared lengths (N,), ``block`` coordinates each."""
     from scipy.special import gammaincinv
 
     return max(float(np.median(squared)) / (2 * float(gammaincinv(block / 2, 0.5))), 1e-300)

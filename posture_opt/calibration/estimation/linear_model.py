@@ -33,7 +33,7 @@ class LinearModel:
 
     @classmethod
     def of(cls, fit: Fit) -> LinearModel:
-        """Of a fit at its estimate."""
+        """The linear model of a fit at its estimate: geometry in the fitted steps, then the sizes of all effects."""
         r, J = fit.residuals_and_jacobian
         geometry = fit.directions[:, fit.geometry]
         own = fit.sizes

@@ -78,6 +78,9 @@ def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool 
     Touched points stand in the frame of the base, which is then no unknown, nor is what moves arm and points
     together: all before the first joint, and its own offset. ``beta`` is a candidate only between
     nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
+
+    Args:
+        orientation: whether orientations are measured: they show a tool's rotation too.
     """
     at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
     found = []
@@ -107,11 +110,13 @@ def effect_parameters(effect: Effect) -> list[Parameter]:
 
 
 def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:
+    """The unknown that deviates one factor of the chain, in all rows or in those of the target ``code``."""
     factor = robot.factors[index]
     return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
 
 
 def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
+    """The unknown of the tool, or one for each target where there are several."""
     if len(data.target_names) < 2:
         return [_of_factor(robot, name, "tool", index)]
     last = name.rpartition(".")[2]
@@ -120,6 +125,7 @@ def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) ->
 
 
 def _point_parameters(data: Measurements) -> list[Parameter]:
+    """Coordinates of all touched points; none where positions were measured."""
     if data.position is not None:
         return []
     names = data.point_names
@@ -131,6 +137,7 @@ def _point_parameters(data: Measurements) -> list[Parameter]:
 
 
 def _is_fitted(robot: Robot, joint: str, last: str) -> bool:
+    """Whether a parameter ``joint.last`` of the geometry is a candidate: not where another one does the same."""
     parameters = robot.parameters
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
     if last == "beta":

@@ -47,5 +47,6 @@ class Stages:
         self._tell(PROGRESS_TOTAL)
 
     def _tell(self, done: int) -> None:
+        """Reports a part of `PROGRESS_TOTAL`, where somebody looks."""
         if self._progress is not None:
             self._progress(done, PROGRESS_TOTAL)

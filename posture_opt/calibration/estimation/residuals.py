@@ -32,6 +32,10 @@ Distance = tuple[int, int, float, float]
 class Residuals:
     """Model minus measurement as a function of the deviations ``x`` (k,) of ``parameters`` from nominal [rad, m].
 
+    Row i has the residuals ``(f(q_i; x) − m_i) / σ`` [1] in the measured axes of the world, then the rotation vector
+    between measured and modelled orientation over its σ; known distances follow behind all rows. All rows are walked at
+    once: a call costs a few hundred array operations, whatever N.
+
     Any parameter of the arm can be among them: geometry, frames and effects alike; touched points beside them.
 
     Args:
@@ -162,7 +166,11 @@ class Residuals:
         }
 
     def take(self, rows: Codes) -> Residuals:
-        """The residuals of some rows."""
+        """The residuals of some rows.
+
+        Args:
+            rows: indices; known distances stay.
+        """
         return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
 
     def deviations(self, x: Array) -> dict[str, Any]:
@@ -179,7 +187,7 @@ class Residuals:
         return values
 
     def walk(self, x: Array) -> Walk:
-        """The chain at all rows with the deviations ``x``."""
+        """The chain at all rows with the deviations ``x`` (k,) [rad, m]: origins [m] and axes of all factors, world."""
         return self.arm.reach(self.q, self.deviations(x)).walk
 
     def sensitivities(self, names: Sequence[str | int], x: Array, reached: Walk | None = None) -> Array:
@@ -235,15 +243,22 @@ class Residuals:
         return rotation_vectors(R @ np.swapaxes(rotation_matrices(self.data.rotation), -1, -2))
 
     def whitened(self, x: Array) -> Array:
-        """Residuals (N·block + distances,) in units of the instrument's σ."""
+        """Residuals (N·block + distances,) in units of the instrument's σ.
+
+        Those of known distances are in units of their own σ.
+        """
         return self._vector(x, self.walk(x))
 
     def residuals_and_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Whitened residuals (m,) and their Jacobian (m, k)."""
+        """Whitened residuals (m,) and their Jacobian (m, k).
+
+        The cost of the Jacobian is one walk of the chain: every column is a cross product of what the walk already has.
+        """
         reached = self.walk(x)
         return self._vector(x, reached), self._jacobian(x, reached)
 
     def _vector(self, x: Array, reached: Walk) -> Array:
+        """Whitened residuals (m,) of rows, then of known distances."""
         parts = [self.error(x, reached)[:, self.axes] / self.sigma]
         if self.oriented:
             parts.append(self.rotation_error(reached) / self.sigma_rotation)
@@ -251,6 +266,7 @@ class Residuals:
         return np.concatenate([rows, self._distance_residuals(x)[0]])
 
     def _jacobian(self, x: Array, reached: Walk) -> Array:
+        """Derivatives (m, k) of the whitened residuals; a parameter of one target or point acts in its rows alone."""
         N = len(self.data)
         J = np.zeros((len(self.parameters), N, self.block))
         own = [k for k, p in enumerate(self.parameters) if p.source]
@@ -265,6 +281,7 @@ class Residuals:
         return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense
 
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
+        """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
         r = np.zeros(len(self.distances))
         J = np.zeros((len(self.distances), len(self.parameters)))
         points = self.points(x) if self.distances else np.zeros((0, 3))
@@ -297,11 +314,15 @@ def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float,
 
 
 def stacked_rows(vector: Sequence[Any], n: int) -> Array:
+    """Components, each a number or (n,), as an array (n, components)."""
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
 def rotation_matrices(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first."""
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first.
+
+    ``R(q) v`` turns v as the quaternion does (Hamilton's convention, active rotation).
+    """
     w, x, y, z = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -312,7 +333,11 @@ def rotation_matrices(quaternions: Array) -> Array:
 
 
 def rotation_vectors(R: Array) -> Array:
-    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion."""
+    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion.
+
+    ``log(R)``: axis times angle, θ = atan2(|w|, (tr R − 1)/2) with w the vector of the skew part; exact near zero, and
+    not defined at half a turn.
+    """
     skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1) / 2
     sine = np.linalg.norm(skew, axis=-1)
     angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)

@@ -25,6 +25,16 @@ def kabsch(a: Array, b: Array, near: Array | None = None) -> tuple[Array, Array]
 
     ``near`` (3, 3), small beside the scatter of the points [m²], decides the turn that points on a line leave open.
     Source: Umeyama (1991), equations 39-42, without scale.
+
+    Args:
+        a, b: corresponding points [m]; three that are not on a line determine the rotation.
+
+    Example:
+        >>> import numpy as np
+        >>> a = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        >>> R, t = kabsch(a, a @ np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + 1.0)
+        >>> bool(np.allclose(R, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])), np.round(t, 9).tolist()
+        (True, [1.0, 1.0, 1.0])
     """
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     scatter = (b - mean_b).T @ (a - mean_a)
@@ -101,6 +111,7 @@ class _Flange:
 
     @classmethod
     def of(cls, residuals: Residuals) -> _Flange:
+        """The flange of the nominal arm at the rows of the data, and its stated tool offsets."""
         robot, data = residuals.robot, residuals.data
         tools = max(len(data.target_names), 1)
         codes = data.target if tools > 1 else np.zeros(len(data), dtype=np.intp)
@@ -128,6 +139,7 @@ class _Flange:
 
 
 def _tool_name(residuals: Residuals, code: int) -> str:
+    """The name of the tool that a target is on: ``tool``, or ``tool[TARGET]`` of several."""
     names = residuals.data.target_names
     return f"tool[{names[code]}]" if len(names) > 1 else "tool"
 
@@ -141,6 +153,7 @@ def _flange_poses(residuals: Residuals) -> tuple[Array, Array]:
 
 
 def _base_pose(residuals: Residuals) -> tuple[Array, Array]:
+    """Nominal rotation (3, 3) and position (3,) [m] of the base in the world."""
     factors = residuals.robot.base
     reached = walk(factors, [f.nominal for f in factors])
     return np.array(reached.columns, dtype=float).T, np.array(reached.position, dtype=float)
@@ -188,10 +201,16 @@ def _placed_base(flange: _Flange, offset: Array, m: Array, stated: Array) -> tup
 
 
 def _rms_error(errors: Array) -> float:
+    """Root mean square of all coordinates of errors [m]."""
     return float(np.sqrt(np.mean(errors**2)))
 
 
 def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
+    """The rotation (3, 3) of the base by the linear equations of `starting_deviations`, projected to a rotation.
+
+    Args:
+        m: (N, 3) measured points [m]; spread: how far off the equations are [m], against the tool's tolerance.
+    """
     n = len(m)
     centre = m.mean(axis=0)  # far from the tracker, the columns of a coordinate and of the shift would be alike
     A = np.zeros((n, 3, 12 + flange.nominal.size))
@@ -204,6 +223,10 @@ def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
 
 
 def _tool_offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool) -> Array:
+    """Offsets (tools, 3) [m] that bring the tool points to points ``turned`` (N, 3) into the frame of the base.
+
+    ``shift`` says whether a common shift of all points is unknown too.
+    """
     A = np.zeros((len(turned), 3, 3 + flange.nominal.size))
     if shift:
         A[:, range(3), range(3)] = 1.0
@@ -212,6 +235,7 @@ def _tool_offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool)
 
 
 def _socket_start(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Array, Array]:
+    """Offsets (tools, 3) and touched points (P, 3) [m] in the base: each point is the mean of its touches."""
     offset = flange.nominal
     if free:
         # The points are means: without them, only how far each row strays from the mean of its point is left.
@@ -247,6 +271,7 @@ def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Arr
 
 
 def _is_named_turn(factor: Factor) -> bool:
+    """Whether a factor is a rotation with a parameter."""
     return factor.kind == "rotate" and bool(factor.parameter)
 
 

@@ -108,7 +108,11 @@ class Finding:
 def effect_findings(
     found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
 ) -> list[Finding]:
-    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each."""
+    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each.
+
+    Args:
+        whole: errors of all effects on held-out rows; parts, groups: of that cross-validation.
+    """
     named = [i for i, s in enumerate(found.chosen) if s.named]
     findings = []
     about = LinearModel.of(model)
@@ -135,6 +139,11 @@ def is_determined(values: Array, covariance: Array) -> bool:
 
     ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
     amplitude counts, in whatever phase. What has no standard error is no estimate.
+
+    Example:
+        >>> import numpy as np
+        >>> is_determined(np.array([1.0]), np.array([[1.0]])), is_determined(np.array([3.0]), np.array([[1.0]]))
+        (False, True)
     """
     from scipy.special import chdtrc
 
@@ -154,6 +163,7 @@ def _stated_effect(model: Fit, place: int) -> Effect | None:
 
 
 def _named_values(effect: Effect) -> dict[str, float]:
+    """Parameter of an effect -> its value [SI]."""
     names = (name for name, _ in effect.dimensions)
     return dict(zip(names, effect.values, strict=True))
 
@@ -174,7 +184,11 @@ def _estimates_of(model: Fit, place: int) -> dict[str, tuple[float, float, str]]
 
 
 def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
-    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate."""
+    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate.
+
+    Args:
+        place: of the effect among those of the model.
+    """
     residuals = model.residuals
     moved = model.effect_columns(place) @ model.x[model.slices[place]]
     G = (model.jacobian @ model.directions)[:, model.geometry]
@@ -187,6 +201,7 @@ def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
 
 
 def _si_unit(dimension: str) -> str:
+    """The SI unit of a dimension of parameters; 1 of a ratio."""
     return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
 
 
@@ -212,7 +227,7 @@ def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Findi
 
 
 def _any_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
-    """Whether one of independent estimates is told from none, at least."""
+    """Whether at least one of independent estimates is determined."""
     told = [is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
     return any(told) or not told
 

@@ -84,7 +84,13 @@ def outlasts_session(effect: Effect, with_time: bool = False) -> bool:
 def _refitted_without(
     calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds
 ) -> tuple[Fit, list[int]]:
-    """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them."""
+    """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them.
+
+    Backward elimination by the RMS on held-out rows.
+
+    Returns:
+        The fit, and the places of the effects that are kept.
+    """
     kept, residuals = list(effects), calibration.residuals.take(calibration.kept_rows)
     while True:
         fit = calibration.fit_effects(residuals, [model.effects[i] for i in kept])
@@ -98,9 +104,9 @@ def _refitted_without(
 def covariance_at_shapes(fit: Fit) -> Array:
     """Covariance (k, k) of an estimate whose effects have their shapes held where they were found.
 
-    The covariance of the estimate lets the shapes go: sine and cosine then lean on cycles that may differ too, and are
-    less certain than their sum ever is in the data. Who holds the shape takes ``A C Aᵀ`` with ``A = [I, B⁺D]``: what an
-    error of the shape does to the data, D, as far as the columns B of the effect can express it.
+    The covariance of the estimate lets the shapes vary: the errors of sine and cosine are then correlated with that of
+    the cycles, and larger than the error of their sum in the data. With the shape held it is ``A C Aᵀ``, ``A = [I,
+    B⁺D]``: what an error of the shape does to the data, D, as far as the columns B of the effect can express it.
     """
     A = np.eye(len(fit.x))
     for i, shape in fit.shapes.items():

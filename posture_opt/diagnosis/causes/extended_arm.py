@@ -74,7 +74,7 @@ def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calib
 
 
 def _extended_sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:
-    """What is uncertain of geometry and effects, correlated as they were estimated."""
+    """What is uncertain of geometry and effects, with the covariance of their joint estimate."""
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
     names = tuple(name for effect in model.effects for name in effect.parameter_names)

@@ -38,6 +38,9 @@ def geometry_causes(
         free: (k, f) directions of the free frames and touched points.
         full: the model with all geometry fitted.
         effects: those of the model; their shapes stay as they are there.
+
+    Returns:
+        Empty where the F test of all geometry is not significant at `levels.GEOMETRY_LEVEL`.
     """
     nominal = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     p = _f_test(nominal, full)
@@ -50,6 +53,7 @@ def geometry_causes(
 
 
 def _sum_of_squares(model: Fit) -> float:
+    """Sum of squares of the whitened residuals of a model."""
     r = model.whitened
     return float(r @ r)
 
@@ -88,6 +92,7 @@ def _few_parameters(
 
 
 def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
+    """Directions (k, f + c) of the free frames, and of single parameters beside them."""
     single = np.zeros((k, len(chosen)))
     single[list(chosen), range(len(chosen))] = _COMBINATION_SCALE
     return np.concatenate([free, single], axis=1)
@@ -122,6 +127,7 @@ def _single_causes(
     residuals: Residuals, x_frames: Array, free: Array, model: Fit, chosen: list[int],
     effects: Sequence[Effect],
 ) -> list[GeometryCause]:  # fmt: skip
+    """The chosen parameters as causes: deviation, F test of each given the others, and its rivals."""
     causes = []
     rss, m = _sum_of_squares(model), len(residuals.data) * residuals.block
     for i in chosen:

@@ -33,7 +33,11 @@ class Gain:
 
     @classmethod
     def of(cls, errors: Array, without: Array, groups: Codes) -> Gain:
-        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``."""
+        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``.
+
+        ``1 − RMS / RMS_without``; positive where the errors became smaller. The bootstrap draws whole groups (Efron
+        1979).
+        """
         code = resampled_groups(groups)
         sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
         drawn = np.random.default_rng(0).integers(len(sums), size=(_BOOTSTRAP_DRAWS, len(sums)))

@@ -24,7 +24,12 @@ _RANK_TOLERANCE = 1e-12  # of the largest eigenvalue of an information: rounding
 
 
 def detection_probability(value: float) -> float:
-    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is detected."""
+    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is detected.
+
+    Example:
+        >>> round(detection_probability(3.5**2), 3), round(detection_probability(22.9), 2)
+        (0.5, 0.9)
+    """
     from scipy.special import ndtr
 
     return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED_ROOT_LAMBDA))
@@ -83,6 +88,9 @@ class DiscriminationDesign:
         """At most ``most`` candidates, each once, that raise the least λ; fewer where they are enough.
 
         One by one, then exchanged as long as that helps (Fedorov 1972).
+
+        Args:
+            least, most: numbers of postures.
         """
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
@@ -108,6 +116,7 @@ class DiscriminationDesign:
         return order
 
     def _best_candidate(self, information: Array, taken: Sequence[int]) -> int:
+        """The candidate that raises the least λ most, with a little weight on the mean over all pairs."""
         reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
         worth = reached.min(axis=0) + levels.MEAN_PAIR_WEIGHT * np.minimum(
             reached, 2 * levels.DISCRIMINATED_LAMBDA
@@ -131,7 +140,10 @@ def _pair_noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Arra
 
 
 def _noncentralities_with(pair: OrderedPair, M: Array, A: Array) -> Array:
-    """(N,) λ once each of the candidates A (N, b, K) is measured too."""
+    """Noncentralities λ (N,) of a pair once each of the candidates A (N, b, K) is measured too.
+
+    ``λ + dᵀ (I + V M_FF⁻¹ Vᵀ)⁻¹ d`` with the discrepancy d of the candidate and its columns V of what is fitted.
+    """
     value, beta, L = _pair_noncentrality(pair, M)
     value -= pair.spent
     V = A[:, :, pair.fitted]

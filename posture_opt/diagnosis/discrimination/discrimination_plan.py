@@ -104,6 +104,9 @@ def plan_discrimination(
 
     Args:
         rivals: by the place of an effect in the model, the candidates that could stand for it.
+
+    Args:
+        linearised: the data so far; model: the fitted arm with its effects; seed: of the candidate postures.
     """
     discrimination = ModelDiscrimination.of(linearised, model, rivals)
     if not discrimination.all or linearised.sensitivities.residuals.data.touches:
@@ -163,7 +166,7 @@ def _choose_postures(design: DiscriminationDesign, now: Array, possible: Mask) -
 
 
 def _growing_plan(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
-    """(how many measurements, λ of every pair) as the plan grows, posture by posture and then round by round."""
+    """(number of measurements, λ (pairs,)) as the plan grows, posture by posture and then round by round."""
     for n in range(min(levels.MIN_PLANNED_POSTURES, len(chosen)), len(chosen) + 1):
         reached = _lesser_of_directions(design.noncentralities(design.after(chosen[:n])))
         yield n, reached
@@ -175,7 +178,9 @@ def _growing_plan(design: DiscriminationDesign, chosen: list[int], possible: Mas
 
 
 def _needed_count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
-    """Measurements that discriminate all pairs that are asked for and possible; None where none is, or too many."""
+    """Measurements that discriminate all pairs that are asked for and possible; None where none is, or too many are
+    needed.
+    """
     asked = asked & possible
     enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED_LAMBDA]
     return min(enough, default=None)

@@ -148,6 +148,7 @@ def by_posture(effect: Effect | UnnamedComponent) -> bool:
 
 
 def _rival_explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
+    """A rival with its likeliest size in the place of an effect, and the angle between both beside all else."""
     members = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     others = [s for i, s in enumerate(members) if i != place]
     baseline = linearised.baseline(others, flips=0)

@@ -27,9 +27,11 @@ class NoiseCandidate:
     """A kind of noise with its likelihood ratio test.
 
     Args:
+        kind, target: as of an effect in a problem file.
         ratio: twice the log likelihood ratio; ``p_value`` family-wise.
         quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
             ranges, of a stated σ the factor by which it is off.
+        size, std: the likeliest and its standard error.
         named: the same as an effect of a problem file, if its size is not zero.
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
@@ -63,6 +65,8 @@ def standardised_residuals(e: Array, leverage: Array) -> Array:
     """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
 
     Source: Cook, Weisberg (1982), section 2.2.
+
+    The inverse root gives back what the fit has taken of the noise of a row; the share left free is 2 % at the least.
     """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
@@ -78,6 +82,10 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
 
     Args:
         e: (N, d) standardised residuals.
+        rows: levers, ranges and repeats of the rows; seed: of the null distribution.
+
+    Returns:
+        One candidate for each pattern, the largest likelihood ratio first; p-values are of the largest of all patterns.
     """
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
@@ -115,6 +123,9 @@ def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> Rep
     """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats; ``None`` where they are too few.
 
     The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
+
+    Args:
+        asked: the candidate of all rows whose kind, target and size are tested.
     """
     if e.size < levels.MIN_REPEAT_FREEDOM:
         return None
@@ -198,7 +209,13 @@ def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) ->
 
 
 def _log_likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
-    """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
+    """Log likelihood (F,) and likeliest s² (F,) of noise of one size in F data sets.
+
+    Args:
+        value: the size, as on the pattern's grid.
+        total: (F, N) squared lengths of residuals; along: (F, N) their squared part along the pattern's direction, or
+            None.
+    """
     weights, determinant, count = np.ones(total.shape[1]), 0.0, total.shape[1] * d
     level = pattern.level(value)
     if level is not None:
@@ -215,7 +232,7 @@ def _log_likelihood(pattern: Pattern, value: float, total: Array, along: Array |
 
 
 def _parabola_peak(values: list[float]) -> float:
-    """Where on the grid, between its points, the top of the parabola through the three highest lies."""
+    """Place of the maximum on the grid, between its points: of the parabola through the three highest."""
     k = int(np.argmax(values))
     if not 0 < k < len(values) - 1:
         return float(k)
@@ -230,6 +247,11 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated
     Args:
         estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
             has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
+
+    ``z = log(variance) / √((2 + κ)/ν + 2/ν_stated)`` with the excess kurtosis κ; two-sided.
+
+    Args:
+        variance: residual variance in units of the stated one; freedom: ν.
     """
     from scipy.special import erfc
 
@@ -264,7 +286,10 @@ class Tails:
 
 
 def fit_tails(e: Array) -> Tails:
-    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
+    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance.
+
+    By BIC over 1, 2 and 3 parameters; e are residuals (N, d) of equal covariance.
+    """
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)
     gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)
@@ -282,11 +307,13 @@ def fit_tails(e: Array) -> Tails:
 
 
 def _gaussian_likelihood(squares: Array, d: int) -> float:
+    """Log likelihood of squared lengths (N,) of d Gaussian coordinates each, their variance the likeliest."""
     s2 = squares.mean() / d
     return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
 
 
 def _student_fit(squares: Array, d: int) -> tuple[float, float]:
+    """Log likelihood and degrees of freedom of Student's t that fits squared lengths (N,) best."""
     from scipy.special import gammaln
 
     best, freedom = -np.inf, np.inf

@@ -83,7 +83,9 @@ def noise_samples(
 
 
 def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
-    """(N, axes, axes) covariance of positions that named noise gives the rows, up to a factor; ``None`` if one."""
+    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor; None where it is the
+    same.
+    """
     residuals = model.residuals
     columns = _joint_columns(model)[:, :, : len(residuals.axes)]
     rows = Rows(residuals.robot, columns, _instrument_ranges(residuals), residuals.sigma)
@@ -93,12 +95,12 @@ def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
 
 
 def _joint_columns(model: Fit) -> Array:
-    """(n, N, block) whitened residual per unit of each joint."""
+    """Whitened residuals (n, N, block) per unit of each joint value."""
     return np.moveaxis(model.residuals.sensitivities(model.residuals.robot.driven, model.x), -1, 0)
 
 
 def _instrument_ranges(residuals: Residuals) -> Array | None:
-    """(N,) distances of the measured points from the instrument [m]."""
+    """Distances (N,) of the measured points from the instrument at the world's origin [m]; None of touched points."""
     position = residuals.data.position
     return None if position is None else np.asarray(np.linalg.norm(position, axis=1))
 

@@ -26,7 +26,14 @@ from posture_opt.validation.scatter_model import whitened_repeats
 
 @dataclass(frozen=True)
 class NoiseCause:
-    """A kind of noise that is named, with its size."""
+    """A kind of noise that is named, with its size.
+
+    Args:
+        effect: as in a problem file.
+        estimate: name -> (value, standard error, SI unit).
+        p_value: family-wise, of errors of all rows so uneven.
+        confounded_with: kinds of noise that explain the rows nearly as well.
+    """
 
     effect: NoiseEffect
     estimate: Mapping[str, tuple[float, float, str]]
@@ -162,5 +169,5 @@ def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collec
 
 
 def _spread_lengths(candidate: NoiseCandidate) -> Array:
-    """(N,) how far noise along one direction spreads each row; none where it has no direction."""
+    """How far (N,) noise along one direction spreads each row; empty where it has no direction."""
     return np.zeros(0) if candidate.spread is None else np.asarray(np.linalg.norm(candidate.spread, axis=1))

@@ -46,11 +46,12 @@ class Candidate:
 
     @property
     def named(self) -> bool:
+        """Whether it is an effect of the catalogue."""
         return isinstance(self.what, Effect)
 
     @property
     def apart(self) -> Candidate:
-        """The same with columns of its own: the blocks in which it stands can go."""
+        """The same with columns of its own, so that the blocks in which it is kept can be freed."""
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 
     @property
@@ -60,10 +61,12 @@ class Candidate:
 
     @property
     def kind(self) -> str:
+        """The name of its kind in files."""
         return self.what.kind
 
     @property
     def target(self) -> str:
+        """What it acts on: a joint, ``base``, ``linear`` …"""
         return self.what.target
 
     @property
@@ -106,7 +109,11 @@ class ScoredCandidate:
 
 
 def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Candidate]:
-    """Every candidate but the cyclic errors, one for each shape of its grid."""
+    """Every candidate but the cyclic errors, one for each shape of its grid.
+
+    A kind that depends on a shape (a period, a time constant, a moment) has one candidate for each shape of its grid;
+    ``searched`` is the effective number of them, which the criterion charges for.
+    """
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_compliances(sensitivities, excitation)
@@ -127,10 +134,7 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
 
 
 def _column_keeper(rows: int) -> Callable[[Candidate], Candidate]:
-    """Puts the columns of candidates of many rows into blocks: twice in memory, they would be most of it.
-
-    What searches look at together stands together.
-    """
+    """Keeps the columns of candidates of many rows in blocks: twice in memory, they would be most of it."""
     if rows < levels.MANY_ROWS:
         return lambda candidate: candidate
     store = ColumnStore()
@@ -147,6 +151,12 @@ def effective_number(shapes: Sequence[Array]) -> float:
 
     λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
     time constants of a drift say nearly the same.
+
+    Example:
+        >>> import numpy as np
+        >>> same = np.ones((3, 1))
+        >>> effective_number([same, same]), effective_number([np.eye(3)[:, [0]], np.eye(3)[:, [1]]])
+        (1.0, 2.0)
     """
     if len(shapes) == 1:
         return 1.0
@@ -234,7 +244,11 @@ def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate],
 def absorbed_candidates(
     baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
 ) -> tuple[tuple[Candidate, float], ...]:
-    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it."""
+    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it.
+
+    Returns:
+        Their share is below `levels.MIN_SURVIVING_SHARE`: whatever their size, geometry explains the data as well.
+    """
     known = {j.candidate.key for j in scored}
     found: dict[tuple[str, str], tuple[Candidate, float]] = {}
     for candidate in candidates:
@@ -250,11 +264,11 @@ def _least_log_p(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """The lines of one joint that its values resolve.
+    """The lines of one joint that its values resolve: frequencies at which its error may repeat.
 
     Args:
         form: any of them; the others have its joint and centre.
-        cycles: (K,) cycles per revolution [1]; ``searched`` how many of them are independent.
+        cycles: (K,) evenly spaced [cycles per revolution].
     """
 
     form: CyclicError
@@ -262,6 +276,7 @@ class Lines:
 
     @property
     def searched(self) -> float:
+        """How many of the frequencies are independent."""
         return len(self.cycles) / OVERSAMPLING
 
     @property
@@ -270,7 +285,7 @@ class Lines:
         return levels.MIN_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
 
     def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
-        """The line of so many cycles per revolution."""
+        """The line of so many cycles per revolution: a sine and a cosine of the joint value about its centre."""
         line = self.form.with_shape(float(cycles))
         return Candidate(line, sensitivities.columns(line), self.searched)
 

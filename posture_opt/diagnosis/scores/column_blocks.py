@@ -16,14 +16,19 @@ _CANDIDATES_COPIED = 16  # candidates whose columns at some rows are copied at a
 
 @dataclass(frozen=True, eq=False)
 class ColumnPlace:
-    """Where the columns of a candidate stand: ``block`` (candidates, k, m), and which of its candidates it is."""
+    """Where the columns of a candidate are kept.
+
+    Args:
+        block: (candidates, k, m) columns of several candidates, single precision.
+        index: which of them it is.
+    """
 
     block: Array
     index: int
 
     @property
     def columns(self) -> Array:
-        """(m, k)."""
+        """The columns (m, k), a view."""
         return np.asarray(self.block[self.index].T)
 
 
@@ -37,7 +42,7 @@ class ColumnStore:
     _open: dict[object, tuple[Array, int]] = field(default_factory=dict)
 
     def keep(self, key: object, Z: Array) -> ColumnPlace:
-        """A copy of the columns, beside those of the same key."""
+        """A copy of the columns Z (m, k), in a block with those of the same key."""
         key = key, Z.shape[1]
         # Memory that is set aside and never written to costs nothing.
         block, count = self._open.get(key, (np.zeros((0, 0, 0)), 0))
@@ -72,7 +77,11 @@ class ColumnBlocks:
         return cls(tuple(found))
 
     def grams(self, rows: Codes | None = None) -> Array:
-        """(n, k, k) inner products of the columns of each candidate, of all residuals or of some."""
+        """(n, k, k) inner products of the columns of each candidate, of all residuals or of some.
+
+        Args:
+            rows: indices of residuals; all by default.
+        """
         found = []
         for block in self.blocks:
             for first in range(0, len(block), _CANDIDATES_COPIED):

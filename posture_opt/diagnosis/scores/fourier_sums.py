@@ -28,6 +28,9 @@ class FourierSums:
         spread: (M, N) sparse; what each value gives to the grid.
         middle: (N,) the phase of each value at the middle frequency.
         window: (K,) the transform of the window; ``modes`` (K,) where each frequency stands in that of the grid.
+
+    The cost is ``O(N w + M log M)`` a column, w = 10 the width of the window and M the grid; the direct sums take O(N
+    K).
     """
 
     spread: Any
@@ -62,6 +65,7 @@ class FourierSums:
         return sums.imag, sums.real
 
     def _blocks(self, a: Array) -> Iterator[Any]:
+        """Complex sums (K, p) of some columns at a time."""
         from scipy.fft import ifft
 
         for first in range(0, a.shape[1], _COLUMNS_AT_ONCE):
@@ -70,7 +74,10 @@ class FourierSums:
 
 
 def weighted_squares(q: Array, cycles: Array, weights: Array) -> tuple[Array, Array, Array]:
-    """``Σ w sin²``, ``Σ w sin cos`` and ``Σ w cos²`` (K, p) at joint values (N,) [rad], of weights (N, p)."""
+    """``Σ w sin²``, ``Σ w sin cos`` and ``Σ w cos²`` (K, p) at joint values (N,) [rad], of weights (N, p).
+
+    As ``sin² = (1 − cos 2kq) / 2``, the sums are those of twice the joint values.
+    """
     s, c = FourierSums.of(2 * q, cycles)(weights)
     total = weights.sum(axis=0)
     return (total - c) / 2, s / 2, (total + c) / 2

@@ -22,6 +22,8 @@ class Adequacy:
         lack_of_fit: p-value of the scatter about the model against that of repeats.
         structure: family-wise p-value of residuals of neighbours that are alike.
         place: the variable along which they are most alike.
+
+    ``place`` is a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
     """
 
     lack_of_fit: float
@@ -43,6 +45,9 @@ def assess_adequacy(
         groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
         points: (N, 3) tool points [m], world.
         block: residuals of one row.
+
+    Args:
+        baseline: everything that was fitted, with its sign-flipped data sets.
     """
     structure, place = _structure_test(baseline, data, groups, points, block)
     return Adequacy(_lack_of_fit(baseline, data, groups, block), structure, place)
@@ -56,6 +61,8 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes,
     do; which it is is unknown, so the p-value is the larger of both.
 
     Source: Draper, Smith (1998), section 2.1.
+
+    ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``. The p-value is 1 where repeats are too few (`levels`).
     """
     from scipy.special import fdtrc
 
@@ -121,6 +128,7 @@ def _structure_test(
 
 
 def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:
+    """Kernels (R, R) by name: joint values, sides of arrival, tool points and inputs of the rows, 1 on the diagonal."""
     q = data.q[rows]
     for j, name in enumerate(data.joint_names):
         span = float(np.ptp(q[:, j]))
@@ -146,5 +154,6 @@ def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[
 
 
 def _gaussian_kernel(x: Array) -> Array:
+    """``exp(−½ |x_i − x_j|²)`` (R, R) of points (R, d) in units of the kernel's width."""
     square = np.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=2)
     return np.asarray(np.exp(-0.5 * square))

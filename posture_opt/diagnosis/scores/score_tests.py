@@ -1,4 +1,9 @@
-"""Score tests of many candidates at once, and the null distribution of the largest of them."""
+"""Score tests of many candidates at once, and the null distribution of the largest of them.
+
+A candidate with the columns Z explains ``|P r|²`` of residuals r that the baseline leaves, P the projector on what Z
+adds to it. Under the null the F ratio of that has its usual distribution; the largest of many dependent ones does not,
+so its distribution is simulated by flipping the signs of whole poses.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +45,12 @@ class ProjectedBaseline:
     def of(
         cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
     ) -> ProjectedBaseline:  # fmt: skip
-        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual.
+
+        Args:
+            flips: B, how many data sets; seed: of their signs.
+            count: residuals that these stand for; as many as given if 0.
+        """
         Q = orthonormal_basis(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
@@ -70,7 +80,10 @@ class ProjectedBaseline:
 
 
 def orthonormal_basis(columns: Array) -> Array:
-    """Orthonormal basis (m, rank) of columns (m, k) of any scales."""
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales.
+
+    Columns are scaled to length one first: the rank does not depend on units.
+    """
     norms = np.linalg.norm(columns, axis=0)
     kept = columns[:, norms > 0] / norms[norms > 0]
     U, s, _ = np.linalg.svd(kept, full_matrices=False)
@@ -78,7 +91,14 @@ def orthonormal_basis(columns: Array) -> Array:
 
 
 def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
-    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left."""
+    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left.
+
+    Args:
+        Z: (m, k) columns.
+
+    Returns:
+        No columns where less than `levels.MIN_SURVIVING_SHARE` of its length is left.
+    """
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
@@ -102,6 +122,7 @@ class ProjectedColumns:
     scores: Array
 
     def __len__(self) -> int:
+        """The number of candidates."""
         return len(self.edges) - 1
 
     @property
@@ -151,14 +172,17 @@ def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]
 
 
 def _column_edges(candidates: Sequence[Array]) -> Codes:
+    """Where the columns of each candidate begin among those of all: (candidates + 1,)."""
     return np.cumsum([0, *(Z.shape[1] for Z in candidates)])
 
 
 def _column_squares(Z: Array) -> Array:
+    """Squared lengths (k,) of columns (m, k), in double precision."""
     return np.asarray(np.einsum("mk,mk->k", Z, Z, dtype=float))
 
 
 def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
+    """Blocks (k_i, r_i) on the diagonal of a matrix (``rows``, Σ r_i)."""
     found = np.zeros((rows, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
@@ -168,7 +192,11 @@ def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
-    """Natural logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
+    """Natural logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``.
+
+    ``P(F_{s, ν} > (explained / s) / (left / ν))`` with ν = ``freedom`` − s; beyond 1e-280 the leading term of its tail,
+    ``−ν/2 · log(1 + s F / ν)``.
+    """
     from scipy.special import fdtrc
 
     size = np.asarray(size, dtype=float)
@@ -214,6 +242,7 @@ def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) 
 
 
 def _candidate_chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+    """Indices of candidates whose columns together hold `_MAX_CHUNK_NUMBERS` at the most."""
     chunk: list[int] = []
     total = 0
     for i, size in enumerate(sizes):
@@ -251,6 +280,9 @@ def scan_frequencies(
     Args:
         joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
         q: (N,) joint values [rad]; cycles: (K,) frequencies [cycles per revolution].
+
+    The sum of squares that a sine and a cosine of each frequency explain together: the generalised Lomb-Scargle
+    periodogram (Lomb 1976; Scargle 1982) of a joint's error, the baseline projected off.
     """
     N, block = joint_columns.shape
     c = joint_columns
@@ -279,6 +311,12 @@ def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> flo
     """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
 
     The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
+
+    Example:
+        >>> import numpy as np
+        >>> draws = np.arange(1.0, 100.0)
+        >>> p_value_of_maximum(draws, 50.0), p_value_of_maximum(draws, 200.0) < 1e-8
+        (0.51, True)
     """
     share = (1 + float(np.sum(most >= value))) / (1 + len(most))
     if share > levels.COUNTED_EXCEEDANCES / (1 + len(most)):

@@ -1,4 +1,7 @@
-"""The set of candidates that explains residuals best, by a beam search with exchange over their Gram matrix."""
+"""The set of candidates that explains residuals best, by exchange over their Gram matrix.
+
+All that a comparison of sets needs are inner products of the candidates' orthonormal directions, which are taken once.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,8 @@ class Pool:
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
+
+    Two shapes of one effect have equal codes: a set holds at most one of them.
     """
 
     columns: ProjectedColumns
@@ -44,11 +49,15 @@ class Pool:
         return float(np.linalg.norm(between, 2))
 
     def _index(self, chosen: Chosen) -> Codes:
+        """Indices of the directions of a set."""
         edges = self.columns.edges
         return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
 
     def rss(self, chosen: Chosen) -> float:
-        """Sum of squares that a set leaves."""
+        """Sum of squares that a set leaves.
+
+        ``rss0 − bᵀ G⁺ b`` with the Gram matrix G of its directions and their scores b.
+        """
         if not chosen:
             return self.rss0
         index = self._index(chosen)
@@ -60,12 +69,17 @@ class Pool:
         return self._criterion(self.rss(chosen), chosen)
 
     def _criterion(self, rss: float, chosen: Chosen) -> float:
+        """The criterion of a set whose sum of squares is known."""
         m = self.freedom
         cost = sum(float(self.penalty[i]) for i in chosen)
         return float(m * np.log(max(rss, 1e-300) / m) + cost)
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
-        """Every set with one candidate more, with its criterion, the best first."""
+        """Every set with one candidate more, with its criterion, the best first.
+
+        The gain of a candidate is ``Σ (vᵀ b)² / λ`` over the eigenvectors v of its Gram matrix given the set, those
+        only that are new by `levels.MIN_DISTINCT_SHARE`.
+        """
         taken = {int(self.exclusive[i]) for i in chosen}
         index = self._index(chosen)
         G, b, edges = self.columns.gram, self.columns.scores, self.columns.edges
@@ -97,7 +111,14 @@ class Pool:
 
 
 def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
-    """Drops and swaps as long as the criterion falls."""
+    """Drops and swaps as long as the criterion falls.
+
+    Args:
+        chosen: indices of the set to begin with.
+
+    Returns:
+        A local minimum: no drop and no swap lowers the criterion.
+    """
     value = pool.criterion(chosen)
     while True:
         trials = []
@@ -112,7 +133,11 @@ def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
 
 
 def close_alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
-    """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first."""
+    """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first.
+
+    Returns:
+        (rise of the criterion, index) of each.
+    """
     rest = tuple(j for j in chosen if j != member)
     value = pool.criterion(chosen)
     found = []

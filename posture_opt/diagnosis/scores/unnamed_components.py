@@ -35,6 +35,8 @@ class UnnamedComponent(Cause):
     Args:
         kind, target: what the error depends on, and where.
         shape: index of its grid; between two of them once it is refined.
+
+    It says that something is there, and where; not what it is. A component wins only where no effect explains as much.
     """
 
     kind: str
@@ -43,6 +45,7 @@ class UnnamedComponent(Cause):
 
     @property
     def words(self) -> str:
+        """The component in words of a report."""
         return _PHRASES[self.kind].format(target=self.target)
 
 
@@ -112,12 +115,14 @@ def finer_phases(
 
 
 def _square_wave(q: Array, waves: int, phase: float) -> Array:
-    """(N,) a square wave of so many periods per revolution; phases count in steps of the grid."""
+    """A square wave (N,) of ``waves`` periods per revolution over joint values q [rad]; phases count in steps of the
+    grid.
+    """
     return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / levels.SQUARE_WAVE_PHASES)))
 
 
 def radial_bases(q: Array, count: int) -> Array:
-    """(N, count) Gaussian radial bases side by side over the range of q (N,)."""
+    """Gaussian radial bases (N, count), evenly spaced over the range of q (N,); `levels.BUMP_WIDTH` wide."""
     centres = np.linspace(q.min(), q.max(), count)
     width = max(float(centres[1] - centres[0]), 1e-9)
     return np.exp(-0.5 * ((q[:, None] - centres) / (levels.BUMP_WIDTH * width)) ** 2)

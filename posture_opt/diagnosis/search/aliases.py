@@ -23,6 +23,9 @@ def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int
     """The cyclic errors whose first line stands elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
 
     All frequencies are searched, those too that are not offered because the values of the joint do not resolve them.
+
+    Args:
+        i: which of ``chosen``; anything but a cyclic error has no aliases.
     """
     error = chosen[i].what
     if not isinstance(error, CyclicError):
@@ -51,6 +54,6 @@ def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int
 
 
 def _criterion_loss(baseline: ProjectedBaseline, own: float, other: float) -> float:
-    """By how much the criterion is worse with another line that explains so much."""
+    """By how much the criterion is worse with another line: ``ν log(RSS_other / RSS_own)``."""
     rest = baseline.rss[0] - np.minimum([other, own], _MAX_EXPLAINED * baseline.rss[0])
     return float(baseline.freedom * np.log(rest[0] / rest[1]))

@@ -42,7 +42,7 @@ class LinearisedData:
 
     @cached_property
     def lines(self) -> tuple[Lines, ...]:
-        """The lines of each joint that its values resolve."""
+        """The lines of each revolute joint that its values resolve."""
         return lines_of_joints(self.excitation, self.sensitivities.residuals.data)
 
     def baseline(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
@@ -69,7 +69,11 @@ class LinearisedData:
 
 
 def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
-    """The residuals of a calibrated arm, without its outliers, about its estimate."""
+    """The residuals of a calibrated arm, without its outliers, about its estimate.
+
+    Args:
+        flips: draws of the null distribution; seed: of their signs.
+    """
     kept = calibration.kept_rows
     residuals = calibration.residuals.take(kept)
     r, J = residuals.residuals_and_jacobian(calibration.x)

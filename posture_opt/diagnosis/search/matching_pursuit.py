@@ -41,6 +41,9 @@ def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None 
     Args:
         most: candidates at which it ends.
         held_out: rows that teach nothing.
+
+    A parameter is charged `price_of_parameters`, a candidate `price_of_choice`. The cost of a step is one product of
+    all columns with the new directions; nothing is factorised again.
     """
     linearised = dictionary.linearised
     residuals = linearised.sensitivities.residuals
@@ -111,6 +114,7 @@ class _State:
         self.closed[self.atoms.excluded(chosen)] = True
 
     def _subtract(self, q: Array) -> Array:
+        """Takes directions q (m, p) off the Gram matrices; returns the inner products (n, k, p) with the columns."""
         inner = self.atoms.products(q) * self.scale[:, :, None]
         self.gram = self.gram - inner @ np.swapaxes(inner, 1, 2)
         return np.asarray(inner)
@@ -158,7 +162,11 @@ def _principal_scores(gram: Array, score: Array) -> tuple[Array, Array]:
 
 
 def _finest_shape(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
-    """The candidate between two neighbours on the grid that explains most."""
+    """The candidate between two neighbours on the grid that explains most.
+
+    Args:
+        Q, e: what was chosen before, and what it leaves; learn: (m,) the rows that are fitted.
+    """
     best = _strongest_candidate(list(atoms.finer(index)), Q, e, learn)
     return _strongest_candidate(list(atoms.closer(best)), Q, e, learn)
 
@@ -213,6 +221,8 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
 
     Returns:
         From the empty set to that of all members.
+
+    The inverse of the normal matrix is downdated at every removal, so that all subsets cost about one inversion.
     """
     sizes = [Z.shape[1] for Z in columns]
     A = np.concatenate([known, *columns], axis=1)

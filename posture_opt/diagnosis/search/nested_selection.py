@@ -94,7 +94,10 @@ class NestedSelection:
 
 
 def clearly_less(loss: Array, other: Array) -> bool:
-    """Whether losses by group (G,) are less than others of the same groups by more than one standard error."""
+    """Whether losses by group (G,) are less than others of the same groups by more than one standard error.
+
+    The standard error is that of a sum of independent differences, ``√G · std``.
+    """
     less = other - loss
     return bool(less.sum() > np.sqrt(len(less)) * np.std(less, ddof=1))
 
@@ -120,7 +123,12 @@ def _fold_path(
 
 @dataclass(frozen=True, eq=False)
 class Folding:
-    """A way to leave rows out: ``groups`` (N,) of what hangs together, and the rows of each fold."""
+    """A way to leave rows out.
+
+    Args:
+        groups: (N,) codes of rows that are correlated and left out together.
+        folds: the rows of each fold.
+    """
 
     groups: Codes
     folds: Folds

@@ -43,6 +43,7 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
 
 
 def _effect_sets(found: SearchResult) -> Iterator[Sequence[Candidate]]:
+    """The chosen set, then sets with one member replaced by a named rival, `_MAX_EXPLANATIONS` at the most."""
     yield found.chosen
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
     for i, rival in others[: _MAX_EXPLANATIONS - 1]:

@@ -99,6 +99,9 @@ def search_effects(
     Args:
         foldings: ways to leave rows out, the usual ones if None.
         tell: called after every part.
+
+    Returns:
+        The chosen set without its dictionary; ``names`` the best named set, where unnamed components explain more.
     """
     if foldings is None:
         foldings = Folding.usual(linearised.sensitivities.residuals.data)

@@ -30,7 +30,11 @@ def merged_candidates(former: Iterable[Candidate], new: Iterable[Candidate]) -> 
 
 
 def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate]) -> Pool:
-    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
+    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other.
+
+    Args:
+        baseline: what is fitted before any of them.
+    """
     columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
     counted = zip(candidates, columns.sizes.tolist(), columns.gains.tolist(), strict=True)
     penalty = [_candidate_penalty(baseline, s, size, gain) for s, size, gain in counted]
@@ -40,7 +44,10 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
 
 
 def price_of_choice(candidate: Candidate) -> float:
-    """What the criterion charges for a candidate beside its parameters: for its grid, and for the lack of a name."""
+    """What the criterion charges for a candidate beside its parameters: for its grid, and for the lack of a name.
+
+    ``2 log(searched) + γ`` and as much again without a name: extended BIC (Chen, Chen 2008).
+    """
     unnamed = 0.0 if candidate.named else levels.UNNAMED_PENALTY
     return float(2 * np.log(candidate.searched) + levels.CHOICE_PENALTY + unnamed)
 
@@ -80,7 +87,11 @@ def member_weight(
 
 
 def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> list[tuple[float, float]]:
-    """`member_weight` of every member given the others, all from one fit: ``ΔRSS = θᵀ C⁻¹ θ`` (Wald)."""
+    """`member_weight` of every member given the others, all from one fit: ``ΔRSS = θᵀ C⁻¹ θ`` (Wald).
+
+    Returns:
+        (log p-value, rise of the criterion without it) of each; 0 and −∞ where its estimate is physically impossible.
+    """
     if not members:
         return []
     small, reduced = linearised.reduced(members)
@@ -138,7 +149,11 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
 def rank_members(
     linearised: LinearisedData, members: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], list[tuple[float, float]]]:
-    """The members, the weightiest first, and the weight of each."""
+    """The members, the weightiest first, and the weight of each.
+
+    Returns:
+        The members, the one whose loss costs most first.
+    """
     weights = member_weights(linearised, members)
     order = sorted(range(len(members)), key=lambda i: -weights[i][1])
     return tuple(members[i] for i in order), [weights[i] for i in order]

@@ -63,6 +63,8 @@ def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], lear
 
     A line that was found before others stands a little off, towards them, and what it leaves looks like another line
     beside it (Mamandipoor, Ramasamy, Madhow 2016).
+
+    The step of each line is at most half of what keeps two lines apart.
     """
     found = list(members)
     lines = [i for i, s in enumerate(found) if isinstance(s.what, CyclicError)]
@@ -109,6 +111,7 @@ def _moved_line(linearised: LinearisedData, line: Candidate, step: float) -> Can
 def _best_smooth(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect
 ) -> Candidate:
+    """The effect at the smooth shape within its bracket that explains most, by a bounded scalar search (Brent 1973)."""
     from scipy.optimize import minimize_scalar
 
     def loss(trial: float) -> float:
@@ -125,6 +128,7 @@ def _best_smooth(
 def _best_phase(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, component: UnnamedComponent
 ) -> Candidate:
+    """The component at that of the finer phases which explains most."""
     near = [candidate, *(Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, component))]
     return max(near, key=lambda s: _explained_square(baseline, s.Z))
 
