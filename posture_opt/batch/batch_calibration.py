@@ -45,10 +45,10 @@ class Batch(Result):
         parameters: (k,) geometric parameters that the data of every robot determine.
         estimates: (R, k) deviations from nominal [rad, m]; ``spread`` how they vary across the batch.
         stated: (k,) standard deviations that the problem states for them, 0 where none.
-        pairs: of parameters, the surest first; ``significant`` at 5 %, all correlations tested together.
+        pairs: of parameters, the most certain first; ``significant`` at 5 %, all correlations tested together.
         undetermined: geometric parameters that some robot's data leave open.
         nominal, calibrated: cross-validated position errors of all robots.
-        coverage: share of all rows in the 95 % regions of the arm as it stands and calibrated, with its interval,
+        coverage: share of all rows in the 95 % regions of the arm as stated and calibrated, with its interval,
             robots being what is drawn at random.
         notes: sentences for the report.
         total: how many rows there were before very many were thinned.
@@ -230,12 +230,12 @@ def _check_batch(problem: CalibrationProblem, data: Measurements) -> None:
         raise InputError(Issue("the data are of one robot: how a batch varies cannot be known from it", hint=hint))
     if len(names) < MIN_ROBOTS:
         raise InsufficientDataError(
-            f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {MIN_ROBOTS} robots or "
+            f"{len(names)} robots ({', '.join(names)}) do not show how the type varies: measure {MIN_ROBOTS} robots or "
             "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
         )
     if data.position is None and not problem.data.distances:
         raise InsufficientDataError(
-            "touched points alone do not tell the size of a robot, nor how sizes vary from one to the next: "
+            "touched points alone do not determine the size of a robot, nor how sizes vary from one to the next: "
             f"{state_a_distance(data)}"
         )
 
@@ -295,13 +295,13 @@ def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Par
     """
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
-    told = tuple(p for p, known in geometry if known and p.group == "geometry")
-    if not told:
+    determined = tuple(p for p, known in geometry if known and p.group == "geometry")
+    if not determined:
         raise InsufficientDataError(
             "no geometric parameter is determined by the data of every robot: measure postures spread over the whole "
             "workspace of each"
         )
-    return told, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
+    return determined, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
 
 
 def _batch_coverage(

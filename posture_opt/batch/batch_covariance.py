@@ -246,7 +246,7 @@ def pairs_of(
 
     Args:
         parameters: (k,) in the order of ``spread``.
-        problem: whose ``sources`` state correlations that each pair is set beside.
+        problem: whose ``sources`` state correlations that each pair is compared with.
     """
     names = [p.name for p in parameters]
     stated = {frozenset(pair): rho for pair, rho in stated_correlations(problem.sources).items()}

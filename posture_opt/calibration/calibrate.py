@@ -38,7 +38,9 @@ from posture_opt.numerics import Array, Codes, Mask, Progress
 MAX_FITTED_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
 _NOISE_ROUNDS = 3  # of fitting and judging the noise anew
-SIZE_NOTE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
+SIZE_NOTE = (
+    "touched points alone do not determine the size of the arm: {} is held; state a distance under data.distances"
+)
 RECOUNTED_NOTE = (
     "{} that the calibration leaves out as {} here, as effects explain it: RMS errors are of all rows that count "
     "(without {}, {:.3g} mm calibrated)"
@@ -79,7 +81,7 @@ def calibrate(
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
         plan: whether report and document plan the task again with the arm that was found; ``seed`` of that search.
         most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
-        progress: is told after each fit how many of how many are done.
+        progress: receives (done, total) after each fit.
 
     Raises:
         InputError: several robots at once, or a test file with other targets.
@@ -129,7 +131,7 @@ def stated_errors(
     """What `calibrate` finds of the arm as its file states it: position errors (N, 3) [m], and the rows that count.
 
     Nothing is fitted but what the file leaves free, and the offsets of several targets and touched points, which no
-    file states; they are predicted without the group of each row. Outliers beside the calibrated arm do not count.
+    file states; they are predicted without the group of each row. Outliers of the calibrated arm do not count.
 
     Args:
         folds, by: of the cross-validation, as in `calibrate`.
@@ -138,13 +140,13 @@ def stated_errors(
     residuals = Chart.of(arm_and_data(problem, data)[0]).fitted
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
-    # A file that states what it learned has more unknowns than its data tell: few rows suffice all the same.
+    # A file that states what it learned has more unknowns than its data determine: few rows suffice all the same.
     found = _fit_arm(problem, residuals, len(np.unique(groups)), priors=True, enough=True).found
     return refitted_errors(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept
 
 
 def default_by(data: Measurements) -> By:
-    """What a cross-validation leaves out together where nobody says it.
+    """What a cross-validation leaves out together where none is stated.
 
     Positions are left out pose by pose; touched points place by place, as all touches of a place share its position.
     """
@@ -176,7 +178,7 @@ class _Fitted:
 def _fit_arm(
     problem: CalibrationProblem, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False
 ) -> _Fitted:
-    """The free frames, then everything that the data determine; ``groups`` counts what hangs together.
+    """The free frames, then everything that the data determine; ``groups`` counts groups of correlated rows.
 
     ``enough`` says that the data are known to suffice, and to be of this arm.
 
@@ -280,4 +282,4 @@ def _step_reporter(progress: Progress | None, total: int) -> Callable[[], None]:
 
 def _unconverged_note(fits: int, rounds: int) -> tuple[str, ...]:
     """A sentence where fits of the cross-validation did not converge, ``rounds`` of them in all."""
-    return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()
+    return (f"{fits} of the {rounds} fits of the cross-validation did not converge",) if fits else ()

@@ -47,7 +47,7 @@ class Calibration(Result):
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
-        unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+        unseen: (k,) part of the standard errors that combinations leave which nothing determines [rad, m].
         notes: sentences for the report.
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
         disagreement: what is left of data that are hardly this arm's; None of others.
@@ -74,12 +74,12 @@ class Calibration(Result):
 
     @property
     def far_frames(self) -> dict[str, float]:
-        """Free frames that stand where none can, and how far off [m]."""
+        """Free frames that are where none can be, and how far off [m]."""
         return far_frames(self.residuals, self.x)
 
     @property
     def implausible(self) -> dict[str, tuple[float, float, str]]:
-        """Geometry farther off its drawing than parts ever are, surely so: (deviation, standard error, SI unit)."""
+        """Geometry farther from nominal than parts ever are, with certainty: (deviation, standard error, SI unit)."""
         far = {"m": _MAX_DEVIATION_RATIO * LENGTH_TOLERANCE_M, "rad": _MAX_DEVIATION_RATIO * ANGLE_TOLERANCE_RAD}
         rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), self.prior.tolist(), strict=True)
         return {
@@ -115,7 +115,7 @@ class Calibration(Result):
 
     @property
     def design(self) -> float:
-        """How many rows tell as much as one alone would, as neighbouring postures err alike."""
+        """How many rows say as much as one alone would, as neighbouring postures err alike."""
         return self.fit.design
 
     @property
@@ -144,7 +144,7 @@ class Calibration(Result):
         return tuple(int(line) for line in self.residuals.data.line[~self.fit.kept])
 
     def fit_effects(self, residuals: Residuals, effects: Sequence[Effect]) -> Fit:
-        """Geometry as it was fitted here, with effects beside it: what was known beforehand weighs as much.
+        """Geometry as it was fitted here, together with effects: the prior weighs as much.
 
         Args:
             residuals: of the rows that count, in the same parameters.
@@ -229,7 +229,7 @@ class Calibration(Result):
         }
 
     def _correlations(self) -> list[dict[str, Any]]:
-        """Pairs of estimates that hang together closely."""
+        """Pairs of estimates that are correlated closely."""
         C, names = self.correlation, [p.name for p in self.parameters]
         pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))
         return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]

@@ -54,13 +54,18 @@ class HeldOut:
 
 
 def refitted_errors(
-    residuals: Residuals, folds: Folds, found: Fit, tell: Callable[[], None] = lambda: None, *, frames: bool = False
+    residuals: Residuals,
+    folds: Folds,
+    found: Fit,
+    report_step: Callable[[], None] = lambda: None,
+    *,
+    frames: bool = False,
 ) -> HeldOut:
     """Every row by an arm that was fitted to the other folds: all that was fitted to all rows, or free frames alone.
 
     Args:
         found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
-        tell: is called after each fit.
+        report_step: is called after each fit.
         frames: fit free frames and nothing else.
         residuals: the arm against all rows, outliers included; folds: the rows that each leaves out.
 
@@ -85,7 +90,7 @@ def refitted_errors(
         errors[left_out] = position_errors(rest, x)
         taught = position_errors(training, x)[:, residuals.axes]
         inside[left_out] = _inside_regions(rest, errors[left_out], taught, x, again)
-        tell()
+        report_step()
     return HeldOut(errors, inside, unsettled=not_converged)
 
 
@@ -121,28 +126,28 @@ def linear_held_out_errors(
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
         e = positions_of(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
-        told = linear.U @ (linear.K[:, kept] @ spread)
-        inside[left_out] = in_regions(e, *_expected_covariance(residuals, refitted, told, left_out, root))
+        unit_steps = linear.U @ (linear.K[:, kept] @ spread)
+        inside[left_out] = in_regions(e, *_expected_covariance(residuals, refitted, unit_steps, left_out, root))
     return HeldOut(errors, inside, shape)
 
 
 def _expected_covariance(
-    residuals: Residuals, r: Array, told: Array, left_out: Codes, root: Array | None
+    residuals: Residuals, r: Array, unit_steps: Array, left_out: Codes, root: Array | None
 ) -> tuple[Array, float]:
-    """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is told by.
+    """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is estimated from.
 
     Noise as the other rows have it, and the error of the parameters fitted to them: the leverage of a row. A parameter
     takes from each coordinate what its leverage there is.
 
     Args:
         r: (m,) residuals by the refitted model.
-        told: (m, p) columns for parameters of variance one each, for residuals of variance one.
+        unit_steps: (m, p) columns for parameters of variance one each, for residuals of variance one.
         root: (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all rows.
     """
     N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
     learn = np.setdiff1d(np.arange(N), left_out)
     taught = r[: N * block].reshape(N, block)[learn, :d] * residuals.sigma
-    rows = told[: N * block].reshape(N, block, -1)[:, :d]
+    rows = unit_steps[: N * block].reshape(N, block, -1)[:, :d]
     free = max(len(learn) - float(np.sum(rows[learn] ** 2)) / d, d + 1.0)
     if root is not None:
         taught = np.asarray(np.linalg.solve(root[learn], taught[:, :, None])[:, :, 0])
@@ -150,7 +155,7 @@ def _expected_covariance(
     if root is not None:
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
     others = np.delete(r, _residual_indices(left_out, block))
-    variance = float(others @ others) / max(len(others) - told.shape[1], 1)
+    variance = float(others @ others) / max(len(others) - unit_steps.shape[1], 1)
     L = residuals.data.take(left_out).about_points(rows[left_out]) * residuals.sigma
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
@@ -204,7 +209,7 @@ def _inside_regions(rest: Residuals, errors: Array, taught: Array, x: Array, fou
 
 
 def in_regions(e: Array, C: Array, free: float) -> Mask:
-    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) told by ``free`` other errors.
+    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) estimated from ``free`` other errors.
 
     ``eᵀ C⁻¹ e ≤ d ν / (ν − d + 1) · F_{0.95}(d, ν − d + 1)`` (Hotelling 1931) with ν = ``free``.
     """

@@ -16,9 +16,9 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 
-_STILL_JOINT_RANGE = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
-_SPARE_POSES = 5  # poses beyond as many coordinates as unknowns: what errors are told from
-_MAX_NOMINAL_ERROR = 0.1  # of the reach: no drawing is that wrong
+_STILL_JOINT_RANGE = 1e-3  # rad or m: a joint that moves less says nothing of what lies before it
+_SPARE_POSES = 5  # poses beyond as many coordinates as unknowns: what errors are estimated from
+_MAX_NOMINAL_ERROR = 0.1  # of the reach: no nominal model is that wrong
 _MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
 _DISAGREEING_MOTION = (
     0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
@@ -46,11 +46,11 @@ def still_notes(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if not still:
         return ()
     which = "this joint" if len(still) == 1 else "these joints"
-    return (f"in all rows stood still: {', '.join(still)}; what {which} could tell apart is open: move {which} too",)
+    return (f"in all rows stood still: {', '.join(still)}; what {which} could distinguish is open: move {which} too",)
 
 
 def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
-    """Refuses data that cannot tell the parameters, or not their errors.
+    """Refuses data that cannot determine the parameters, or not their errors.
 
     Raises:
         InsufficientDataError: too few rows, or all of them alike.
@@ -80,7 +80,7 @@ def check_size(residuals: Residuals, held: int | None) -> None:
     if residuals.data.position is not None or residuals.distances or held is not None:
         return
     raise InsufficientDataError(
-        "touched points alone do not tell the size of this arm, and it has no length that could be held: "
+        "touched points alone do not determine the size of this arm, and it has no length that could be held: "
         f"{state_a_distance(residuals.data)}"
     )
 
@@ -108,7 +108,7 @@ def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
 
 
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
-    """Refuses data that tell of frames alone; ``x`` (k,) is where the free frames are.
+    """Refuses data that determine frames alone; ``x`` (k,) is where the free frames are.
 
     Raises:
         InsufficientDataError: no parameter of the arm itself is determined, nor any combination of them.

@@ -1,4 +1,4 @@
-"""What a large file was thinned to, how the rest of it is predicted, and whether more rows would have told more."""
+"""What a large file was thinned to, how the rest of it is predicted, and whether more rows would have helped."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def arrivals_of(arm: Arm, rows: Targets, q: Array) -> Arrivals:
     ``side_k = sign(q_k − q_{k−1})``; where a joint does not move, the last move before it counts. The first row has no
     move before it: the joints come from far, so that hysteresis is complete (`_LONG_MOVE`).
 
-    The file's ``approach`` columns count; else the sign of the last move, which a joint that stands still keeps; at
+    The file's ``approach`` columns count; else the sign of the last move, which a joint that does not move keeps; at
     the first row what the task states.
     """
     step = np.diff(q, axis=0, prepend=q[:1])

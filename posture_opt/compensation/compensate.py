@@ -25,7 +25,7 @@ from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digit
 from posture_opt.units import number
 
 _MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
-_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not settle
+_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
 _JOINT_TOLERANCE = 1e-10  # rad or m
 _LIMIT_TOLERANCE = 1e-9  # rad or m
 _OTHER_UNIT_LENGTHS = 3.0  # times the length of the arm: a target beyond is probably in another unit
@@ -53,8 +53,8 @@ def compensate(problem: HasNominal, targets: TableLike | Targets) -> Compensatio
 
     Of all postures that do, each row's is the one with the smallest sum of squared joint motions [rad, m] from the
     posture given for it, ``min |q − q_near|²`` subject to ``f(q, u) = target`` and the limits. Without joint columns
-    the posture of the drawn arm takes its place. The side from which a joint arrives, and how far it moved, is that of
-    its ``approach`` column, or follows from the row before as it is commanded; the first row's is the task's. An arm
+    the posture of the nominal arm takes its place. The side from which a joint arrives, and how far it moved, is that
+    of its ``approach`` column, or follows from the row before as it is commanded; the first row's is the task's. An arm
     with too few joints for an orientation comes as near to it as it can.
 
     Args:
@@ -119,7 +119,7 @@ def _settled_postures(
     for round_ in range(_MAX_ROUNDS):
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
-        there = solver.reached(moved, aimed)  # the others would not come to rest
+        there = solver.reached(moved, aimed)  # the others would not converge
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
         fresh = arrivals_of(arm, rows, q)
         if round_ >= _FREE_SIDE_ROUNDS:

@@ -30,7 +30,7 @@ class Compensation(Result):
     Args:
         problem: the arm with its corrections and effects.
         targets: as they were given; ``wanted``: the poses that they mean.
-        near: (N, n) the postures to stay near [rad or m]: those given, else those of the drawn arm.
+        near: (N, n) the postures to stay near [rad or m]: those given, else those of the nominal arm.
         q: (N, n) the compensated joint values, rounded to the digits that are written [rad or m].
         digits: how far they are rounded.
         reached: (N,) whether the arm comes to the target.
@@ -75,26 +75,26 @@ class Compensation(Result):
         return [dict(zip(names, map(float, row), strict=True)) for row in self.q]
 
     @cached_property
-    def heads(self) -> tuple[tuple[Joint, str, float], ...]:
+    def headers(self) -> tuple[tuple[Joint, str, float], ...]:
         """Every joint with the head of its column and what one of its unit is [rad or m]."""
         return tuple((joint, *joint_column(self.targets, joint)) for joint in self.problem.robot.joints)
 
     def to_csv(self) -> str:
         """The targets with the joint values in place: their columns and units, then ``off [mm]`` and ``left [mm]``."""
-        rows = [[self._column_header(k) for k in range(len(self.targets.heads))]]
+        rows = [[self._column_header(k) for k in range(len(self.targets.headers))]]
         rows[0] = [
-            *([] if self._joints_given else [head for _, head, _ in self.heads]),
+            *([] if self._joints_given else [header for _, header, _ in self.headers]),
             *rows[0],
             "off [mm]",
             "left [mm]",
         ]
         at = (
-            {self.targets.columns[joint.name].index: j for j, (joint, *_) in enumerate(self.heads)}
+            {self.targets.columns[joint.name].index: j for j, (joint, *_) in enumerate(self.headers)}
             if self._joints_given
             else {}
         )
         for k, cells in enumerate(self.targets.cells):
-            joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.heads, self.q[k], strict=True)]
+            joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.headers, self.q[k], strict=True)]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
             off, left = (fixed(1e3 * float(values[k]), _LENGTH_DECIMALS) for values in (self.off, self.left))
             rows.append([*([] if self._joints_given else joints), *texts, off, left])
@@ -109,7 +109,7 @@ class Compensation(Result):
 
     def _column_header(self, k: int) -> str:
         """The header of column k of the targets as it was given."""
-        return self.targets.heads[k].strip()
+        return self.targets.headers[k].strip()
 
     def to_json(self) -> dict[str, Any]:
         """The document ``compensation.json``: SI units and radians."""
@@ -153,7 +153,7 @@ def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:
     """The head of a joint's column and its unit [rad or m]: as given, else deg and mm."""
     column = targets.columns.get(joint.name)
     if column is not None:
-        return targets.heads[column.index].strip(), column.factor
+        return targets.headers[column.index].strip(), column.factor
     return (f"{joint.name} [deg]", float(np.pi / 180)) if joint.type == "revolute" else (f"{joint.name} [mm]", 1e-3)
 
 

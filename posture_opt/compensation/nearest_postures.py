@@ -134,7 +134,8 @@ class NearestPostures:
         return q
 
     def _fitted_posture(self, one: Poses, near: Array, most: int) -> Array:
-        """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not settle.
+        """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not
+        converge.
 
         Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
         """

@@ -26,7 +26,7 @@ class Targets:
     """N targets in the order of the file.
 
     Args:
-        heads: of all columns, as given; cells: (N rows) their texts.
+        headers: of all columns, as given; cells: (N rows) their texts.
         columns: what each known column is, by name.
         position: (N, 3) wanted tool point, world [m]; ``None`` where the file has joint values alone.
         rotation: (N, 3, 3) wanted orientation of the tool in the world, or ``None``: any.
@@ -36,7 +36,7 @@ class Targets:
         line: (N,) of each row in ``file``.
     """
 
-    heads: tuple[str, ...]
+    headers: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
     columns: Mapping[str, Column]
     position: Array | None

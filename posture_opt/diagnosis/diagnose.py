@@ -55,7 +55,7 @@ class _Explained:
     """What the residuals of a calibration hold, and the arm that was fitted with it.
 
     Args:
-        model: the calibrated arm with the effects that have a name; ``unnamed`` the components beside them.
+        model: the calibrated arm with the effects that have a name; ``unnamed`` the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
     """
@@ -76,7 +76,7 @@ class _Explained:
 
     @property
     def closed(self) -> float:
-        """p-value of the tests for anything left; zero beside unnamed components."""
+        """p-value of the tests for anything left; zero where there are unnamed components."""
         return 0.0 if self.unnamed else self.adequacy.p_value
 
 
@@ -128,7 +128,7 @@ def diagnose(
         plan: whether report and document plan the task again with the arm that was found.
         seed: of the null, 0 by default, and of that plan.
         most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
-        progress: is told how many of how many parts are done.
+        progress: receives (done, total) of its parts.
 
     Raises:
         InputError: as `calibrate`.

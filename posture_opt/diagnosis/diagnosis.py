@@ -48,17 +48,17 @@ class Diagnosis(Result):
 
     Args:
         verdict: in a word; ``insufficient_data`` is an exception instead.
-        effects: the causes that were found, non-geometric causes first, the weightiest first.
+        effects: the causes that were found, non-geometric causes first, the largest contribution first.
         request: the arm as stated, the measurements, and what else was asked.
         errors: cross-validated position errors [m] of the arm before calibration (``nominal``), ``calibrated``, and
             with the effects (``extended``), and ``delivered``.
         held: those errors row by row, by model.
         model: the fitted arm with its effects; ``delivery`` the one to plan with, without those of the session.
-        unexplained: unnamed components that the residuals need beside the effects.
+        unexplained: unnamed components that the residuals need in addition to the effects.
         adequacy: the tests for anything left unexplained.
         uneven: errors that look like a noisy joint, and that repeats do not show to be one.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
-        rivals: by the place of an effect in ``model``, the candidates that could stand for it.
+        rivals: by the place of an effect in ``model``, the candidates that could replace it.
         test: another file predicted by what this one taught.
         large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
     """
@@ -101,7 +101,7 @@ class Diagnosis(Result):
     def delivered(self) -> tuple[float, int]:
         """Root mean square [m] of the position errors of ``extended.yaml``, read again from what is written.
 
-        Rows that are outliers beside it do not count; their number stands behind it. Nothing is fitted again but
+        Its outliers do not count; their number is the second value. Nothing is fitted again but
         touched points and the offsets of several targets, which no file states.
         """
         written: FittableProblem = self.extended.reloaded()
@@ -186,7 +186,7 @@ class Diagnosis(Result):
 
     @cached_property
     def split(self) -> DiscriminationPlan | None:
-        """The measurements that would tell the named effects from their rivals; None where they have none."""
+        """The measurements that would discriminate the named effects from their rivals; None where they have none."""
         if not self.rivals:
             return None
         return plan_discrimination(self.problem, self.linearised, self.model, self.rivals)

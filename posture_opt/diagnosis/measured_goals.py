@@ -163,7 +163,7 @@ def _task_basis(problem: HasTask) -> Floats:
 
 
 def _predicted_radius(models: Mapping[str, HasTask], name: str, data: Measurements, B: Floats) -> Floats:
-    """(N,) distance that 95 of 100 visits stay within, as a model predicts it for the posture of every row [m].
+    """(N,) distance that 95 of 100 repeats stay within, as a model predicts it for the posture of every row [m].
 
     As in a comparison of plans, a model that states no scatter takes that of the extended one.
     """

@@ -212,16 +212,16 @@ class _Search:
     def improved(self, chosen: Codes) -> Codes:
         """The design after exchanges, until none gains anything."""
         chosen = chosen.copy()
-        beside = np.array([self._barred_by(i) for i in chosen])
+        barred = np.array([self._barred_by(i) for i in chosen])
         for _ in range(_MAX_SWEEPS):
             changed = False
             M = self.information(chosen)  # afresh in every sweep: differences pile up rounding
             for place, former in enumerate(chosen):
                 without = M - self.A[former].T @ self.A[former]
-                gains = self._gains(without, np.asarray(np.delete(beside, place, axis=0).any(axis=0)))
+                gains = self._gains(without, np.asarray(np.delete(barred, place, axis=0).any(axis=0)))
                 found, now = int(np.argmax(gains)), gains[former]
                 if gains[found] > (now + _GAIN_TOLERANCE * abs(now) if np.isfinite(now) else now):
-                    chosen[place], beside[place], changed = found, self._barred_by(found), True
+                    chosen[place], barred[place], changed = found, self._barred_by(found), True
                     M = without + self.A[found].T @ self.A[found]
             if not changed:
                 break
@@ -232,7 +232,7 @@ class _Search:
         return np.where(barred, -np.inf, self.criterion.gains(inverse_matrix(M), self.A))
 
     def _barred_by(self, chosen: int) -> Mask:
-        """(N,) which candidates may not stand in a design beside this one."""
+        """(N,) which candidates may not be in a design together with this one."""
         if self.places is not None:
             near = np.abs(self.places - self.places[chosen]).max(axis=1) < 1.0
         else:

@@ -86,7 +86,7 @@ class PriorInformation:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The unknowns that candidate measurements tell something of, with all that is known already.
+    """The unknowns that candidate measurements say something of, with all that is known already.
 
     Deviations from nominal are ``x = D z``: directions that nothing measured can feel are projected out.
 
@@ -154,7 +154,7 @@ class Unknowns:
     def before(self, J: Array) -> ExpectedErrors:
         """What is known without the measurements J (n, b, k).
 
-        Where nothing was measured, the stated σ's alone speak of the task: parts as they are drawn are no knowledge.
+        Where nothing was measured, the stated σ's alone speak of the task: nominal values are no knowledge.
         """
         stage, W = self.after(J[:0]), self.prior.W @ self.D
         if self.given.rows:
@@ -167,7 +167,7 @@ class Unknowns:
         M = self.start + flat.T @ flat
         task = _root_sum(quantity_variances(M, self.L, self.T))
         found = self._identified(np.concatenate([J.reshape(-1, J.shape[-1]), self.given.R]))
-        # Combinations that nothing tells leave each parameter its part of a tolerance.
+        # Combinations that nothing determines leave each parameter its part of a tolerance.
         std = np.sqrt(quantity_variances(M, self.D, self.T) + found.unseen**2)
         std = np.where(self.already | found.determined, std, np.nan)
         return ExpectedErrors(std, task, self._observability(J))

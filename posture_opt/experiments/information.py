@@ -41,13 +41,13 @@ _MIN_VARIANCE_FREEDOM = 20  # degrees of freedom from which on the residual vari
 
 @dataclass(frozen=True, eq=False)
 class GivenInformation:
-    """What measurements made already tell of the unknowns of a plan.
+    """What measurements made already say of the unknowns of a plan.
 
     Args:
         R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
         x: (k,) deviations from nominal [rad, m] at which everything is linearised.
         variance: of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where
-            they do not tell, the arm's own scatter from repeat to repeat added to the instrument's.
+            they do not determine it, the arm's own scatter from repeat to repeat added to the instrument's.
         rows, coordinates: how many measurements, and numbers measured in them.
         notes: sentences for the report.
     """
@@ -209,7 +209,7 @@ def nothing_measured(unknowns: int, variance: float = 1.0) -> GivenInformation:
 def given_information(
     problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
 ) -> GivenInformation:
-    """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
+    """What ``data`` say of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
 
     With the touched points first, the triangular factor R of the Jacobian holds in its last rows what is left for the
     unknowns of the plan: their information after the points are projected out.
@@ -241,6 +241,5 @@ def given_information(
     if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
         wide, variance = wide * np.sqrt(expected / variance), expected
     gone = len(data) - len(kept)
-    stand = "stands" if gone == 1 else "stand"
-    notes += (f"{gone} of the given rows {stand} out and {'is' if gone == 1 else 'are'} not counted",) * (gone > 0)
+    notes += (f"{gone} of the given rows left out as outliers",) * (gone > 0)
     return GivenInformation(wide, start, variance, len(kept), len(J), notes)

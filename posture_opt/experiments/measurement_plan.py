@@ -1,4 +1,4 @@
-"""``MeasurementPlan``: which postures to measure next, and what they are expected to tell."""
+"""``MeasurementPlan``: which postures to measure next, and what they are expected to show."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class MeasurementPlan(Result):
         repeats: how often each is measured.
         purpose: ``parameters`` or ``task``.
         parameters: the (k,) unknowns; ``settled`` (k,) which of them measurements with this instrument can determine.
-        undetermined: what no measurement can tell, a sentence each.
+        undetermined: what no measurement can determine, a sentence each.
         before, after, random: what is known without the plan, with it, and with random postures (medians).
         gain: the criterion's standard error with as many random postures, over that with the chosen ones.
         equivalent: so many random postures do what the chosen ones do; ``None`` where none of the tried sizes does.
@@ -113,9 +113,11 @@ class MeasurementPlan(Result):
         With several targets every repeat has a row for each; repeats are rounds of the whole tour.
         """
         revolute = [joint.type == "revolute" for joint in self.robot.joints]
-        heads = [f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)]
-        heads += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
-        lines = [", ".join(heads)]
+        headers = [
+            f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
+        ]
+        headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
+        lines = [", ".join(headers)]
         values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
             for pose, row in enumerate(values + 0.0, start=1):

@@ -62,7 +62,7 @@ def plan_measurements(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
-    """The ``count`` postures whose measurement tells most, on top of what is known already.
+    """The ``count`` postures whose measurement adds most information, on top of what is known already.
 
     For ``parameters`` the determinant of their covariance is made smallest (D-optimal); for ``task`` the variance of
     the tool point at the task's best posture, along the directions that count there: ``trace(B J C Jᵀ Bᵀ)``
@@ -168,7 +168,7 @@ def plan_postures(
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
     notes: tuple[str, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
-    """The ``count`` postures that tell most, by exchange among random candidates and postures near them.
+    """The ``count`` postures that add most information, by exchange among random candidates and postures near them.
 
     Raises:
         InputError: fewer postures than a calibration needs.
@@ -217,7 +217,7 @@ def _information_given(
 
 
 def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
-    """Refuse where nothing can be told, and where the postures are too few for a calibration of all that can."""
+    """Refuse where nothing can be determined, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])
         raise InsufficientDataError(f"no parameter can be determined by measuring positions: {said}")

@@ -61,13 +61,13 @@ class PlanSearch:
         starts = max(1, min(_MAX_STARTS, _MAX_STARTED_POSTURES // count))
         start, total = self.unknowns.start, starts + len(_NEIGHBOURHOODS)
 
-        def tell(done: int, _: int) -> None:
+        def report_step(done: int, _: int) -> None:
             if progress is not None:
                 progress(done, total)
 
         found = exchange_design(
             self.unknowns.blocks(J), start, self.criterion, count, starts=starts, seed=seed, places=pool / apart,
-            workers=workers, progress=tell,
+            workers=workers, progress=report_step,
         )  # fmt: skip
         q, chosen = pool[found.chosen], J[found.chosen]
         rng = np.random.default_rng(seed)
@@ -79,7 +79,7 @@ class PlanSearch:
                 self.unknowns.blocks(both), start, self.criterion, count, former=np.arange(count), places=moves / apart
             )
             q, chosen = moves[found.chosen], both[found.chosen]
-            tell(starts + k + 1, total)
+            report_step(starts + k + 1, total)
         return q, chosen
 
     def _separations(self, count: int) -> Array:

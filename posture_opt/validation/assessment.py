@@ -196,7 +196,7 @@ def _assessment_notes(problem: AssessedProblem, axes: Any, direction: Array | No
     if direction is None:
         return ("the problem has no task: nothing is said of along and across its direction",)
     if not all(measured_parts(axes, direction)):
-        return ("not all of the task's direction was measured: what was not told is left out",)
+        return ("not all of the task's direction was measured: what was not measured is left out",)
     if problem.robot.base_free:
         return ("the base is free: the task's direction is taken in the frame of the measurements",)
     return ()
@@ -222,7 +222,7 @@ def _rotation_errors(residuals: Residuals, x: Array, codes: Codes) -> Array | No
         return None
     if residuals.oriented:
         return -residuals.rotation_error(residuals.walk(x))
-    # The model's orientation is not fitted: each posture is set against its own first repeat, which tells the scatter.
+    # The model's orientation is not fitted: each posture is set against its own first repeat, which shows the scatter.
     _, first, own = np.unique(codes, return_index=True, return_inverse=True)
     R = rotation_matrices(rotation)
     return rotation_vectors(R @ np.swapaxes(R[first][own], -1, -2))

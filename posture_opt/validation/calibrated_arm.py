@@ -43,7 +43,7 @@ def calibrated_arm(problem: CalibrationProblem, calibration: Calibration) -> Fit
         label="calibrated",
         deviations={name: float(calibration.x[i]) for name, i in places.items()},
         known=persistent_sources(problem.robot, problem.sources, list(places), covariance).plus(scatter.errors),
-        scatter=scatter.beside,
+        scatter=scatter.without_effects,
         header=_file_header(calibration, scatter),
     )
 
@@ -93,7 +93,7 @@ def _file_header(calibration: Calibration, scatter: JointScatter) -> tuple[str, 
     lines = (
         f"Calibrated with {file}: {len(data)} rows{gone}.",
         f"RMS position error on held-out rows: {before} before calibration, {after} after.",
-        "What is still uncertain of its parameters stands in calibrated_covariance.csv, in mm and mrad; combinations",
+        "What is still uncertain of its parameters is in calibrated_covariance.csv, in mm and mrad; combinations",
         "of them that move nothing that was measured have no variance there.",
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
         several,

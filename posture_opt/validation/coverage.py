@@ -20,7 +20,7 @@ Verdict = Literal["right", "understated", "overstated"]
 REGION_PROBABILITY = 0.95
 INTERVAL_QUANTILES = (0.025, 0.975)
 RELIABILITY_LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
-_FACTOR_TOLERANCE = 1.1  # a factor that no decision hangs on
+_FACTOR_TOLERANCE = 1.1  # a factor that no decision depends on
 _MAX_CELLS = 1_000_000  # numbers at a time
 _COVERAGE_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
 
@@ -55,7 +55,7 @@ class Coverage:
 
     @classmethod
     def of(cls, errors: Array, predicted: Prediction, groups: Codes) -> Coverage:
-        """Of errors (N, d) [m]; rows of one group (N,) hang together.
+        """Of errors (N, d) [m]; rows of one group (N,) are correlated.
 
         ``D_i² = e_iᵀ C_i⁻¹ e_i`` has the distribution χ²(d) where the prediction is true, and the factor is the root of
         its 95 % quantile over what data simulated as predicted have in the median. Its interval is that of such data,
@@ -100,7 +100,7 @@ class Coverage:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the predicted spread is true, as far as the data tell; a tenth more or less is no matter."""
+        """Whether the predicted spread is true, as far as the data show; a tenth more or less is no matter."""
         low, high = self.factor_interval
         if low <= 1 <= high or 1 / _FACTOR_TOLERANCE <= self.factor <= _FACTOR_TOLERANCE:
             return "right"

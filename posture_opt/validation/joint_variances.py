@@ -1,7 +1,7 @@
 """The scatter of the joints from the scatter of the tool point: variance components by (restricted) likelihood.
 
 Joint errors that change from repeat to repeat spread the tool point by ``J diag(σ²) Jᵀ``, differently at every
-posture, and the instrument adds ``s² I`` everywhere: postures with different ``J`` tell the joints from each other
+posture, and the instrument adds ``s² I`` everywhere: postures with different ``J`` separate the joints from each other
 and from the instrument (Brethé, Vasselin, Lefebvre, Dakyo 2005: stochastic ellipsoids).
 """
 
@@ -25,8 +25,8 @@ class JointVariances:
     Args:
         names: (n,) the joints' errors, ``JOINT.theta`` or ``JOINT.d``.
         sigma: (n,) standard deviations [rad, m], 0 or more.
-        std: (n,) standard errors of ``sigma``; of a σ of 0, by how much it may be more; infinite where the data
-            do not tell.
+        std: (n,) standard errors of ``sigma``; of a σ of 0, by how much it may be more; infinite where the data do not
+            determine it.
         interval: (n, 2) 95 % intervals of ``sigma`` by the profile likelihood.
         instrument, instrument_std: the instrument's standard deviation of a coordinate [m], error 0 where it was
             given; ``instrument_interval`` as above.
@@ -48,7 +48,7 @@ class JointVariances:
 
     @property
     def determined(self) -> Mask:
-        """(n,) whether the data tell each σ."""
+        """(n,) whether the data determine each σ."""
         return np.isfinite(self.std)
 
 
@@ -116,7 +116,7 @@ def fit_joint_variances(
         )
     theta, best = model.maximise(model.start())
     if not np.isfinite(best):
-        raise InsufficientDataError("errors of such different sizes do not tell the scatter of the joints")
+        raise InsufficientDataError("errors of such different sizes do not determine the scatter of the joints")
     error = model.errors(theta)
     search = range(model.size) if intervals else ()
     ends = np.array([model.interval(theta, best, k, error[k]) for k in search] or [(0.0, np.inf)] * model.size)

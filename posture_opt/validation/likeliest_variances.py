@@ -22,7 +22,7 @@ def likeliest_variances(
 ) -> JointVariances | None:
     """One σ for all turning joints, unless the likelihood speaks clearly for one each (Schwarz 1978).
 
-    ``None`` where the errors do not tell it. Joints that move what was measured little share the common σ.
+    ``None`` where the errors do not determine it. Joints that move what was measured little share the common σ.
 
     Args:
         errors: (N, d) about zero [m]; ``known`` (N, d, d) part of their covariance [m²].
@@ -45,11 +45,11 @@ def likeliest_variances(
     if turning < 2:
         return common
     weak = columns[:, :, ~strong] * common.sigma[~strong]
-    beside = known + weak @ np.swapaxes(weak, -1, -2)
+    known_part = known + weak @ np.swapaxes(weak, -1, -2)
     own = [name for name, s in zip(names, strong, strict=True) if s]
     try:
         each = estimate_joint_variances(
-            errors, columns[:, :, strong], instrument=instrument, fit_instrument=fit, names=own, known=beside
+            errors, columns[:, :, strong], instrument=instrument, fit_instrument=fit, names=own, known=known_part
         )
     except InsufficientDataError:
         return common

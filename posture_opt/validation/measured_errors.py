@@ -1,4 +1,4 @@
-"""``MeasuredErrors``: measured rows beside the accuracy that a map predicts where they lie."""
+"""``MeasuredErrors``: measured rows compared with the accuracy that a map predicts where they lie."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from posture_opt.validation.coverage import squared_distances
 _ELSEWHERE_RATIO = 20  # times the predicted distance: no spread is that much understated
 
 TOUCHES_NOTE = (
-    "touched points tell how well touches agree, not where the arm stands: errors count from the mean of each point, "
+    "touched points show how well touches agree, not where the arm is: errors count from the mean of each point, "
     "and no share of them can be set against the predicted distances"
 )
 FITTED_NOTE = (
@@ -40,18 +40,18 @@ ELSEWHERE_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class MeasuredErrors:
-    """Measured rows beside what is predicted where they lie.
+    """Measured rows compared with what is predicted where they lie.
 
     Args:
         place: (M, 3) tool point of the rows by the model [m], world.
         cell: (M,) the target in whose cell each lies; -1 for none.
         near: (M,) whether they lie in a cell that has a prediction.
         uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without
-            its corrections and as it stands in the file.
+            its corrections and as the file states it.
         limit: (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN
             off the map.
         inside: (M,) whether a row lies in the 95 % region that is predicted for its own posture.
-        comparable: whether the rows tell all of the error: not where they touch points, or where frames are fitted
+        comparable: whether the rows show all of the error: not where they touch points, or where frames are fitted
             to them.
         reach: rows count as near the map within this distance of its plane [m]; 0 where all lie in it.
         notes: sentences for the report.

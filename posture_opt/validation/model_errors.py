@@ -190,7 +190,7 @@ class ModelErrors:
 
     Args:
         deviations: cross-validated, one entry a direction.
-        mean: test of the mean over all poses; ``None`` for touched points, whose places nobody knows otherwise.
+        mean: test of the mean over all poses; ``None`` for touched points, whose places are not known otherwise.
         blocks: tests of the means in blocks of the workspace, for touched points in blocks of the joint values;
             empty with too few poses.
         coordinate: RMS of one coordinate [m].

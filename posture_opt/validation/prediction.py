@@ -42,7 +42,7 @@ class JointScatter:
     staying: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def beside(self) -> dict[str, float]:
+    def without_effects(self) -> dict[str, float]:
         """The scatter from repeat to repeat without the part of the effects, where something is left."""
         parts = {
             name: s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
@@ -52,7 +52,7 @@ class JointScatter:
 
     @property
     def errors(self) -> Sources:
-        """What stays, as errors of the joints that nobody knows."""
+        """What stays, as unknown errors of the joints."""
         return Sources.independent(self.staying)
 
 
@@ -66,21 +66,21 @@ def stated_scatter(problem: CalibrationProblem) -> JointScatter:
     scatter = {name: s for name, s in total.items() if s > 0}
     if scatter:
         return JointScatter(
-            JointScatter(scatter, of_effects=own).beside,
-            note="scatter of the joints as stated: the data do not tell it",
+            JointScatter(scatter, of_effects=own).without_effects,
+            note="scatter of the joints as stated: the data do not determine it",
         )
     joints, staying = joint_errors(problem.robot), np.sqrt(np.diag(sources.constant))
     sigma = {name: float(s) for name, s in zip(sources.names, staying, strict=True) if name in joints and s > 0}
     if sigma:
         return JointScatter(
-            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not tell it"
+            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not determine it"
         )
     sheet = problem.robot.repeatability
     if sheet is not None:
         found = joint_sigmas(problem.robot, sheet.value)
         sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
-        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
-    return JointScatter(note="the data tell no scatter of the joints, and none is stated")
+        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not determine it")
+    return JointScatter(note="the data show no scatter of the joints, and none is stated")
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
@@ -99,7 +99,7 @@ def added_in_quadrature(one: Mapping[str, float], other: Mapping[str, float]) ->
     return {name: math.hypot(one.get(name, 0.0), other.get(name, 0.0)) for name in (*one, *other)}
 
 
-def scatter_beside(problem: CalibrationProblem, name: str, own: float, said: float) -> float:
+def scatter_with_effects(problem: CalibrationProblem, name: str, own: float, said: float) -> float:
     """The σ of a joint from repeat to repeat [rad or m]: what the problem states, with the part of effects replaced.
 
     Args:
@@ -185,7 +185,7 @@ def nominal_prediction(
 
     ``e_i = (B_i − F_i F_t⁺ B_t) δ + v_i − F_i F_t⁺ v_t``.
 
-    A base that is free swallows an error of the first joint: without this, a spread that nobody can see would be
+    A base that is free swallows an error of the first joint: without this, a spread that cannot be seen would be
     predicted.
 
     Args:
@@ -260,7 +260,7 @@ def _free_columns(residuals: Residuals, x: Array) -> Array:
 
 
 def _pseudo_inverse(F: Array) -> Array:
-    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not tell, they do not move."""
+    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not determine, they do not move."""
     flat = F.reshape(F.shape[0] * F.shape[1], F.shape[2])
     length = np.linalg.norm(flat, axis=0)
     scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)

@@ -126,7 +126,7 @@ def repeats_of(
 
     Args:
         codes: (N,) rows of one code repeat one posture.
-        moved: (N, d) measured minus one model for all rows, which tells how repeats differ [m].
+        moved: (N, d) measured minus one model for all rows, which shows how repeats differ [m].
         deviations: ``nominal`` and ``calibrated``, (N, d) measured minus model [m].
         rotations: (N, 3) measured minus model as small rotations [rad].
         oriented: whether the model's orientation was fitted.

@@ -42,7 +42,7 @@ class ScatterLimit:
 def scatter_limit(
     problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None = None
 ) -> ScatterLimit | None:
-    """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing tells it.
+    """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing determines it.
 
     Args:
         fixed: σ of joints that is known already; it is not sought again.

@@ -40,7 +40,7 @@ class ScatterPrediction:
 
     @property
     def better(self) -> bool | None:
-        """Whether it predicts better than the round model; ``None`` where two standard errors cannot tell."""
+        """Whether it predicts better than the round model; ``None`` within two standard errors."""
         return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
 
     def to_json(self) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def observed_variances(
 
 
 def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
-    """(n,) whether the data could tell a joint's scatter: it moves the point, and its σ is determined."""
+    """(n,) whether the data could show a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
     moving = lever > _MIN_LEVER_SHARE * np.where(prismatic_joints(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

@@ -54,7 +54,7 @@ class SpreadCheck(Result):
         scatter_predictions: models of the scatter fitted at some postures and judged at others.
         outlying: lines of postures whose repeats differ far more than those of the others; they are left out.
         instrument: the σ of a coordinate [m].
-        notes: sentences on what these data cannot tell.
+        notes: sentences on what these data cannot show.
     """
 
     calibration: Calibration
@@ -146,7 +146,7 @@ def check_spread(
 
 
 def _unknowable_notes(problem: CalibrationProblem) -> tuple[str, ...]:
-    """What the problem says of a type of robots, and no single robot can tell."""
+    """What the problem says of a type of robots, and no single robot can show."""
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
     if not names:
@@ -161,7 +161,7 @@ def _unknowable_notes(problem: CalibrationProblem) -> tuple[str, ...]:
 def held_out_predictions(
     problem: CalibrationProblem, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
-    """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
+    """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that are correlated."""
     residuals, rows = calibration.residuals, calibration.kept_rows
     scatter = scatter or residual_scatter(problem, calibration)
     groups = groups_of(residuals.data, calibration.by, folds)

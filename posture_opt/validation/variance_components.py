@@ -16,7 +16,7 @@ from posture_opt.numerics import Array, Mask
 from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.validation.scatter_model import Scatter
 
-_MAX_SCORING_STEPS = 200  # of Fisher scoring; five to twenty settle it
+_MAX_SCORING_STEPS = 200  # of Fisher scoring; five to twenty suffice
 _LIKELIHOOD_TOLERANCE = 1e-8  # of log-likelihood: what a further step would gain
 _PROFILE_TOLERANCE = 1e-3  # the same where an interval of 95 % is sought
 _MIN_ERROR_M = 1e-12  # m: less is rounding
@@ -158,7 +158,7 @@ class Components:
         return moved
 
     def errors(self, theta: Array) -> Array:
-        """(c,) standard errors of the variances; infinite where the data do not tell them."""
+        """(c,) standard errors of the variances; infinite where the data do not determine them."""
         information = self.normal(theta)[0]
         scale = _unit_diagonal(information)
         values, vectors = np.linalg.eigh(information * np.outer(scale, scale))

@@ -20,7 +20,7 @@ from posture_opt.robot.robot import Factor, Robot, frame_factors
 _LOCKED_COSINE = 0.1  # cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
 _MIN_COSINE = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
 _LOCK_STD_ERRORS = 5.0  # standard errors from the lock: from there on roll and yaw have errors as others have
-_LOOSE_SHARE = 1e-3  # of a turn that nobody knows: a smaller part of it in an angle is no matter
+_LOOSE_SHARE = 1e-3  # of an undetermined turn: a smaller part of it in an angle is no matter
 _ANGLE_NAMES = ("yaw", "pitch", "roll")
 
 
@@ -119,7 +119,7 @@ def _unlocked_factors(frame: str, factors: tuple[Factor, ...], angles: dict[str,
 
 
 def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
-    """The same unknowns in a robot whose factors stand elsewhere."""
+    """The same unknowns in a robot with other nominal factors."""
     nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
     parameters = (replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)
     return residuals.of_robot(robot, tuple(parameters))

@@ -27,7 +27,7 @@ from posture_opt.numerics import Array
 
 DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
-_MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
+_MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame can be
 
 
 def arm_and_data(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
@@ -54,7 +54,7 @@ def arm_and_data(problem: CalibrationProblem, data: Measurements) -> tuple[Resid
     if data.position is None:
         offset = problem.robot.factors[problem.robot.driven[0]].parameter
         notes.append(
-            f"touched points tell nothing of {offset} and what lies before it: it moves arm and points together"
+            f"touched points say nothing of {offset} and what lies before it: it moves arm and points together"
         )
     used = rotation if data.rotation is not None else 0.0
     parameters = unknown_parameters(problem, data, orientation=used > 0)
@@ -77,7 +77,7 @@ def unknown_parameters(problem: CalibrationProblem, data: Measurements, *, orien
 
 
 def _known_distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
-    """Known distances, each as sure as the instrument (the play of the ball in its socket).
+    """Known distances, each as certain as the instrument (the play of the ball in its socket).
 
     Raises:
         InputError: a stated distance names a point that no row touches.
@@ -108,7 +108,7 @@ def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit 
     """The estimate of the parameters of some groups alone, or ``None`` where there are none.
 
     A tool stays as near to its start as the size of the arm asks: without that, tool and base would run away together
-    where the data hardly tell them apart.
+    where the data hardly distinguish them.
 
     Args:
         x0: (k,) deviations [rad, m] where the fit starts; groups: of ``geometry``, ``base``, ``tool``, ``effect``,
@@ -146,7 +146,7 @@ def _determined_directions(residuals: Residuals, x0: Array, groups: Collection[s
 def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     """Base and tool fitted again, though the problem file may state them as known: the wider arm and its deviations.
 
-    Touched points, which nobody knows, are fitted with them.
+    Touched points, which are unknown, are fitted with them.
 
     Raises:
         InputError: the frames would bend to any measurements.
@@ -160,10 +160,10 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     wide = replace(residuals, parameters=(*candidate_parameters(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-    told = _determined_directions(wide, start_at, {"base", "tool", "point"})
-    if told is None:
+    determined = _determined_directions(wide, start_at, {"base", "tool", "point"})
+    if determined is None:
         return wide, start_at
-    directions, _ = told
+    directions, _ = determined
     poses = len(np.unique(data.pose))
     if poses * wide.block <= directions.shape[1]:
         counted = "1 pose is" if poses == 1 else f"{poses} poses are"
@@ -174,7 +174,7 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
 
 
 def held_length(residuals: Residuals) -> int | None:
-    """The length that is held where an arm touches points and no known distance tells its size.
+    """The length that is held where an arm touches points and no known distance determines its size.
 
     A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
     The longest one between the second and the last joint is held, as what lies before or behind is not the arm's alone;
@@ -194,7 +194,7 @@ def held_length(residuals: Residuals) -> int | None:
 
 
 def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
-    """Free frames that stand where none can, and how far off [m]: data that do not determine them let them run away.
+    """Free frames that are where none can be, and how far off [m]: data that do not determine them let them run away.
 
     A tool is no longer than twice its arm, and no arm reaches points that are three times its reach from its base.
 

@@ -61,7 +61,7 @@ class GeometricDeviation(Cause):
 
     @classmethod
     def of_all(cls) -> GeometricDeviation:
-        """Many parameters together, none of which stands out."""
+        """Many parameters together, none of which is prominent."""
         return cls("geometry", "all")
 
     @property

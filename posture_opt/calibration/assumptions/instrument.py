@@ -13,7 +13,7 @@ from posture_opt.numerics import Array
 def reading_sigmas(problem: CalibrationProblem, points: Array) -> Array:
     """(N,) standard deviations of a measured coordinate at points (N, 3) of the world [m]; 0 where none is stated.
 
-    The instrument stands at the origin of the world, in which it measures.
+    The instrument is at the origin of the world, in which it measures.
 
     Noise effects of the problem change the stated σ with the range r = |point| [m].
     """

@@ -33,10 +33,10 @@ _LINEAR_ERROR_SHARE = 0.01  # of the reach: what a tangent leaves beyond that, o
 _SUSPICIOUS_DEVIATION = {
     "m": 1e-3,
     "rad": 5e-3,
-}  # farther off its drawing, a parameter of the first or last link stands for a frame
+}  # farther off its drawing, a parameter of the first or last link is due to a frame
 _MIN_DEVIATING_PARAMETERS = 2  # so many of them: one alone is more likely wrong itself
 _CLEAR_STD_ERRORS = 5.0  # standard errors that each of them is off
-_DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior tells
+_DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior does
 _SPARE_RESIDUALS = 6  # residuals beyond the unknowns: with fewer, anything would fit
 _MAX_EFFECT_ROWS = 400  # that decide whether an effect explains as much
 
@@ -328,7 +328,7 @@ class _Statements(Generic[_P]):
             now = best
 
     def _is_imitated(self, now: _Trial, frame: str) -> bool:
-        """Whether parameters of the link beside a frame, which move the tool as it does, are off in its place.
+        """Whether parameters of the link next to a frame, which move the tool as it does, are off in its place.
 
         What lies before the first joint moves all as the base does, and what lies behind the last as the tool: the fit
         cannot choose, and one wrong frame is likelier than several errors of one link.
@@ -336,7 +336,7 @@ class _Statements(Generic[_P]):
         robot, parameters = now.residuals.robot, now.residuals.parameters
         place = {factor.parameter: i for i, factor in enumerate(robot.factors)}
         first, last = robot.driven[0], robot.driven[-1]
-        beside = [
+        adjacent = [
             i
             for i, p in enumerate(parameters)
             if p.group == "geometry"
@@ -344,11 +344,11 @@ class _Statements(Generic[_P]):
             and (place[p.source] < first if frame == "base" else place[p.source] > last)
             and abs(now.x[i]) > _SUSPICIOUS_DEVIATION[p.unit]
         ]
-        if frame in now.released or len(beside) < _MIN_DEVIATING_PARAMETERS:
+        if frame in now.released or len(adjacent) < _MIN_DEVIATING_PARAMETERS:
             return False
         J = np.concatenate([now.residuals.residuals_and_jacobian(now.x)[1], now.known])
         std = now.scale * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-15, hermitian=True)))
-        return int(np.sum(np.abs(now.x[beside]) > _CLEAR_STD_ERRORS * std[beside])) >= _MIN_DEVIATING_PARAMETERS
+        return int(np.sum(np.abs(now.x[adjacent]) > _CLEAR_STD_ERRORS * std[adjacent])) >= _MIN_DEVIATING_PARAMETERS
 
     def _next_releases(self, now: _Trial) -> list[tuple[str, ...]]:
         """Statements to set aside next: each frame, both, and the σ that is farthest off."""
@@ -391,7 +391,7 @@ class _Statements(Generic[_P]):
 
 
 def _required_evidence(e: Array) -> float:
-    """The evidence at which residuals (N, block) are much smaller, and surely so."""
+    """The evidence at which residuals (N, block) are much smaller, with certainty."""
     return max(_MIN_EVIDENCE, _EVIDENCE_PER_RESIDUAL * e.size)
 
 

@@ -13,7 +13,7 @@ from posture_opt.calibration.estimation.least_squares import reduced_jacobian, t
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes
 
-POSTURE_BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more cut apart what hangs together
+POSTURE_BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more separate what is correlated
 MIN_DESIGN_EFFECT = 1.5  # a smaller effect of the blocks is what independent rows show too
 
 
@@ -49,7 +49,7 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
 def clustered_covariance(
     residuals: Residuals, r: Array, A: Array, R: Array, variance: float, known: Array, weight: float
 ) -> Array:  # fmt: skip
-    """Covariance (p, p) of an estimate whose residuals hang together within blocks: ``(AᵀA)⁻¹ Σ sᵢsᵢᵀ (AᵀA)⁻¹``.
+    """Covariance (p, p) of an estimate whose residuals are correlated within blocks: ``(AᵀA)⁻¹ Σ sᵢsᵢᵀ (AᵀA)⁻¹``.
 
     ``sᵢ`` is the sum of ``Aᵀ r`` over block i. No direction is taken as better known than by independent rows.
 

@@ -15,7 +15,7 @@ from posture_opt.model.effects import Effect, Excitation
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
-_MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
+_MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less shows nothing
 _MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints arrived
 
 

@@ -31,7 +31,7 @@ class Statistics:
 
     @classmethod
     def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
-        """Of errors (N, d) [m] whose rows hang together in ``groups`` (N,)."""
+        """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,)."""
         lengths = np.linalg.norm(errors, axis=1)
         rms = float(np.sqrt(np.mean(lengths**2)))
         interval = _bootstrap_interval(lengths**2, groups, draws)

@@ -78,7 +78,7 @@ class Fit:
         minimum: of the sum of squares in the steps.
         prior, weight: what was known beforehand, and the standard deviation that weighs it, in units of the
             instrument's.
-        design: design effect (Kish 1965): so many rows tell as much as one alone would.
+        design: design effect (Kish 1965): so many rows say as much as one alone would.
         settled: whether leaving out outliers came to an end.
         effects: those that were fitted, with estimates and shapes; parameters of the group ``effect`` in this order.
     """
@@ -115,7 +115,7 @@ class Fit:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where in ``x`` the linear parameters of each effect stand; its shape comes behind them."""
+        """Where in ``x`` the linear parameters of each effect are; its shape follows."""
         first = sum(p.group != "effect" for p in self.residuals.parameters)
         found = []
         for effect in self.effects:
@@ -125,12 +125,12 @@ class Fit:
 
     @property
     def shapes(self) -> dict[int, int]:
-        """Effect -> where in ``x`` its smooth shape stands."""
+        """Effect -> index in ``x`` of its smooth shape."""
         return {i: part.stop for i, part in enumerate(self.slices) if self.effects[i].smooth_shape}
 
     @property
     def sizes(self) -> Codes:
-        """Where in ``x`` the linear parameters of all effects stand."""
+        """Where in ``x`` the linear parameters of all effects are."""
         return np.array([k for part in self.slices for k in range(part.start, part.stop)], dtype=np.intp)
 
     @property
@@ -185,7 +185,7 @@ class Fit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what did not come to rest."""
+        """Sentences on what did not converge."""
         stopped = f"the fit had not converged after {self.minimum.steps} steps: estimates and errors are provisional"
         changing = (
             f"which rows are outliers still changed after {MAX_OUTLIER_ROUNDS} rounds: look at those that are listed"
@@ -206,7 +206,7 @@ def estimate_parameters(
     In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
     the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
     ``near`` is a first guess of ``z``, ``weight`` one of the standard deviation that weighs the prior; the minimum
-    does not depend on them. ``design`` is the number of rows that tell as much as one alone would: neighbours that err
+    does not depend on them. ``design`` is the number of rows that say as much as one alone would: neighbours that err
     alike.
 
     Args:
@@ -234,7 +234,7 @@ def estimate_parameters(
         gross, studentised = find_outliers(r[:rows], reduced_jacobian(J[:rows], directions), residuals.block, known)
         gross = gross if robust else np.zeros(n, dtype=bool)
         variance = variance_of(found, known)
-        # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
+        # A prior that was weighed with the variance of a fit to outliers would have many times too much weight.
         fair = np.sqrt(design * variance) if prior is not None else 0.0
         settled = np.array_equal(~gross, kept) and abs(weight - fair) <= PRIOR_WEIGHT_TOLERANCE * fair
         kept, weight = ~gross, fair
@@ -261,7 +261,7 @@ def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array)
 
 
 def with_clustered_errors(fit: Fit) -> Fit:
-    """The same estimate with the covariance that its residuals ask for where they hang together within blocks.
+    """The same estimate with the covariance that its residuals ask for where they are correlated within blocks.
 
     Source: Liang, Zeger (1986), see `clustered_covariance`.
     """

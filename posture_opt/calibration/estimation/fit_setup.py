@@ -22,11 +22,11 @@ from posture_opt.calibration.estimation.starting_values import offset_of_tool, t
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 
-FREE_TOLERANCE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
+FREE_TOLERANCE = 1.0  # m or rad: what is unknown of a free frame or a touched point
 DESIGN_NOTE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
 NOMINAL_NOTE = (
-    f"the data tell {{}} less well than to {LENGTH_TOLERANCE_M * 1e3:g} mm or {np.degrees(ANGLE_TOLERANCE_RAD):g} deg: "
-    "geometry is taken to lie within that of its nominal value (one σ)"
+    f"the data determine {{}} less well than to {LENGTH_TOLERANCE_M * 1e3:g} mm or "
+    f"{np.degrees(ANGLE_TOLERANCE_RAD):g} deg: geometry is taken to lie within that of its nominal value (one σ)"
 )
 
 
@@ -41,8 +41,8 @@ class FitSetup:
         prior: of the fit, or ``None``.
         stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
         noise: standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design.
-        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
-        held: (k, h) steps of a tolerance each that nothing tells: they are not fitted [rad or m].
+        design: how many rows say as much as one alone would, as neighbouring postures err alike.
+        held: (k, h) steps of a tolerance each that nothing determines: they are not fitted [rad or m].
         notes: sentences on what was assumed.
     """
 
@@ -99,14 +99,14 @@ def determine_directions(
 
 
 def unseen_errors_of_fit(residuals: Residuals, known: FitSetup, found: Fit, length: int | None) -> Array:
-    """(k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+    """(k,) part of the standard errors that combinations leave which nothing determines [rad, m].
 
-    What is held moves nothing at the nominal arm, but something at the fitted one: a tool whose length nobody knows,
+    What is held moves nothing at the nominal arm, but something at the fitted one: a tool of unknown length,
     on an axis found tilted, is displaced sideways, and the estimates make up for it. For steps H that are held, at D
     that are fitted, the estimate errs by ``H − D (AᵀA)⁻¹ (J D)ᵀ J H``, the normal equations' at the fitted arm.
 
     Args:
-        length: the parameter that is held as the size of the arm, if there is one: all lengths are told in it.
+        length: the parameter that is held as the size of the arm, if there is one: all lengths are relative to it.
     """
     J = residuals.take(np.flatnonzero(found.kept)).residuals_and_jacobian(found.x)[1]
     if length is not None:
@@ -162,7 +162,7 @@ def full_prior(
 
 
 def _vague_names(known: Identifiability) -> str:
-    """The parameters that have the largest parts in what is hardly told."""
+    """The parameters that have the largest parts in what is hardly determined."""
     parts = np.abs(known.hardly / known.scale[:, None]).max(axis=1)
     most = [int(i) for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
     return " and ".join([", ".join(known.names[i] for i in most[:-1]), known.names[most[-1]]][len(most) == 1 :])

@@ -24,11 +24,12 @@ class FittedArm:
     """The arm that fits measurements: deviations of its parameters, its effects, and what is still uncertain of both.
 
     Args:
-        label: what the arm is called beside the name of its problem, ``calibrated``; empty for no new name.
+        label: what the arm is called in addition to the name of its problem, ``calibrated``; empty for no new name.
         deviations: of named parameters of the robot from the values of the problem [rad or m]; a frame with
             deviations is known from now on, and no longer free.
         known: covariance of the errors that stay, of effects too; ``None`` leaves all that the problem states.
-        scatter: JOINT.theta or JOINT.d -> standard deviation from repeat to repeat beside that of effects [rad or m].
+        scatter: JOINT.theta or JOINT.d -> standard deviation from repeat to repeat in addition to that of effects [rad
+            or m].
         effects: with their estimates, which add to those of the problem; ``noises`` likewise.
         gravity: in the world of the data [m/s²]; ``None`` leaves that of the problem.
         header: what a file of this arm says of itself in its first lines.

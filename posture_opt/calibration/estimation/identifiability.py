@@ -15,12 +15,12 @@ MAX_STANDARD_ERROR = 0.05  # rad or m: left so uncertain, a parameter leaves the
 LENGTH_TOLERANCE_M, ANGLE_TOLERANCE_RAD = (
     0.01,
     math.radians(1.0),
-)  # m, rad: farther than that no part comes off its drawing
+)  # m, rad: farther than that no part is from its nominal value
 _FELT_STRENGTH = (
     1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
 )
 _IDLE_STRENGTH = 1e-6  # of σ per tolerance: a parameter that moves nothing
-_MAX_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nobody sees, is not known
+_MAX_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nothing shows, is not known
 _STRENGTH_TOLERANCE = 1e-13  # of the largest strength
 _JACOBIAN_TOLERANCE = 1e-9  # of the Jacobian: less is rounding
 _NAMED_SHARE = 0.02  # of an undetermined combination: smaller parts need no words
@@ -37,7 +37,8 @@ class Identifiability:
         vectors: (k, k) those directions, orthonormal in units of ``scale``.
         singular_values: (k,) of the Jacobian with columns of unit norm, descending.
         rank: how many directions the data determine to within a tolerance.
-        alone: (k,) standard error of each parameter from the data alone [rad or m]; infinite where they do not tell it.
+        alone: (k,) standard error of each parameter from the data alone [rad or m]; infinite where they do not
+            determine it.
         condition: largest over smallest singular value of what is determined, columns of unit norm.
         observability: O1 … O5 of that.
         words: one sentence for each undetermined combination.
@@ -78,7 +79,7 @@ class Identifiability:
 
     @property
     def hardly(self) -> Array:
-        """(k, w) further steps that the data feel, but tell less well than the tolerances do."""
+        """(k, w) further steps that the data feel, but determine less well than the tolerances do."""
         felt = int(np.sum(self.strength > _FELT_STRENGTH))
         return self.scale[:, None] * self.vectors[:, self.rank : felt]
 
@@ -91,7 +92,7 @@ def identify_parameters(
 
     With the unknowns in units of their tolerances, ``noise⁻¹ J diag(scale) = U S Vᵀ``: a direction counts as
     determined where one tolerance moves the data by more than one σ of noise, so that its standard error is less than
-    the tolerance. What cannot be told apart is shared out by the same units: to the free frame rather than to the
+    the tolerance. What cannot be distinguished is shared out by the same units: to the free frame rather than to the
     link. ``rows`` counts the measurements; the parameter ``held`` counts as not determined whatever the Jacobian says.
 
     The indices, of the Jacobian with columns of unit norm (van der Sluis 1969) in the determined directions, with
@@ -161,7 +162,7 @@ def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array
 
     ``null`` (k, d) spans the combinations with columns of unit norm, ``R`` (k, k) says how the data feel them.
 
-    Combinations that the data feel, but not enough, are said to be hardly told apart; others not at all.
+    Combinations that the data feel, but not enough, are called hardly distinguishable; others indistinguishable.
     """
     sentences = [f"{name} moves nothing that was measured" for name, still in zip(names, idle, strict=True) if still]
     left = [name for name, still in zip(names, idle, strict=True) if not still]
@@ -175,7 +176,7 @@ def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array
             sentences.append(f"{labels[0]} and {labels[1]} move what was measured {how}")
         elif len(labels) > 2:
             shown = ", ".join(labels[1:6]) + (f" and {len(labels) - 6} more" if len(labels) > 6 else "")
-            how = "can hardly be told" if felt else "cannot be told"
+            how = "can hardly be distinguished" if felt else "cannot be distinguished"
             sentences.append(f"{labels[0]} {how} from a combination of {shown}")
         elif felt:
             sentences.append(f"{labels[0]} hardly moves what was measured")

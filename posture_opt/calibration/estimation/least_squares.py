@@ -53,7 +53,7 @@ class Minimum:
     def _inverse(self) -> tuple[Array, Array]:
         """``R⁺`` and the part (k,) of each unknown outside it.
 
-        By columns of length one: whether a direction is seen does not hang on the units of the unknowns.
+        By columns of length one: whether a direction is seen does not depend on the units of the unknowns.
         """
         D = np.linalg.norm(self.R, axis=0)
         D = np.where(D > 0, D, 1.0)
@@ -139,8 +139,8 @@ def triangular_factor(A: Array) -> Array:
     size = 4 * k
     while len(A) > 2 * size:
         whole = len(A) // size * size
-        heads = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
-        A = np.concatenate([heads.reshape(-1, k), A[whole:]])
+        factors = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
+        A = np.concatenate([factors.reshape(-1, k), A[whole:]])
     R = np.linalg.qr(A, mode="r")
     return np.asarray(np.concatenate([R, np.zeros((max(k - m, 0), k))]))
 

@@ -73,9 +73,9 @@ def tool_unknown(robot: Robot, data: Measurements) -> bool:
 
 
 def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
-    """Every parameter that measurements of this kind could tell something about, from base to tool.
+    """Every parameter that measurements of this kind could say something about, from base to tool.
 
-    Touched points stand in the frame of the base, which is then no unknown, nor is what moves arm and points
+    Touched points are in the frame of the base, which is then no unknown, nor is what moves arm and points
     together: all before the first joint, and its own offset. ``beta`` is a candidate only between
     nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
 

@@ -36,7 +36,7 @@ class Residuals:
     between measured and modelled orientation over its σ; known distances follow behind all rows. All rows are walked at
     once: a call costs a few hundred array operations, whatever N.
 
-    Any parameter of the arm can be among them: geometry, frames and effects alike; touched points beside them.
+    Any parameter of the arm can be among them: geometry, frames and effects alike; and touched points.
 
     Args:
         arm: under the inputs of every row of ``data``, see `Residuals.of`.
@@ -109,14 +109,14 @@ class Residuals:
         return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
 
     def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
-        """The same measurements against a robot that stands or is drawn otherwise."""
+        """The same measurements against a robot with other frames or other nominal values."""
         return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
 
     def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
         """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns.
 
         The effects are none at deviations of zero; one that the arm has already deviates from its estimate. Weights
-        pull along gravity as the arm stands at ``x`` (k,).
+        pull along gravity as the arm is at ``x`` (k,).
         """
         known = {effect.name for effect in self.arm.effects}
         new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
@@ -298,8 +298,8 @@ class Residuals:
 def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
     """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
 
-    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
-    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
+    Where the base is free, the world is the instrument's frame. If the arm is upright in it but for some degrees,
+    the instrument was levelled and the tilt is the base's own; if not, the arm is mounted as the file says and the
     instrument does not.
     """
     found = walk(robot.base, factor_values(robot.base, [], frames)).columns

@@ -1,4 +1,4 @@
-"""Closed-form starts for frames and points that nobody knows beforehand."""
+"""Closed-form starts for frames and points that are not known beforehand."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _LENGTH_TOLERANCE_M = 1e-9  # m: rounding
 def kabsch(a: Array, b: Array, near: Array | None = None) -> tuple[Array, Array]:
     """The rotation and shift that take the points ``a`` (N, 3) best onto ``b``: ``b ≈ R a + t``.
 
-    ``near`` (3, 3), small beside the scatter of the points [m²], decides the turn that points on a line leave open.
-    Source: Umeyama (1991), equations 39-42, without scale.
+    ``near`` (3, 3), small compared with the scatter of the points [m²], decides the turn that points on a line leave
+    open. Source: Umeyama (1991), equations 39-42, without scale.
 
     Args:
         a, b: corresponding points [m]; three that are not on a line determine the rotation.
@@ -54,7 +54,7 @@ def starting_deviations(residuals: Residuals) -> Array:
     With ``p_i``, ``R_i`` the flange in the base, ``t`` the tool offset and ``m_i`` the measured point,
     ``R_bᵀ m_i + u − R_i t = p_i`` is linear in ``R_bᵀ``, ``u = −R_bᵀ t_b`` and ``t``; the rotation is then made
     one by projection and the rest solved again. Touched points are linear in ``t`` and themselves. Where orientations
-    hardly change, base and tool cannot be told apart: the tool stays as near to its stated offset as the arm's size
+    hardly change, base and tool cannot be distinguished: the tool stays as near to its stated offset as the arm's size
     asks, see `tool_sigma`.
     """
     robot, data = residuals.robot, residuals.data
@@ -85,7 +85,9 @@ def starting_deviations(residuals: Residuals) -> Array:
 
 
 def tool_sigma(robot: Robot) -> float:
-    """How far a free tool is from its start, or from the flange, as long as nothing tells it [m]: less than the arm."""
+    """How far a free tool is from its start, or from the flange, as long as nothing determines it [m]: less than the
+    arm.
+    """
     return reach(robot) / _REACH_PER_TOOL
 
 
@@ -189,7 +191,7 @@ def _frames_start(
 def _placed_base(flange: _Flange, offset: Array, m: Array, stated: Array) -> tuple[tuple[Array, Array], float]:
     """Rotation and place of the base for some offsets, and the RMS that they leave [m].
 
-    Across a line, points scatter by what the arm errs: that tells no turn about it, and the stated one is kept.
+    Across a line, points scatter by what the arm errs: that determines no turn about it, and the stated one is kept.
     """
     reached = flange.reached(offset)
     left, near = 0.0, None
@@ -263,7 +265,7 @@ def roll_pitch_yaw(R: Array) -> dict[str, float]:
 
 
 def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Array:
-    """Rotation (3, 3) of a frame whose named turns have these values beside their nominal ones."""
+    """Rotation (3, 3) of a frame whose named turns have these values in addition to their nominal ones."""
     named = {
         factor.parameter: turns[factor.parameter.rpartition(".")[2]] for factor in factors if _is_named_turn(factor)
     }

@@ -32,13 +32,13 @@ class Finding:
     """One cause with its size.
 
     Args:
-        cause: what it is; an effect or a kind of noise as it stands in a problem file.
+        cause: what it is; an effect or a kind of noise as in a problem file.
         estimate: parameter -> (value, standard error, SI unit).
         p_value: family-wise, of the data without this cause.
         gain: relative drop of the cross-validated RMS that it brings.
-        confounded_with: causes that could stand for it.
+        confounded_with: causes that could replace it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
-        determined: whether the data tell the size, beside the geometry and the other effects, from none.
+        determined: whether the data distinguish the size from zero, given the geometry and the other effects.
         place: of an effect among those of the model.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
         beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
@@ -57,7 +57,7 @@ class Finding:
 
     @property
     def status(self) -> Literal["determined", "size_undetermined"]:
-        """Whether the data tell the size, in a word of the document."""
+        """Whether the data determine the size, in a word of the document."""
         return "determined" if self.determined else "size_undetermined"
 
     @property
@@ -81,7 +81,7 @@ class Finding:
         return self.cause if isinstance(self.cause, NoiseEffect) else None
 
     def _rival_json(self, rival: Cause) -> dict[str, str]:
-        """Kind and target; of an alias, which has both in common with this cause, what tells it apart."""
+        """Kind and target; of an alias, which has both in common with this cause, what distinguishes it."""
         named = {"kind": rival.kind, "target": rival.target}
         alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
         return {**named, "qualifier": rival.qualifier} if alias else named
@@ -106,7 +106,7 @@ class Finding:
 
 
 def effect_findings(
-    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
+    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, progress: Progress
 ) -> list[Finding]:
     """The named effects of a search with their fitted sizes, and what the cross-validation loses without each.
 
@@ -120,7 +120,7 @@ def effect_findings(
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple(r.what for r in found.rivals[i])
         part = model.slices[place]
-        told = is_determined(model.x[part], model.covariance[part, part])
+        clear = is_determined(model.x[part], model.covariance[part, part])
         finding = Finding(
             model.effects[place],
             _estimates_of(model, place),
@@ -129,13 +129,13 @@ def effect_findings(
             rivals,
             (gain.low, gain.high),
         )
-        findings.append(replace(finding, determined=told, place=place, stated=_stated_effect(model, place)))
-        tell(place + 1, len(named))
+        findings.append(replace(finding, determined=clear, place=place, stated=_stated_effect(model, place)))
+        progress(place + 1, len(named))
     return findings
 
 
 def is_determined(values: Array, covariance: Array) -> bool:
-    """Whether a size is told from none: its 95 % confidence region keeps clear of zero.
+    """Whether a size is distinguished from zero: its 95 % confidence region keeps clear of zero.
 
     ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
     amplitude counts, in whatever phase. What has no standard error is no estimate.
@@ -228,8 +228,8 @@ def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Findi
 
 def _any_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
     """Whether at least one of independent estimates is determined."""
-    told = [is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
-    return any(told) or not told
+    clear = [is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
+    return any(clear) or not clear
 
 
 def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:

@@ -26,8 +26,8 @@ class Delivery:
         fit: geometry and the effects that are delivered; ``held`` its errors on rows held out from the fit.
         kept: the places of these effects in the model of all effects.
         session: the places of those that belong to their session: fitted for them to be absent.
-        dropped: the places of the others: beside the calibrated arm, or without those of the session, held-out rows
-            are predicted no worse without them.
+        dropped: the places of the others: compared with the calibrated arm, or without those of the session, held-out
+            rows are predicted no worse without them.
     """
 
     fit: Fit
@@ -57,8 +57,8 @@ def deliver_arm(
     """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one.
 
     Effects of the session are still in its data when they are left out of the arm. All else is fitted again for them
-    to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved stands where it
-    did on average. Other effects that held-out rows do not need any more are left out, too.
+    to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved is where it was
+    on average. Other effects that held-out rows do not need any more are left out, too.
 
     Args:
         model: the arm with all effects; ``held`` its errors and those of the calibrated arm on held-out rows.

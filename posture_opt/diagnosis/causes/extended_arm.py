@@ -53,7 +53,7 @@ def extended_arm(
         label="extended",
         deviations=deviations,
         known=_extended_sources(problem, fitted, delivered).plus(scatter.errors),
-        scatter=scatter.beside,
+        scatter=scatter.without_effects,
         effects=delivered.effects,
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
@@ -66,7 +66,7 @@ def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calib
     before = calibration.held["calibrated"]
     errors = before.errors.copy()
     errors[calibration.kept_rows] = held_out
-    # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
+    # Sums over blocks hold what each row makes of the estimate, and no model of single rows may replace them.
     design = max(calibration.design, model.design)
     former = calibration.fit
     fit = replace(model.keeping([]), residuals=former.residuals, kept=former.kept, design=design)
@@ -107,7 +107,7 @@ def _file_header(
         f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: "
         f"{', '.join(f'{cause.kind} of {cause.target}' for cause in named) or 'no effect'}.",
         f"RMS position error on held-out rows: {before} before calibration, {middle} calibrated{last}.",
-        "What is still uncertain of its parameters stands in extended_covariance.csv, in mm, mrad and SI units.",
+        "What is still uncertain of its parameters is in extended_covariance.csv, in mm, mrad and SI units.",
         f"{scatter[:1].upper()}{scatter[1:]}.",
     ]
     for places, why in (

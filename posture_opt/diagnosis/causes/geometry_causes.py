@@ -31,7 +31,7 @@ class GeometryCause:
 def geometry_causes(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause]:
-    """The geometric causes beside the effects: up to three parameters by name, or all of them together.
+    """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
 
     Args:
         x_frames: (k,) parameters with only the free frames fitted [SI].
@@ -74,7 +74,7 @@ def _f_test(small: Fit, large: Fit) -> float:
 def _few_parameters(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause] | None:
-    """The fewest parameters beside which the others add nothing significant; None where that takes more than three."""
+    """The fewest parameters given which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
     model = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     frames = {i for i in range(len(x_frames)) if np.any(free[i])}
@@ -92,7 +92,7 @@ def _few_parameters(
 
 
 def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
-    """Directions (k, f + c) of the free frames, and of single parameters beside them."""
+    """Directions (k, f + c) of the free frames, and of single parameters in addition."""
     single = np.zeros((k, len(chosen)))
     single[list(chosen), range(len(chosen))] = _COMBINATION_SCALE
     return np.concatenate([free, single], axis=1)

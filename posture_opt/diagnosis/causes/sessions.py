@@ -33,7 +33,7 @@ class Gain:
 
     @classmethod
     def of(cls, errors: Array, without: Array, groups: Codes) -> Gain:
-        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``.
+        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which are correlated within ``groups``.
 
         ``1 − RMS / RMS_without``; positive where the errors became smaller. The bootstrap draws whole groups (Efron
         1979).

@@ -6,7 +6,7 @@ its columns ``A_F``, geometry and all else among them. The lack of fit that rema
 ``λ = min_β |A s − A_F β|² = sᵀ M s − sᵀ M_F M_FF⁻¹ M_Fᵀ s``  with the information  ``M = AᵀA``.
 
 It grows by ``dᵀ (I + A_F M_FF⁻¹ A_Fᵀ)⁻¹ d`` with a new row whose discrepancy is ``d = A s − A_F β``. This is the
-T-criterion of Atkinson and Fedorov (1975), for the pair of models that is hardest to tell apart.
+T-criterion of Atkinson and Fedorov (1975), for the pair of models that is hardest to distinguish.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class OrderedPair:
 
     Args:
         signature: (K,) coefficients of the true one.
-        fitted: (r,) indices of the columns of the other one, with all that is fitted beside it.
+        fitted: (r,) indices of the columns of the other one, with all that is fitted together with it.
         spent: λ that the data predicted and did not show: it is taken off.
     """
 

@@ -28,8 +28,8 @@ class DiscriminatedPair:
     """How well an effect is discriminated from one of its rivals.
 
     Args:
-        rival: what could stand for it.
-        angle: least principal angle between their columns, beside the geometry and the other effects [rad].
+        rival: what could replace it.
+        angle: least principal angle between their columns, given the geometry and the other effects [rad].
         now: noncentrality λ of the data, the lesser of the two directions of taking one for true.
         then: λ with the planned measurements; what the data predicted and did not show is taken off.
         count: measurements of the plan for a detection probability of 90 %; None where no postures discriminate them.
@@ -103,7 +103,7 @@ def plan_discrimination(
     1 deg only, so that postures far from the data do not promise too much.
 
     Args:
-        rivals: by the place of an effect in the model, the candidates that could stand for it.
+        rivals: by the place of an effect in the model, the candidates that could replace it.
 
     Args:
         linearised: the data so far; model: the fitted arm with its effects; seed: of the candidate postures.

@@ -1,4 +1,4 @@
-"""The rivals of a model's effects: the columns that discriminate an effect from what could stand for it."""
+"""The rivals of a model's effects: the columns that discriminate an effect from what could replace it."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class RivalExplanation:
 
     Args:
         place: of the effect in the model.
-        rival: the candidate that could stand for it.
+        rival: the candidate that could replace it.
         theta: (p,) size of the rival in the place of the effect [SI].
-        angle: least principal angle between both, beside geometry and the other effects [rad].
+        angle: least principal angle between both, given geometry and the other effects [rad].
     """
 
     place: int
@@ -134,7 +134,7 @@ class ModelDiscrimination:
         return DiscriminationDesign.of(pairs, M, A), now
 
     def _pair(self, place: int, true: int, false: int, k: int, places: list[Codes]) -> OrderedPair:
-        """One member taken for true and another fitted in its place, beside k parameters and the other effects."""
+        """One member taken for true, another fitted in its place with k parameters and the other effects."""
         others = [places[i] for i in range(len(self.model.effects)) if i != place]
         theta = self.members[true][1]
         signature = np.zeros(k + sum(map(len, places)))
@@ -148,7 +148,7 @@ def by_posture(effect: Effect | UnnamedComponent) -> bool:
 
 
 def _rival_explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
-    """A rival with its likeliest size in the place of an effect, and the angle between both beside all else."""
+    """A rival with its likeliest size in the place of an effect, and the angle between both given all else."""
     members = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     others = [s for i, s in enumerate(members) if i != place]
     baseline = linearised.baseline(others, flips=0)

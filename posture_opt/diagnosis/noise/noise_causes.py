@@ -41,7 +41,7 @@ def noise_causes(
     The second list holds errors that look like a noisy joint, and that repeats do not show to be one.
 
     Args:
-        closed: p-value that nothing is left beside the model, 0 where an unnamed component is.
+        closed: p-value that nothing is left unexplained, 0 where an unnamed component is.
     """
     everything, repeats, whole = noise_samples(problem, model.residuals, baseline, _joint_columns(model))
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL

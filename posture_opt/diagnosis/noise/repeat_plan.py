@@ -1,4 +1,4 @@
-"""Which measured postures to repeat, so that scatter of a joint can be told from structure that has no name."""
+"""Which measured postures to repeat, so that scatter of a joint can be distinguished from structure without a name."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Noise that is larger at some postures than at others: what all rows raise, and what repeats make of it.
 
-Errors that grow with a joint are its scatter, or a shape that the model lacks: residuals alone cannot tell. Only
+Errors that grow with a joint are its scatter, or a shape that the model lacks: residuals alone cannot say. Only
 repeats of a posture can, where the model errs alike and all that differs is scatter.
 """
 
@@ -48,7 +48,7 @@ class UnevenErrors:
     Args:
         effect: the noise that they look like.
         p_value: family-wise, of errors of all rows so uneven.
-        refuted: whether repeats scatter by another size; else there are too few of them to tell.
+        refuted: whether repeats scatter by another size; else there are too few of them to decide.
         size: (N,) its standard deviation in each row, in units of the other scatter: where to repeat.
     """
 
@@ -110,7 +110,7 @@ class _Examined:
 
     @property
     def allowed(self) -> bool:
-        """Noise of the arm has to be confirmed by repeats; that of the instrument stands until they refute it."""
+        """Noise of the arm has to be confirmed by repeats; that of the instrument is kept until they refute it."""
         if self.candidate.of_arm:
             return self.repeated is not None and self.repeated.confirmed
         return not self.refuted
@@ -127,7 +127,7 @@ def find_uneven_noise(
     """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that.
 
     A joint is named where repeats scatter so, by the size that they have; noise that grows with the range is the
-    instrument's and named unless repeats refute it. Where they refute the best candidate, a rival may stand for it.
+    instrument's and named unless repeats refute it. Where they refute the best candidate, a rival may replace it.
     Each is whitened, as if it were stated, before the next test at a stricter level.
 
     Args:

@@ -36,7 +36,7 @@ class Candidate:
     Args:
         Z: (m, k) whitened residual per unit of each parameter [1/SI].
         searched: how many different shapes its own was chosen from.
-        place: where its columns stand in blocks, if they do.
+        place: where its columns are in blocks, if they are.
     """
 
     what: Effect | UnnamedComponent
@@ -92,7 +92,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A candidate with its F test beside a projected baseline.
+    """A candidate with its F test given a projected baseline.
 
     Args:
         rho: share of its length that the baseline leaves.
@@ -196,7 +196,7 @@ def score_candidates(
     sensitivities: EffectSensitivities,
     lines: Sequence[Lines],
 ) -> tuple[list[ScoredCandidate], NullDistribution]:
-    """The best shape of every kind and target beside a baseline, the least p-value first, and the null distribution.
+    """The best shape of every kind and target given a baseline, the least p-value first, and the null distribution.
 
     Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
     null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped

@@ -34,7 +34,7 @@ class ColumnPlace:
 
 @dataclass(eq=False)
 class ColumnStore:
-    """Takes columns (m, k) one by one; those of one key and width stand in the same blocks.
+    """Takes columns (m, k) one by one; those of one key and width are in the same blocks.
 
     Seven digits are enough: what is chosen is fitted anew, from columns of its own.
     """
@@ -61,7 +61,7 @@ class ColumnBlocks:
 
     @classmethod
     def of(cls, columns: Sequence[Array], places: Sequence[ColumnPlace | None]) -> ColumnBlocks:
-        """Of columns (m, k) each; those that stand in blocks already, in their order, are not copied."""
+        """Of columns (m, k) each; those that are in blocks already, in their order, are not copied."""
         found, at = list[Array](), 0
         for _, run in groupby(places, lambda place: None if place is None else id(place.block)):
             own = list(run)

@@ -27,7 +27,7 @@ class FourierSums:
     Args:
         spread: (M, N) sparse; what each value gives to the grid.
         middle: (N,) the phase of each value at the middle frequency.
-        window: (K,) the transform of the window; ``modes`` (K,) where each frequency stands in that of the grid.
+        window: (K,) the transform of the window; ``modes`` (K,) where each frequency is in that of the grid.
 
     The cost is ``O(N w + M log M)`` a column, w = 10 the width of the window and M the grid; the direct sums take O(N
     K).

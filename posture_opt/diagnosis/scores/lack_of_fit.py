@@ -69,7 +69,7 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes,
     repeat = repeat_of_row(data)
     cell, first, size = _group_codes(repeat, groups)
     code, _, repeats = _group_codes(groups[first])
-    # The targets of one repeat share its scatter too: so many residuals tell as much as one.
+    # The targets of one repeat share its scatter too: so many residuals say as much as one.
     shared = len(size) / (repeat[-1] + 1)
     pure_freedom = int((repeats - 1).sum()) * block / shared
     freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom

@@ -77,7 +77,7 @@ UNNAMED_PENALTY = CHOICE_PENALTY
 LENIENT_PENALTY = 2.0
 """Penalty of a parameter of a rival (Akaike 1974): what only costs more has not been refuted by data."""
 RIVAL_CRITERION = 6.0
-"""Explanations within it of the criterion cannot be told apart: an evidence ratio of e³ (Kass, Raftery 1995)."""
+"""Explanations within it of the criterion cannot be distinguished: an evidence ratio of e³ (Kass, Raftery 1995)."""
 MIN_RIVAL_COSINE = 0.5
 """Cosine of the least angle (60°) beyond which candidates are rivals. Ablation A, 0.25 and 0.9: no change."""
 MIN_DISTINCT_SHARE = 0.01

@@ -211,7 +211,7 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
 
 
 def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """Of candidates (each (m, k)) beside a baseline: shares ρ, ranks, and the sums of squares that they explain.
+    """Of candidates (each (m, k)) given a baseline: shares ρ, ranks, and the sums of squares that they explain.
 
     As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
     (candidates, 1 + B), a sum of squares of each column of flipped residuals.

@@ -24,7 +24,7 @@ _GAIN_TOLERANCE = 1e-9  # of the criterion: a smaller gain is rounding, and an e
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates by the inner products of their bases beside the projected baseline, and the penalty of each.
+    """Candidates by the inner products of their bases projected off the baseline, and the penalty of each.
 
     Args:
         columns: those inner products, with each other and with the residuals that the baseline leaves, of which
@@ -133,7 +133,7 @@ def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
 
 
 def close_alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
-    """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first.
+    """Candidates that could replace a member at a criterion at most ``within`` worse, the best first.
 
     Returns:
         (rise of the criterion, index) of each.

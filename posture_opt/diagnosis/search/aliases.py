@@ -1,4 +1,4 @@
-"""Lines of a joint that its values cannot tell apart: aliases, as on a grid of postures."""
+"""Lines of a joint that its values cannot distinguish: aliases, as on a grid of postures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAX_ALIASES = 4  # aliases of one line, the slowest: a lattice has a dozen of t
 
 
 def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
-    """The cyclic errors whose first line stands elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
+    """The cyclic errors whose first line is elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
 
     All frequencies are searched, those too that are not offered because the values of the joint do not resolve them.
 

@@ -1,6 +1,6 @@
 """The dictionary of a search: the columns of every candidate, its atoms, and the lines of all joints among them.
 
-Atoms tell their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
+Atoms return their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
 that a matching pursuit asks.
 """
 
@@ -30,7 +30,7 @@ class Atoms(ABC):
     """n candidates of k columns each."""
 
     prices: Array
-    """(n,) what the criterion charges for each beside its parameters."""
+    """(n,) what the criterion charges for each in addition to its parameters."""
     limits: Array
     """(n, 2) the least and the largest size of an only parameter [SI]; infinite for most."""
 
@@ -48,7 +48,7 @@ class Atoms(ABC):
 
     @abstractmethod
     def excluded(self, chosen: Candidate) -> Codes:
-        """Indices of those that no model holds beside a chosen candidate."""
+        """Indices of those that no model holds together with a chosen candidate."""
 
     def finer(self, index: int) -> Iterator[Candidate]:
         """Candidates between this one and its neighbours on the grid."""

@@ -92,7 +92,7 @@ def _projected(linearised: LinearisedData, chosen: Sequence[Candidate], learn: M
 
 
 class _State:
-    """Atoms beside what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
+    """Atoms given what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
 
     def __init__(
         self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None, chosen: Sequence[Candidate] = ()

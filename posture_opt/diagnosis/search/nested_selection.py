@@ -32,8 +32,8 @@ class NestedSelection:
 
     Args:
         linearised: the data that they were chosen for.
-        folds: the rows that each left out; ``groups`` (N,) what hangs together.
-        sets: the named effects by fold and size, from the empty set on; the last one stands for all larger sizes.
+        folds: the rows that each left out; ``groups`` (N,) codes of correlated rows.
+        sets: the named effects by fold and size, from the empty set on; the last one also serves for all larger sizes.
         losses: (sizes, N) squared position errors [m²] of the rows left out.
     """
 
@@ -162,7 +162,7 @@ class NestedSelections:
     def size(self) -> int:
         """As many effects as the first way asks for, within one standard error, and no more than improve any other.
 
-        Poses left out tell small gains, as they are many; blocks left out tell where what is gained is the
+        Poses left out show small gains, as they are many; blocks left out show where what is gained is the
         neighbourhood alone. The first effect has been decided by a test of its own: rows left out can but refute it.
         """
         if any(nested.refuted for nested in self.each):

@@ -1,4 +1,4 @@
-"""Rows that only looked like outliers: an effect that nobody knew of yet explains them."""
+"""Rows that only looked like outliers: an effect that was not known yet explains them."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
     """The calibration without those outliers that what was found, or a rival of it, explains.
 
     A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
-    yet they tell most of it. All rows are judged anew beside geometry and effects, as the calibration judges them
-    beside its geometry, and by whichever explanation leaves the fewest.
+    yet they say most about it. All rows are judged anew given geometry and effects, as the calibration judges them
+    given its geometry, and by whichever explanation leaves the fewest.
     """
     effects = [s for s in found.chosen if isinstance(s.what, Effect)]
     if not calibration.outliers or not effects:
@@ -51,7 +51,7 @@ def _effect_sets(found: SearchResult) -> Iterator[Sequence[Candidate]]:
 
 
 def _gross_rows(r: Array, A: Array, block: int) -> Mask:
-    """(N,) which rows stay gross errors beside the columns A (m, k), with such rows left out of the fit."""
+    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit."""
     scale = np.linalg.norm(A, axis=0)
     A = A / np.where(scale > 0, scale, 1.0)
     gone = np.zeros(len(r) // block, dtype=bool)

@@ -1,4 +1,4 @@
-"""The effects in the residuals of a calibrated arm: which explain them, how many predict, what could stand for them."""
+"""The effects in the residuals of a calibrated arm: which explain them, how many predict, what could replace them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from posture_opt.diagnosis.search.shape_refinement import refine_shape, separate
 from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import CyclicError
 
-Tell = Callable[[], None]
+ReportStep = Callable[[], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,12 @@ class SearchResult:
     """The effects that a search found.
 
     Args:
-        chosen: the candidates that together explain the residuals best, the weightiest first.
+        chosen: the candidates that together explain the residuals best, the largest contribution first.
         p_values: (chosen,) family-wise, of dropping each.
-        rivals: for each chosen one the candidates that could stand for it.
+        rivals: for each chosen one the candidates that could replace it.
         scored: every candidate on the geometry alone.
         null: the null distribution of the best candidate on the geometry alone.
-        absorbed: named candidates that the geometry alone could stand for, with the share of their columns that is
+        absorbed: named candidates that the geometry alone could replace, with the share of their columns that is
             left.
         nested: what folds chose by themselves; ``considered`` the significant candidates that were chosen from.
         names: the best set of named effects alone, where it is the better model.
@@ -86,7 +86,7 @@ class SearchResult:
 
 
 def search_effects(
-    linearised: LinearisedData, foldings: Sequence[Folding] | None = None, tell: Tell = lambda: None
+    linearised: LinearisedData, foldings: Sequence[Folding] | None = None, report_step: ReportStep = lambda: None
 ) -> SearchResult:
     """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT_LEVEL`.
 
@@ -98,20 +98,20 @@ def search_effects(
 
     Args:
         foldings: ways to leave rows out, the usual ones if None.
-        tell: called after every part.
+        report_step: called after every part.
 
     Returns:
         The chosen set without its dictionary; ``names`` the best named set, where unnamed components explain more.
     """
     if foldings is None:
         foldings = Folding.usual(linearised.sensitivities.residuals.data)
-    return _search_all(linearised, foldings, tell).apart
+    return _search_all(linearised, foldings, report_step).apart
 
 
-def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], tell: Tell) -> SearchResult:
+def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_step: ReportStep) -> SearchResult:
     """The search itself."""
     start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
-    tell()
+    report_step()
     if start.baseline.freedom < 1:
         rows = linearised.sensitivities.residuals
         raise InsufficientDataError(f"the parameters take up all that was measured; {spread_poses(rows)}")
@@ -119,11 +119,11 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], tell: T
         return _search_result(start, NestedSelections.of(Dictionary(linearised, ()), 0, foldings), (), ())
     # What is only compared is judged by the strictest way to leave rows out, for time.
     found = _select_allowed(start, foldings[-1:], lambda c: True)
-    tell()
+    report_step()
     if all(s.persistent for s in found.considered):
         return _select_allowed(start, foldings, lambda c: c.persistent)
     names = _named_model(start, foldings)
-    tell()
+    report_step()
     if all(s.named for s in found.chosen):
         return names
     alone = NestedSelections(names.nested.each[-1:])
@@ -135,7 +135,7 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], tell: T
 def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
-    What stands still for a while, or bends with the place in the room, imitates much that has another cause.
+    What stays constant for a while, or bends with the place in the room, imitates much that has another cause.
     """
     lasting = _select_allowed(start, foldings, lambda c: c.persistent)
     last = foldings[-1:]
@@ -181,7 +181,7 @@ def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> l
 
 
 def _one_error(linearised: LinearisedData, lines: Sequence[Candidate]) -> Candidate:
-    """Lines of one joint as one cyclic error, the weightiest first."""
+    """Lines of one joint as one cyclic error, the largest contribution first."""
     ranked = rank_members(linearised, lines)[0]
     error = CyclicError.joined([s.what for s in ranked if isinstance(s.what, CyclicError)])
     searched = float(np.exp(np.sum(np.log([s.searched for s in lines]))))  # each was searched for by itself
@@ -202,23 +202,23 @@ def _exchanged_members(
 
 
 def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, each at the shape that explains most beside the others."""
+    """The members, each at the shape that explains most given the others."""
     found = list(members)
     for i, member in enumerate(found):
         if not isinstance(member.what, CyclicError):
-            beside = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
-            found[i] = refine_shape(linearised.sensitivities, beside, member)
+            others = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
+            found[i] = refine_shape(linearised.sensitivities, others, member)
     return found
 
 
 def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[Candidate, ...]:
-    """The unnamed components that the residuals need beside the names of the model; else all that were found."""
+    """The unnamed components that the residuals need in addition to the named effects; else all that were found."""
     unnamed = tuple(s for s in found.chosen if not s.named)
     if found.names is None:
         return unnamed
     names = found.names.chosen
-    beside = ((s, member_weight(linearised, [*names, s], s)[0]) for s in unnamed)
-    return tuple(s for s, p in beside if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT_LEVEL) or unnamed
+    weighed = ((s, member_weight(linearised, [*names, s], s)[0]) for s in unnamed)
+    return tuple(s for s, p in weighed if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT_LEVEL) or unnamed
 
 
 def _search_result(

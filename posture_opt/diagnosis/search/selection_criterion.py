@@ -1,4 +1,4 @@
-"""What a candidate costs in the criterion of a selection, what a member is worth, and what could stand for it."""
+"""What a candidate costs in the criterion of a selection, what a member is worth, and what could replace it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
 
 
 def price_of_choice(candidate: Candidate) -> float:
-    """What the criterion charges for a candidate beside its parameters: for its grid, and for the lack of a name.
+    """What the criterion charges for a candidate in addition to its parameters: for its grid, and for the lack of a
+    name.
 
     ``2 log(searched) + γ`` and as much again without a name: extended BIC (Chen, Chen 2008).
     """
@@ -130,7 +131,7 @@ def _size_possible(candidate: Candidate, sizes: Array) -> bool:
 def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """The members without those that explain next to nothing, of what all explain and of what they leave alike.
 
-    It is the least that goes first. A name for less is not worth its line, however sure it is.
+    It is the least that goes first. A name for less is not worth its line, however certain.
     """
     kept = list(members)
     while len(kept) > 1:
@@ -149,7 +150,7 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
 def rank_members(
     linearised: LinearisedData, members: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], list[tuple[float, float]]]:
-    """The members, the weightiest first, and the weight of each.
+    """The members, the largest contribution first, and the weight of each.
 
     Returns:
         The members, the one whose loss costs most first.
@@ -214,7 +215,7 @@ def _lenient_pool(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
 
 
 def _for_all(pool: Pool, candidates: Sequence[Candidate], members: Chosen) -> list[tuple[float, int]]:
-    """Names that alone could stand for all that was chosen."""
+    """Names that alone could replace all that was chosen."""
     least = pool.criterion(members)
     alone = ((value - least, only[0]) for value, only in pool.additions(())) if len(members) > 1 else ()
     return [(more, i) for more, i in alone if more <= levels.RIVAL_CRITERION and candidates[i].named]

@@ -61,8 +61,8 @@ def separate_lines(linearised: LinearisedData, candidates: Sequence[Candidate]) 
 def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], learn: Mask) -> list[Candidate]:
     """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step.
 
-    A line that was found before others stands a little off, towards them, and what it leaves looks like another line
-    beside it (Mamandipoor, Ramasamy, Madhow 2016).
+    A line that was found before others is a little off, towards them, and what it leaves looks like another line next
+    to it (Mamandipoor, Ramasamy, Madhow 2016).
 
     The step of each line is at most half of what keeps two lines apart.
     """
@@ -138,7 +138,7 @@ def _best_step(
 ) -> Candidate:
     """The effect at that of the shapes ``steps`` (k,) which explains most.
 
-    Where they are many, some are tried first, and then those beside the best of them: what an effect explains falls
+    Where they are many, some are tried first, and then those next to the best of them: what an effect explains falls
     off to both sides of its best shape.
     """
 

@@ -135,11 +135,11 @@ def _changes(found: Compensation, change: np.ndarray) -> list[str]:
 def rows_block(found: Compensation) -> Block:
     """The rows with their compensated joint values."""
     unit, factor = length_unit([root_mean_square(found.off), root_mean_square(found.left)])
-    heads = ("line", *(head for _, head, _ in found.heads), f"off [{unit}]", f"left [{unit}]")
+    heads = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
     rows = tuple(
         (
             str(found.targets.line[k]),
-            *(found.digits.text(joint, v, f) for (joint, _, f), v in zip(found.heads, found.q[k], strict=True)),
+            *(found.digits.text(joint, v, f) for (joint, _, f), v in zip(found.headers, found.q[k], strict=True)),
             *_numbers([float(v[k]) for v in (found.off, found.left)], factor),
         )
         for k in range(min(len(found), _MOST_ROWS))
@@ -176,7 +176,7 @@ class CompensationPresenter(Presenter["Compensation"]):
     def columns(self) -> Columns:
         """The joint values and the errors before and after."""
         found = self.result
-        joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.heads)}
+        joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.headers)}
         return {
             "line": found.targets.line.tolist(),
             **joints,
