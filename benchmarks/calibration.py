@@ -19,9 +19,9 @@ import posture_opt as po
 from benchmarks.arms import Array
 from benchmarks.machine import machine_line
 from benchmarks.tables import table
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
-from posture_opt.calibration.estimation.fit import estimate
-from posture_opt.calibration.estimation.fit_setup import determine
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
+from posture_opt.calibration.estimation.fit import estimate_parameters
+from posture_opt.calibration.estimation.fit_setup import determine_directions
 
 # d, a, alpha of the UR10 (Universal Robots, "DH parameters for calculations of kinematics and dynamics")
 TABLE = [
@@ -78,19 +78,19 @@ def row(n: int, runs: int) -> list[Any]:
     task = problem()
     data = measurements(task, n)
     whole, _ = timed(lambda: po.calibrate(task, data), runs)
-    residuals, _ = compare(task, data)
+    residuals, _ = arm_and_data(task, data)
     x0 = fit_frames(residuals)
-    known = determine(task, residuals, x0, None, False)
+    known = determine_directions(task, residuals, x0, None, False)
     D = known.directions
 
     def function(z: Array) -> Array:
         return residuals.whitened(x0 + D @ z)
 
     def jacobian(z: Array) -> Array:
-        return residuals.both(x0 + D @ z)[1] @ D
+        return residuals.residuals_and_jacobian(x0 + D @ z)[1] @ D
 
     zero = np.zeros(D.shape[1])
-    ours, found = timed(lambda: estimate(residuals, x0, D, robust=False), runs)
+    ours, found = timed(lambda: estimate_parameters(residuals, x0, D, robust=False), runs)
     same, theirs = timed(lambda: least_squares(function, zero, jacobian, method="lm", x_scale="jac"), runs)
     differences, _ = timed(lambda: least_squares(function, zero, method="lm", x_scale="jac"), 1)
     apart = np.max(np.abs(found.x - x0 - D @ theirs.x) / np.sqrt(np.diag(found.covariance).clip(1e-30)))

@@ -15,7 +15,7 @@ from posture_opt.batch.batch_covariance import (
     pairs_of,
     stated_sigmas,
 )
-from posture_opt.calibration.calibrate import MOST_ROWS, calibrate
+from posture_opt.calibration.calibrate import MAX_FITTED_ROWS, calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.data_checks import state_a_distance
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
@@ -29,10 +29,10 @@ from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.validation.coverage import P, distances, share_interval
-from posture_opt.validation.spread_check import predictions
+from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, squared_distances
+from posture_opt.validation.spread_check import held_out_predictions
 
-FEWEST = 3  # robots: with two, a standard deviation is known to within a factor of thirty
+MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,10 +46,10 @@ class Batch(Result):
         parameters: (k,) geometric parameters that the data of every robot determine.
         estimates: (R, k) deviations from nominal [rad, m]; ``spread`` how they vary across the batch.
         stated: (k,) standard deviations that the problem states for them, 0 where none.
-        pairs: of parameters, the surest first; ``significant`` at 5 %, all correlations tested together.
+        pairs: of parameters, the most certain first; ``significant`` at 5 %, all correlations tested together.
         undetermined: geometric parameters that some robot's data leave open.
         nominal, calibrated: cross-validated position errors of all robots.
-        coverage: share of all rows in the 95 % regions of the arm as it stands and calibrated, with its interval,
+        coverage: share of all rows in the 95 % regions of the arm as stated and calibrated, with its interval,
             robots being what is drawn at random.
         notes: sentences for the report.
         total: how many rows there were before very many were thinned.
@@ -111,11 +111,15 @@ class Batch(Result):
 
     @property
     def thinned_json(self) -> dict[str, Any]:
-        """The part ``thinned`` of a document, where not all rows are used."""
+        """The part ``thinned`` of a document: how many rows there were and are; empty where all were used."""
         used = len(self.data)
         return {"thinned": {"rows": self.total, "rows_used": used}} if self.total > used else {}
 
     def _parameter(self, p: Parameter, k: int | None) -> dict[str, Any]:
+        """One parameter of the type: its mean over the robots and the standard error of that mean.
+
+        ``k`` is its place among those that all robots determine; with ``None`` the nominal value is reported.
+        """
         known = k is not None
         mean, std = (float(self.spread.mean[k]), float(self.spread.mean_std[k])) if k is not None else (0.0, None)
         return {
@@ -124,6 +128,7 @@ class Batch(Result):
         }  # fmt: skip
 
     def _robot(self, k: int) -> dict[str, Any]:
+        """The entry of one robot under ``batch.robots``: its rows, errors, deviations from nominal and outliers."""
         found = self.calibrations[k]
         return {
             "robot": self.robots[k],
@@ -141,10 +146,13 @@ def calibrate_batch(
     *,
     folds: int = 5,
     by: By | None = None,
-    most_rows: int = MOST_ROWS,
+    most_rows: int = MAX_FITTED_ROWS,
     progress: Progress | None = None,
 ) -> Batch:
     """Calibrate every robot of a type by itself, and estimate how their geometry varies from one to the next.
+
+    With estimates ``x_r`` of R robots and their covariances ``S_r`` the model is ``x_r ~ N(μ, Ω + S_r)``. Only
+    parameters that the data of every robot determine are in it. The cost is one `calibrate` a robot.
 
     Each robot has its own free base and tool. Stated σ's of geometry are no priors here: they would pull all robots to
     the nominal one and hide what is asked for. The covariance across the batch is that of the estimates less what their
@@ -156,12 +164,22 @@ def calibrate_batch(
     Raises:
         InputError: the data are of one robot.
         InsufficientDataError: fewer than three robots, or too little of one of them.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_correlated_lengths")
+        >>> data = po.read_measurements("problems/planar_2r_batch.csv", problem)
+        >>> batch = po.calibrate_batch(problem, data)
+        >>> len(batch.robots), batch.names
+        (12, ('joint1.theta', 'joint1.a', 'joint2.theta', 'joint2.a'))
+        >>> print(f"{1e3 * batch.spread.sigma[1]:.2f} mm")  # how far the first link varies from robot to robot
+        0.36 mm
     """
-    _check(problem, data)
+    _check_batch(problem, data)
     total, data = len(data), thin_each_robot(data, most_rows)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
-    calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
-    parameters, undetermined = _determined(calibrations)
+    calibrations = tuple(_calibrate_each(_without_geometry(problem), data, rows, folds, by, progress))
+    parameters, undetermined = _determined_by_all(calibrations)
     index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
     columns = [index[p.name] for p in parameters]
     estimates = np.array([c.x[columns] for c in calibrations])
@@ -180,42 +198,50 @@ def calibrate_batch(
         stated=stated_sigmas(parameters, problem),
         pairs=pairs_of(parameters, spread, problem),
         undetermined=undetermined,
-        nominal=Statistics.of(_counted(calibrations, [c.errors_nominal for c in calibrations]), robots),
-        calibrated=Statistics.of(_counted(calibrations, [c.errors for c in calibrations]), robots),
-        coverage=_coverage(problem, calibrations, folds),
-        notes=tuple(dict.fromkeys((*_thinned(total, len(data)), *(note for c in calibrations for note in c.notes)))),
+        nominal=Statistics.of(_kept_errors(calibrations, [c.errors_nominal for c in calibrations]), robots),
+        calibrated=Statistics.of(_kept_errors(calibrations, [c.errors for c in calibrations]), robots),
+        coverage=_batch_coverage(problem, calibrations, folds),
+        notes=tuple(
+            dict.fromkeys((*_thinning_notes(total, len(data)), *(note for c in calibrations for note in c.notes)))
+        ),
         total=total,
     )
 
 
-def _thinned(total: int, used: int) -> tuple[str, ...]:
+def _thinning_notes(total: int, used: int) -> tuple[str, ...]:
     """What is said of a file of which not all rows are used."""
     return (f"{used} of {total} rows were fitted, as many of each robot: --rows takes more",) * (used < total)
 
 
-def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
-    """Errors (N, 3) of all robots, outliers left out."""
+def _kept_errors(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
+    """Errors (M, 3) [m] of the rows of all robots that are no outliers, robot after robot."""
     return np.concatenate([e[c.kept_rows] for c, e in zip(calibrations, errors, strict=True)])
 
 
-def _check(problem: ProblemData, data: Measurements) -> None:
+def _check_batch(problem: ProblemData, data: Measurements) -> None:
+    """Refuses data that cannot say how a type varies.
+
+    Raises:
+        InputError: one robot only.
+        InsufficientDataError: fewer than `MIN_ROBOTS`, or touched points without a known distance.
+    """
     names = data.robot_names
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
         raise InputError(Issue("the data are of one robot: how a batch varies cannot be known from it", hint=hint))
-    if len(names) < FEWEST:
+    if len(names) < MIN_ROBOTS:
         raise InsufficientDataError(
-            f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {FEWEST} robots or "
+            f"{len(names)} robots ({', '.join(names)}) do not show how the type varies: measure {MIN_ROBOTS} robots or "
             "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
         )
     if data.position is None and not problem.data.distances:
         raise InsufficientDataError(
-            "touched points alone do not tell the size of a robot, nor how sizes vary from one to the next: "
+            "touched points alone do not determine the size of a robot, nor how sizes vary from one to the next: "
             f"{state_a_distance(data)}"
         )
 
 
-def _each(
+def _calibrate_each(
     problem: ProblemData,
     data: Measurements,
     rows: Sequence[Codes],
@@ -223,14 +249,21 @@ def _each(
     by: By | None,
     progress: Progress | None,
 ) -> Iterator[Calibration]:
-    """Every robot by itself."""
+    """The calibration of every robot by itself, in the order of their names; each step of the progress is one robot."""
     for code, mine in enumerate(rows):
-        yield _one(problem, data, mine, code, folds, by)
+        yield _calibrate_one(problem, data, mine, code, folds, by)
         if progress is not None:
             progress(code + 1, len(rows))
 
 
-def _one(problem: ProblemData, data: Measurements, rows: Codes, code: int, folds: int, by: By | None) -> Calibration:
+def _calibrate_one(
+    problem: ProblemData, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
+) -> Calibration:
+    """The calibration of one robot; errors name it.
+
+    Raises:
+        InputError, InsufficientDataError: as `calibrate`, with the name of the robot in front.
+    """
     name = data.robot_names[code]
     mine = data.take(rows)
     own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
@@ -243,7 +276,10 @@ def _one(problem: ProblemData, data: Measurements, rows: Codes, code: int, folds
 
 
 def _without_geometry(problem: ProblemData) -> ProblemData:
-    """The problem without σ's of geometry; those of frames that are not free stay knowledge."""
+    """The problem without σ's of geometry, which would pull every robot to the nominal one.
+
+    σ's of frames that are not free stay knowledge, and so does all scatter.
+    """
     sources = problem.sources
     frame = np.array([name.rpartition(".")[0] in ("base", "tool") for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
@@ -251,28 +287,35 @@ def _without_geometry(problem: ProblemData) -> ProblemData:
     return replace(problem, sources=bare)
 
 
-def _determined(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
-    """Geometric parameters that all robots' data determine, and the names of the others."""
+def _determined_by_all(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
+    """Geometric parameters that all robots' data determine, and the names of the others.
+
+    Raises:
+        InsufficientDataError: there is none.
+    """
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
-    told = tuple(p for p, known in geometry if known and p.group == "geometry")
-    if not told:
+    determined = tuple(p for p, known in geometry if known and p.group == "geometry")
+    if not determined:
         raise InsufficientDataError(
             "no geometric parameter is determined by the data of every robot: measure postures spread over the whole "
             "workspace of each"
         )
-    return told, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
+    return determined, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
 
 
-def _coverage(
+def _batch_coverage(
     problem: ProblemData, calibrations: tuple[Calibration, ...], folds: int
 ) -> dict[str, tuple[float, tuple[float, float]]]:
-    """Shares of all rows inside the predicted 95 % regions; rows of one robot hang together."""
+    """By model, the share of all rows inside their predicted 95 % regions, with its 95 % interval.
+
+    Rows of one robot are correlated, so the interval is that of as many robots as there are.
+    """
     inside: dict[str, list[Mask]] = {}
     for calibration in calibrations:
-        for name, (errors, predicted, _) in predictions(problem, calibration, folds).items():
-            radius = coverage_factor(P, errors.shape[1])
-            inside.setdefault(name, []).append(distances(errors, predicted.covariance) <= radius**2)
+        for name, (errors, predicted, _) in held_out_predictions(problem, calibration, folds).items():
+            radius = coverage_factor(REGION_PROBABILITY, errors.shape[1])
+            inside.setdefault(name, []).append(squared_distances(errors, predicted.covariance) <= radius**2)
     found = {}
     for name, parts in inside.items():
         robots = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])

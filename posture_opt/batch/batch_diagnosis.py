@@ -1,4 +1,8 @@
-"""Diagnosis of several robots of one type: what varies from robot to robot together, and which joint is noisy."""
+"""Diagnosis of several robots of one type: lengths that vary together from robot to robot, and which joint is noisy.
+
+One robot has one length error for each link: whether errors of two links are correlated shows over many robots only.
+Noise of a joint is common to the type too; the residuals of all robots together show a smaller one than any alone.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
@@ -24,7 +28,14 @@ from posture_opt.selection.problem_data import ProblemData
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BatchDiagnosis(Result):
-    """The causes that a batch shows and no single robot can: correlated lengths; and the noise that all share."""
+    """The causes that a batch shows and no single robot can: correlated lengths; and the noise that all share.
+
+    Args:
+        batch: the calibrations that were diagnosed.
+        effects: correlated lengths that the file does not state, then noise; each with size and p-value.
+        by: the groups that each calibration's cross-validation left out together.
+        uneven: errors that grow with a joint, and that repeats do not show to be scatter.
+    """
 
     batch: Batch
     effects: tuple[Finding, ...]
@@ -53,7 +64,7 @@ class BatchDiagnosis(Result):
             "cross_validation": self.by,
             "candidates": [
                 {"kind": found.kind, "target": found.target, "p_value": found.p_value, "gain": 0.0}
-                for found in map(_correlated, self.batch.pairs)
+                for found in map(_correlation_finding, self.batch.pairs)
             ],
             "notes": list(self.batch.notes),
             **self.batch.thinned_json,
@@ -69,10 +80,13 @@ def diagnose_batch(
     folds: int = 5,
     by: By | None = None,
     seed: int = 0,
-    most_rows: int = levels.MOST_ROWS,
+    most_rows: int = levels.MAX_SEARCHED_ROWS,
     progress: Progress | None = None,
 ) -> BatchDiagnosis:
     """What measurements of several robots of one type say that those of one cannot.
+
+    The p-values of the pairs are adjusted by Holm's (1979) rule over all pairs; a pair whose stated correlation lies in
+    its 95 % interval is no finding.
 
     Every robot is calibrated by itself. Lengths that are long or short together in one robot after the other are
     named ``correlated_lengths``; noise is judged over the residuals of all robots.
@@ -82,36 +96,50 @@ def diagnose_batch(
 
     Raises:
         InputError, InsufficientDataError: as `calibrate_batch`.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_correlated_lengths")
+        >>> data = po.read_measurements("problems/planar_2r_batch.csv", problem)
+        >>> diagnosis = po.diagnose_batch(problem, data)  # the correlation of this type is the one of the file
+        >>> [finding.kind for finding in diagnosis.effects]
+        []
     """
     batch = calibrate_batch(problem, data, folds=folds, by=by, most_rows=most_rows, progress=progress)
     units = {p.name: p.unit for p in batch.parameters}
     lengths = [
-        _correlated(pair)
+        _correlation_finding(pair)
         for pair in batch.pairs
         if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
     ]
-    noise, uneven = _noise(problem, batch, seed)
+    noise, uneven = _batch_noise(problem, batch, seed)
     findings = (*lengths, *map(noise_finding, noise))
     return BatchDiagnosis(batch, findings, batch.calibrations[0].by, tuple(uneven))
 
 
-def _correlated(pair: CorrelatedPair) -> Finding:
+def _correlation_finding(pair: CorrelatedPair) -> Finding:
+    """A correlated pair of lengths as a finding: the correlation and a quarter of its 95 % interval's length as its
+    error.
+
+    ``3.92`` is twice the 97.5 % quantile of a Gaussian.
+    """
     effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
     size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
     return Finding(effect, size, pair.p_value, 0.0)
 
 
 def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
+    """Whether the correlation that the file states lies in the 95 % interval of the estimated one."""
     return stated != 0 and interval[0] <= stated <= interval[1]
 
 
-def _noise(
+def _batch_noise(
     problem: ProblemData, batch: Batch, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:  # fmt: skip
-    """Uneven noise in the residuals of all robots."""
+    """Uneven noise in the residuals of all robots: what is named, and errors that only look like noise."""
     samples = []
     for calibration in batch.calibrations:
-        linearised = linearise(calibration, 0, seed)
+        linearised = linearise_calibration(calibration, 0, seed)
         sensitivities = linearised.sensitivities
         samples.append(noise_samples(problem, sensitivities.residuals, linearised.baseline(), sensitivities.joints)[:2])
     everything, repeats = (NoiseSample.together(parts) for parts in zip(*samples, strict=True))

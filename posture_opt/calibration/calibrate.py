@@ -9,10 +9,10 @@ from itertools import count
 import numpy as np
 
 from posture_opt.calibration.assumptions.frame_chart import Chart
-from posture_opt.calibration.assumptions.frames import compare, fit_frames, held_length
-from posture_opt.calibration.assumptions.stated_knowledge import consistent
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames, held_length
+from posture_opt.calibration.assumptions.stated_knowledge import consistent_problem
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
+from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted_errors
 from posture_opt.calibration.data_checks import (
     Disagreement,
     check_amount,
@@ -23,23 +23,29 @@ from posture_opt.calibration.data_checks import (
     still_notes,
 )
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.estimation.fit import Fit, clustered, estimate
+from posture_opt.calibration.estimation.fit import Fit, estimate_parameters, with_clustered_errors
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.fit_setup import FitSetup, determine, unseen
+from posture_opt.calibration.estimation.fit_setup import (
+    FitSetup,
+    determine_directions,
+    unseen_errors_of_fit,
+)
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.other_file import OtherFile, predicted
+from posture_opt.calibration.other_file import OtherFile, predict_other_file
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.selection.problem_data import ProblemData
 
-MOST_ROWS = 100_000
+MAX_FITTED_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
-_ROUNDS = 3  # of fitting and judging the noise anew
-SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
-RECOUNTED = (
+_NOISE_ROUNDS = 3  # of fitting and judging the noise anew
+SIZE_NOTE = (
+    "touched points alone do not determine the size of the arm: {} is held; state a distance under data.distances"
+)
+RECOUNTED_NOTE = (
     "{} that the calibration leaves out as {} here, as effects explain it: RMS errors are of all rows that count "
     "(without {}, {:.3g} mm calibrated)"
 )
@@ -57,15 +63,20 @@ def calibrate(
     refit_frames: bool = False,
     plan: bool = True,
     seed: int | None = None,
-    most_rows: int = MOST_ROWS,
+    most_rows: int = MAX_FITTED_ROWS,
     progress: Progress | None = None,
 ) -> Calibration:
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
 
+    In symbols: ``min Σ_i |W_i (f(q_i; x) − m_i)|² + |V (x − x̄)|²`` over the deviations x of geometry, frames and
+    touched points, f the arm, m_i the measurements, W the instrument's σ, V the prior; by Levenberg-Marquardt, rows
+    that are gross outliers left out. About ``2 · folds + 1`` fits.
+
     Free frames and touched points start from a closed form; then everything is fitted together. Frames that are
-    neither free nor given a σ are taken as stated, unless the data refute that, see `consistent`: then they are free,
-    and a stated σ that the data refute does not count. What the data tell less well than to 10 mm and 1° counts as not
-    determined, and is held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
+    neither free nor given a σ are taken as stated, unless the data refute that, see `consistent_problem`: then they are
+    free, and a stated σ that the data refute does not count. What the data determine less well than to 10 mm and 1° is
+    undetermined: it is
+    held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
     cross-validated: every row is predicted by an arm that has not seen its group (``by``: its pose, its block of the
     workspace, or the place that it touched).
 
@@ -74,39 +85,47 @@ def calibrate(
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
         plan: whether report and document plan the task again with the arm that was found; ``seed`` of that search.
         most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
-        progress: is told after each fit how many of how many are done.
+        progress: receives (done, total) after each fit.
 
     Raises:
         InputError: several robots at once, or a test file with other targets.
         InsufficientDataError: fewer measurements than unknowns.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> calibration = po.calibrate(problem, data)
+        >>> print(f"{1e3 * calibration.nominal.rms:.2f} mm before, {1e3 * calibration.calibrated.rms:.2f} mm after")
+        1.30 mm before, 0.14 mm after
     """
     thinning = thin(data, most_rows)
     data = data if thinning is None else thinning.used
-    problem, refuted = consistent(problem, data, priors)
-    given, notes = compare(problem, data)
+    problem, refuted = consistent_problem(problem, data, priors)
+    given, notes = arm_and_data(problem, data)
     chart = Chart.of(given)
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
     parts = folds_of(groups, folds, by)
-    tell = _teller(progress, 2 * len(parts) + 1 + (thinning is not None))
-    fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
+    report_step = _step_reporter(progress, 2 * len(parts) + 1 + (thinning is not None))
+    fitted = _fit_arm(problem, chart.fitted, len(np.unique(groups)), priors)
     check_kept(chart.fitted, groups, fitted.found.kept)
-    tell()
-    nominal = refitted(chart.fitted, parts, fitted.found, tell, frames=True)
-    calibrated = refitted(chart.fitted, parts, fitted.found, tell)
+    report_step()
+    nominal = refitted_errors(chart.fitted, parts, fitted.found, report_step, frames=True)
+    calibrated = refitted_errors(chart.fitted, parts, fitted.found, report_step)
     again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
-    told = _restless(calibrated.unsettled, len(parts))
-    notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
+    unconverged = _unconverged_note(calibrated.unsettled, len(parts))
+    notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *unconverged)
     models = {"nominal": (chart.fitted, fitted.x_nominal), "calibrated": (chart.fitted, fitted.found.x)}
-    seen = None if test is None else predicted(models, data.take(fitted.found.kept), test, refit_frames)
+    seen = None if test is None else predict_other_file(models, data.take(fitted.found.kept), test, refit_frames)
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
-    found = _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+    found = _assemble_calibration(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
     left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
-    found = replace(found, contradictions=refuted.told(found.fit), disagreement=left)
+    found = replace(found, contradictions=refuted.contradictions(found.fit), disagreement=left)
     if thinning is None:
         return found
     large = LargeFile.of(thinning, models, fitted.found)
-    tell()
+    report_step()
     return replace(found, large=large)
 
 
@@ -116,25 +135,37 @@ def stated_errors(
     """What `calibrate` finds of the arm as its file states it: position errors (N, 3) [m], and the rows that count.
 
     Nothing is fitted but what the file leaves free, and the offsets of several targets and touched points, which no
-    file states; they are predicted without the group of each row. Outliers beside the calibrated arm do not count.
+    file states; they are predicted without the group of each row. Outliers of the calibrated arm do not count.
+
+    Args:
+        folds, by: of the cross-validation, as in `calibrate`.
     """
-    problem, _ = consistent(problem, data, priors=True)
-    residuals = Chart.of(compare(problem, data)[0]).fitted
+    problem, _ = consistent_problem(problem, data, priors=True)
+    residuals = Chart.of(arm_and_data(problem, data)[0]).fitted
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
-    # A file that states what it learned has more unknowns than its data tell: few rows suffice all the same.
-    found = _fit(problem, residuals, len(np.unique(groups)), priors=True, enough=True).found
-    return refitted(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept
+    # A file that states what it learned has more unknowns than its data determine: few rows suffice all the same.
+    found = _fit_arm(problem, residuals, len(np.unique(groups)), priors=True, enough=True).found
+    return refitted_errors(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept
 
 
 def default_by(data: Measurements) -> By:
-    """What a cross-validation leaves out together where nobody says it."""
+    """What a cross-validation leaves out together where none is stated.
+
+    Positions are left out pose by pose; touched points place by place, as all touches of a place share its position.
+    """
     return "place" if data.position is None else "pose"
 
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """An arm fitted to all rows: where it began, what was known and what was found, and the length that was held."""
+    """An arm fitted to all rows.
+
+    Args:
+        x_nominal: (k,) deviations [rad, m] with only the free frames fitted.
+        known: what the data and the prior determine; found: the estimate.
+        held: the length that is held as the size of the arm; None where the data determine it.
+    """
 
     x_nominal: Array
     known: FitSetup
@@ -144,46 +175,53 @@ class _Fitted:
 
     @property
     def found_notes(self) -> tuple[str, ...]:
+        """Sentences on what was assumed, then on what did not converge."""
         return *self.known.notes, *self.found.notes
 
 
-def _fit(problem: ProblemData, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False) -> _Fitted:
-    """The free frames, then everything that the data determine; ``groups`` counts what hangs together.
+def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False) -> _Fitted:
+    """The free frames, then everything that the data determine; ``groups`` counts groups of correlated rows.
 
     ``enough`` says that the data are known to suffice, and to be of this arm.
+
+    Raises:
+        InputError: the data are not of this arm.
+        InsufficientDataError: too few rows, or no length to hold.
     """
     x_nominal = fit_frames(residuals)
     held = held_length(residuals)
     check_size(residuals, held)
-    known = determine(problem, residuals, x_nominal, held, priors)
+    known = determine_directions(problem, residuals, x_nominal, held, priors)
     if not enough:
         check_amount(residuals, known, groups)
-    known, found = _settled(problem, residuals, x_nominal, known, held, priors)
+    known, found = _settled_estimate(problem, residuals, x_nominal, known, held, priors)
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
-    notes = () if held is None else (SIZE.format(residuals.parameters[held].name),)
+    notes = () if held is None else (SIZE_NOTE.format(residuals.parameters[held].name),)
     return _Fitted(x_nominal, known, found, held, notes)
 
 
-def _settled(
+def _settled_estimate(
     problem: ProblemData, residuals: Residuals, x: Array, known: FitSetup, held: int | None, priors: bool
 ) -> tuple[FitSetup, Fit]:
     """The estimate, and what is determined with the noise that it leaves.
 
     An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
     directions are judged again.
+
+    The loop ends when the noise falls by less than half, after `_NOISE_ROUNDS` rounds at the most.
     """
-    for _ in range(_ROUNDS):
-        found = estimate(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
-        again = determine(problem, residuals, x, held, priors, found)
+    for _ in range(_NOISE_ROUNDS):
+        found = estimate_parameters(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
+        again = determine_directions(problem, residuals, x, held, priors, found)
         if again.noise > known.noise / 2:
             break
         known = again
     return known, found
 
 
-def _assembled(
+def _assemble_calibration(
     request: FitRequest,
     given: Residuals,
     chart: Chart,
@@ -196,15 +234,18 @@ def _assembled(
 ) -> Calibration:
     """The calibration in the parameters of the file; ``predicted`` are the nominal and the calibrated arm's errors."""
     residuals, known, kept = chart.fitted, fitted.known, fitted.found.kept
-    found = clustered(fitted.found) if known.design > 1 else fitted.found
+    found = with_clustered_errors(fitted.found) if known.design > 1 else fitted.found
     nominal, calibrated = predicted
     return Calibration(
         request=request,
         fit=replace(
-            found, residuals=given, x=chart.told(found.x), directions=chart.told_steps(found.x, found.directions)
+            found,
+            residuals=given,
+            x=chart.given_deviations(found.x),
+            directions=chart.given_steps(found.x, found.directions),
         ),
-        x_nominal=chart.told(fitted.x_nominal),
-        fixed=chart.told_fixed(found.x, known.fixed, found.covariance),
+        x_nominal=chart.given_deviations(fitted.x_nominal),
+        fixed=chart.given_determined(found.x, known.fixed, found.covariance),
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[kept], groups[kept]),
         calibrated=Statistics.of(calibrated.errors[kept], groups[kept]),
@@ -213,12 +254,12 @@ def _assembled(
         by=by,
         test=test,
         prior=known.stated,
-        unseen=chart.told_size(found.x, unseen(residuals, known, found, fitted.held)),
+        unseen=chart.given_sizes(found.x, unseen_errors_of_fit(residuals, known, found, fitted.held)),
         notes=notes,
     )
 
 
-def recounted(calibration: Calibration, kept: Mask) -> Calibration:
+def recount_rows(calibration: Calibration, kept: Mask) -> Calibration:
     """The same estimate with other rows (N,) that count: the errors of both models are predicted anew, fold by fold.
 
     The estimate itself stays the one that did without them.
@@ -226,20 +267,21 @@ def recounted(calibration: Calibration, kept: Mask) -> Calibration:
     request, by, fit = calibration.request, calibration.by, replace(calibration.fit, kept=kept)
     groups = groups_of(request.data, by, request.folds)
     parts = folds_of(groups, request.folds, by)
-    held = {name: refitted(fit.residuals, parts, fit, frames=name == "nominal") for name in calibration.held}
+    held = {name: refitted_errors(fit.residuals, parts, fit, frames=name == "nominal") for name in calibration.held}
     nominal, calibrated = (Statistics.of(held[n].errors[kept], groups[kept]) for n in ("nominal", "calibrated"))
     more = int(kept.sum()) - len(calibration.kept_rows)
     words = ("1 row", "an outlier counts", "it") if more == 1 else (f"{more} rows", "outliers count", "them")
-    note = RECOUNTED.format(*words, calibration.calibrated.rms * 1e3)
+    note = RECOUNTED_NOTE.format(*words, calibration.calibrated.rms * 1e3)
     notes = (*calibration.notes, note) if more else calibration.notes
     return replace(calibration, fit=fit, held=held, nominal=nominal, calibrated=calibrated, notes=notes)
 
 
-def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
-    """Tells one more of ``total`` fits at each call."""
+def _step_reporter(progress: Progress | None, total: int) -> Callable[[], None]:
+    """A callable that reports one more of ``total`` fits at each call; nothing without a ``progress``."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
 
 
-def _restless(fits: int, rounds: int) -> tuple[str, ...]:
-    return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()
+def _unconverged_note(fits: int, rounds: int) -> tuple[str, ...]:
+    """A sentence where fits of the cross-validation did not converge, ``rounds`` of them in all."""
+    return (f"{fits} of the {rounds} fits of the cross-validation did not converge",) if fits else ()

@@ -15,7 +15,11 @@ from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability
+from posture_opt.calibration.estimation.identifiability import (
+    ANGLE_TOLERANCE_RAD,
+    LENGTH_TOLERANCE_M,
+    Identifiability,
+)
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_file import OtherFile
@@ -31,8 +35,8 @@ if TYPE_CHECKING:
     from posture_opt.calibration.large_file import LargeFile
     from posture_opt.model.effects import Effect
 
-_NEVER = 5.0  # times its tolerance, or its standard error
-CORRELATED = 0.9  # from here on, one of two estimates leans on the other
+_MAX_DEVIATION_RATIO = 5.0  # times its tolerance, or its standard error
+CORRELATION_SHOWN = 0.9  # from here on, one of two estimates leans on the other
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,7 +55,7 @@ class Calibration(Result):
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
-        unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+        unseen: (k,) part of the standard errors that combinations leave which nothing determines [rad, m].
         notes: sentences for the report.
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
         disagreement: what is left of data that are hardly this arm's; None of others.
@@ -78,18 +82,18 @@ class Calibration(Result):
 
     @property
     def far_frames(self) -> dict[str, float]:
-        """Free frames that stand where none can, and how far off [m]."""
+        """Free frames that are where none can be, and how far off [m]."""
         return far_frames(self.residuals, self.x)
 
     @property
     def implausible(self) -> dict[str, tuple[float, float, str]]:
-        """Geometry farther off its drawing than parts ever are, surely so: (deviation, standard error, SI unit)."""
-        far = {"m": _NEVER * LENGTH, "rad": _NEVER * ANGLE}
+        """Geometry farther from nominal than parts ever are, with certainty: (deviation, standard error, SI unit)."""
+        far = {"m": _MAX_DEVIATION_RATIO * LENGTH_TOLERANCE_M, "rad": _MAX_DEVIATION_RATIO * ANGLE_TOLERANCE_RAD}
         rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), self.prior.tolist(), strict=True)
         return {
             p.name: (x, std, p.unit)
             for p, x, std, stated in rows
-            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], _NEVER * std)
+            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], _MAX_DEVIATION_RATIO * std)
         }
 
     @property
@@ -119,7 +123,7 @@ class Calibration(Result):
 
     @property
     def design(self) -> float:
-        """How many rows tell as much as one alone would, as neighbouring postures err alike."""
+        """How many rows say as much as one alone would, as neighbouring postures err alike."""
         return self.fit.design
 
     @property
@@ -148,7 +152,7 @@ class Calibration(Result):
         return tuple(int(line) for line in self.residuals.data.line[~self.fit.kept])
 
     def fit_effects(self, residuals: Residuals, effects: Sequence[Effect]) -> Fit:
-        """Geometry as it was fitted here, with effects beside it: what was known beforehand weighs as much.
+        """Geometry as it was fitted here, together with effects: the prior weighs as much.
 
         Args:
             residuals: of the rows that count, in the same parameters.
@@ -239,9 +243,9 @@ class Calibration(Result):
         }
 
     def _correlations(self) -> list[dict[str, Any]]:
-        """Pairs of estimates that hang together closely."""
+        """Pairs of estimates that are correlated closely."""
         C, names = self.correlation, [p.name for p in self.parameters]
-        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATED, 1))
+        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))
         return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]
 
 

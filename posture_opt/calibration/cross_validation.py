@@ -1,8 +1,8 @@
 """Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file.
 
-The others are fitted anew, exactly (`refitted`), or to first order about the fit to all rows (`held_out`). There every
-fold fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into the
-folds too (`predicted`, by models of their own).
+The others are fitted anew, exactly (`refitted_errors`), or to first order about the fit to all rows (`held_out`). Every
+fold then fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into
+the folds too (`linear_held_out_errors`, by models of their own).
 """
 
 from __future__ import annotations
@@ -13,23 +13,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.assumptions.frames import fit_frames
-from posture_opt.calibration.estimation.fit import Fit, estimate
+from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
 Folds = Sequence[Codes]
 
-_NONE = 1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
+_INFORMATION_TOLERANCE = (
+    1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
+)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Position errors (N, 3) [m] of every row by a model that has not seen its group, and whether they were expected.
+    """Position errors of every row by a model that has not seen its group, and whether they were expected.
 
-    ``inside`` (N,): in the 95 % region that the errors of the other rows lead one to expect, and what these leave
-    unknown of the parameters; where noise is not the same at all rows, in the ``shape`` (N, axes, axes) that it has at
-    each. ``unsettled`` fits did not come to rest.
+    Args:
+        errors: (N, 3) model minus measured [m], world.
+        inside: (N,) in the 95 % region that the errors of the other rows lead one to expect, and what these leave
+            unknown of the parameters.
+        shape: (N, axes, axes) covariance of noise at each row, up to a factor, where it is not the same at all rows.
+        unsettled: how many fits did not converge.
     """
 
     errors: Array
@@ -48,15 +53,24 @@ class HeldOut:
         return replace(self, errors=self.errors[rows], inside=self.inside[rows], shape=shape)
 
 
-def refitted(
-    residuals: Residuals, folds: Folds, found: Fit, tell: Callable[[], None] = lambda: None, *, frames: bool = False
+def refitted_errors(
+    residuals: Residuals,
+    folds: Folds,
+    found: Fit,
+    report_step: Callable[[], None] = lambda: None,
+    *,
+    frames: bool = False,
 ) -> HeldOut:
     """Every row by an arm that was fitted to the other folds: all that was fitted to all rows, or free frames alone.
 
     Args:
         found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
-        tell: is called after each fit.
+        report_step: is called after each fit.
         frames: fit free frames and nothing else.
+        residuals: the arm against all rows, outliers included; folds: the rows that each leaves out.
+
+    Returns:
+        Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
     """
     data = residuals.data
     errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
@@ -67,7 +81,7 @@ def refitted(
         x = fit_frames(training)
         again = None
         if not frames:
-            again = estimate(
+            again = estimate_parameters(
                 training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
                 weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
@@ -75,8 +89,8 @@ def refitted(
         rest = residuals.take(left_out)
         errors[left_out] = position_errors(rest, x)
         taught = position_errors(training, x)[:, residuals.axes]
-        inside[left_out] = _inside(rest, errors[left_out], taught, x, again)
-        tell()
+        inside[left_out] = _inside_regions(rest, errors[left_out], taught, x, again)
+        report_step()
     return HeldOut(errors, inside, unsettled=not_converged)
 
 
@@ -86,16 +100,18 @@ def held_out(
 ) -> HeldOut:  # fmt: skip
     """Errors of a model refitted to the other rows of each fold, to first order about its estimate.
 
+    The cost is one eigendecomposition (p, p) a fold, p the number of columns, in place of a nonlinear fit.
+
     About the estimate of all rows the model is linear to well below the noise: leaving a fold out moves a
     parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out;
     ``about`` is the linear model where it is known.
     ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
     """
     linear = about or LinearModel.of(model)
-    return predicted(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
+    return linear_held_out_errors(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
 
 
-def predicted(
+def linear_held_out_errors(
     residuals: Residuals, models: Iterable[tuple[Codes, LinearModel]], without: int | None = None,
     shape: Array | None = None,
 ) -> HeldOut:  # fmt: skip
@@ -105,44 +121,46 @@ def predicted(
     root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
     for left_out, linear in models:
         r, kept = linear.without(without)
-        theirs = _index(left_out, block)
-        step, spread = _step(linear, r, kept, theirs)
+        theirs = _residual_indices(left_out, block)
+        step, spread = _fold_step(linear, r, kept, theirs)
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
         e = positions_of(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
-        told = linear.U @ (linear.K[:, kept] @ spread)
-        inside[left_out] = in_regions(e, *_expected(residuals, refitted, told, left_out, root))
+        unit_steps = linear.U @ (linear.K[:, kept] @ spread)
+        inside[left_out] = in_regions(e, *_expected_covariance(residuals, refitted, unit_steps, left_out, root))
     return HeldOut(errors, inside, shape)
 
 
-def _expected(residuals: Residuals, r: Array, told: Array, left_out: Codes, root: Array | None) -> tuple[Array, float]:
-    """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is told by.
+def _expected_covariance(
+    residuals: Residuals, r: Array, unit_steps: Array, left_out: Codes, root: Array | None
+) -> tuple[Array, float]:
+    """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is estimated from.
 
     Noise as the other rows have it, and the error of the parameters fitted to them: the leverage of a row. A parameter
     takes from each coordinate what its leverage there is.
 
     Args:
         r: (m,) residuals by the refitted model.
-        told: (m, p) columns for parameters of variance one each, for residuals of variance one.
+        unit_steps: (m, p) columns for parameters of variance one each, for residuals of variance one.
         root: (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all rows.
     """
     N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
     learn = np.setdiff1d(np.arange(N), left_out)
     taught = r[: N * block].reshape(N, block)[learn, :d] * residuals.sigma
-    rows = told[: N * block].reshape(N, block, -1)[:, :d]
+    rows = unit_steps[: N * block].reshape(N, block, -1)[:, :d]
     free = max(len(learn) - float(np.sum(rows[learn] ** 2)) / d, d + 1.0)
     if root is not None:
         taught = np.asarray(np.linalg.solve(root[learn], taught[:, :, None])[:, :, 0])
     C = np.broadcast_to(taught.T @ taught / free, (len(left_out), d, d))
     if root is not None:
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
-    others = np.delete(r, _index(left_out, block))
-    variance = float(others @ others) / max(len(others) - told.shape[1], 1)
+    others = np.delete(r, _residual_indices(left_out, block))
+    variance = float(others @ others) / max(len(others) - unit_steps.shape[1], 1)
     L = residuals.data.take(left_out).about_points(rows[left_out]) * residuals.sigma
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 
-def _step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
+def _fold_step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
     In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
@@ -151,13 +169,14 @@ def _step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
-    V, root = V[:, values > _NONE], np.sqrt(values[values > _NONE])
+    V, root = V[:, values > _INFORMATION_TOLERANCE], np.sqrt(values[values > _INFORMATION_TOLERANCE])
     slope = V.T @ (linear.U.T @ r - F.T @ r[left_out])
     spread = np.linalg.pinv(root[:, None] * (V.T @ K), rcond=1e-10)
     return np.asarray(spread @ (-slope / root)), np.asarray(spread)
 
 
-def _index(rows: Codes, block: int) -> Codes:
+def _residual_indices(rows: Codes, block: int) -> Codes:
+    """Indices of the residuals of some rows, ``block`` each."""
     return np.asarray((rows[:, None] * block + np.arange(block)).ravel())
 
 
@@ -171,7 +190,7 @@ def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
     return np.asarray(e)
 
 
-def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit | None) -> Mask:
+def _inside_regions(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit | None) -> Mask:
     """Whether errors (n, 3) lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to expect.
 
     They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
@@ -183,14 +202,17 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit 
     free = max(len(taught) - fitted / d, d + 1.0)
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:
-        J = rest.both(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
+        J = rest.residuals_and_jacobian(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
         J = rest.data.about_points(J)
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
     return in_regions(e, C, free)
 
 
 def in_regions(e: Array, C: Array, free: float) -> Mask:
-    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) told by ``free`` other errors."""
+    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) estimated from ``free`` other errors.
+
+    ``eᵀ C⁻¹ e ≤ d ν / (ν − d + 1) · F_{0.95}(d, ν − d + 1)`` (Hotelling 1931) with ν = ``free``.
+    """
     from scipy.special import fdtri
 
     d = e.shape[1]

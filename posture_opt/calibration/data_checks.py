@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.estimation.fit_setup import FitSetup, tolerances
-from posture_opt.calibration.estimation.identifiability import identify
+from posture_opt.calibration.estimation.fit_setup import FitSetup, prior_tolerances
+from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
@@ -16,22 +16,27 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 
-_STILL = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
-_SPARE = 5  # poses beyond as many coordinates as unknowns: what errors are told from
-_LOST = 0.1  # of the reach: no drawing is that wrong
-_SENSE = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
-_GROSS = 0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
-_PLAN = "'optimize-posture plan-measurements' proposes postures"
+_STILL_JOINT_RANGE = 1e-3  # rad or m: a joint that moves less says nothing of what lies before it
+_SPARE_POSES = 5  # poses beyond as many coordinates as unknowns: what errors are estimated from
+_MAX_NOMINAL_ERROR = 0.1  # of the reach: no nominal model is that wrong
+_MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
+_DISAGREEING_MOTION = (
+    0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
+)
+_PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
 def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """``JOINT at VALUE`` of each joint that stood still in all rows."""
+    """``JOINT at VALUE`` of each joint that stood still in all rows.
+
+    A joint stands still where its values span less than `_STILL_JOINT_RANGE` [rad or m].
+    """
     return tuple(
         f"{joint.name} at {math.degrees(q[0]):.4g} deg"
         if joint.unit == "rad"
         else f"{joint.name} at {q[0] * 1e3:.4g} mm"
         for joint, q in zip(robot.joints, data.q.T, strict=True)
-        if np.ptp(q) < _STILL
+        if np.ptp(q) < _STILL_JOINT_RANGE
     )
 
 
@@ -41,17 +46,21 @@ def still_notes(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if not still:
         return ()
     which = "this joint" if len(still) == 1 else "these joints"
-    return (f"in all rows stood still: {', '.join(still)}; what {which} could tell apart is open: move {which} too",)
+    return (f"in all rows stood still: {', '.join(still)}; what {which} could distinguish is open: move {which} too",)
 
 
 def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
-    """Refuses data that cannot tell the parameters, or not their errors.
+    """Refuses data that cannot determine the parameters, or not their errors.
 
     Raises:
         InsufficientDataError: too few rows, or all of them alike.
+
+    Args:
+        known: what the data determine at the nominal arm.
+        groups: how many groups of correlated rows there are; one alone cannot be predicted by others.
     """
     data, block = residuals.data, residuals.block
-    counted, measure = _counted(residuals), spread_poses(residuals)
+    counted, measure = _row_count_text(residuals), spread_poses(residuals)
     if groups < 2 and len(data) > 1:
         still = len(still_joints(residuals.robot, data)) == residuals.robot.n
         alike = "all rows are alike" if still else "all rows belong to one group"
@@ -71,7 +80,7 @@ def check_size(residuals: Residuals, held: int | None) -> None:
     if residuals.data.position is not None or residuals.distances or held is not None:
         return
     raise InsufficientDataError(
-        "touched points alone do not tell the size of this arm, and it has no length that could be held: "
+        "touched points alone do not determine the size of this arm, and it has no length that could be held: "
         f"{state_a_distance(residuals.data)}"
     )
 
@@ -99,7 +108,7 @@ def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
 
 
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
-    """Refuses data that tell of frames alone; ``x`` (k,) is where the free frames are.
+    """Refuses data that determine frames alone; ``x`` (k,) is where the free frames are.
 
     Raises:
         InsufficientDataError: no parameter of the arm itself is determined, nor any combination of them.
@@ -108,47 +117,59 @@ def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
     if known.identifiability.determined[geometry].any():
         return
     frames = [p for p in residuals.parameters if p.group != "geometry"]
-    J, scale = residuals.both(x)[1][:, ~geometry], tolerances(frames, [])
-    alone = identify([p.name for p in frames], J, len(residuals.data), scale=scale, noise=known.noise)
+    J, scale = residuals.residuals_and_jacobian(x)[1][:, ~geometry], prior_tolerances(frames, [])
+    alone = identify_parameters([p.name for p in frames], J, len(residuals.data), scale=scale, noise=known.noise)
     if alone.rank < known.identifiability.rank:
         return
     still = still_joints(residuals.robot, residuals.data)
     stood = f", as these joints stood still: {', '.join(still)}" if still else ""
     raise InsufficientDataError(
-        f"{_counted(residuals)} determine no parameter of the arm itself{stood}; {spread_poses(residuals)}"
+        f"{_row_count_text(residuals)} determine no parameter of the arm itself{stood}; {spread_poses(residuals)}"
     )
 
 
-def _counted(residuals: Residuals) -> str:
+def _row_count_text(residuals: Residuals) -> str:
+    """How many rows, and known distances, in words."""
     poses = len(np.unique(residuals.data.pose))
     return f"{len(residuals.data) * residuals.block} measured coordinates in {poses} pose{'s' * (poses != 1)}"
 
 
 def spread_poses(residuals: Residuals) -> str:
     """How many poses to measure at least, and how to choose them."""
-    need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE
-    return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN}"
+    need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE_POSES
+    return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN_HINT}"
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m]."""
+    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m].
+
+    ``left`` is the RMS position error after calibration, ``motion`` the RMS motion of the measured points about their
+    mean.
+    """
 
     left: float
     motion: float
 
     @classmethod
     def of(cls, residuals: Residuals, errors: Array) -> Disagreement | None:
-        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
-        found = cls(_rms(errors), _motion(residuals))
+        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm.
+
+        Disagreement begins at 1 % of the motion, and at 0.1 % of the reach of the arm.
+        """
+        found = cls(_rms_length(errors), _rms_motion(residuals))
         long = reach(residuals.robot)
-        return found if found.left > max(_GROSS * found.motion, _GROSS * _LOST * long) else None
+        return (
+            found
+            if found.left > max(_DISAGREEING_MOTION * found.motion, _DISAGREEING_MOTION * _MAX_NOMINAL_ERROR * long)
+            else None
+        )
 
 
-def _motion(residuals: Residuals) -> float:
+def _rms_motion(residuals: Residuals) -> float:
     """RMS motion of the measured points; of touched ones, the reach of the arm."""
     data = residuals.data
-    return reach(residuals.robot) if data.position is None else _rms(data.position - data.position.mean(axis=0))
+    return reach(residuals.robot) if data.position is None else _rms_length(data.position - data.position.mean(axis=0))
 
 
 def check_sense(residuals: Residuals, errors: Array) -> None:
@@ -157,8 +178,10 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
     Raises:
         InputError: they are another robot's, or joints have other signs.
     """
-    motion, left = _motion(residuals), _rms(errors)
-    if left < _SENSE * motion or left < _SENSE * _LOST * reach(residuals.robot):
+    motion, left = _rms_motion(residuals), _rms_length(errors)
+    if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
+        residuals.robot
+    ):
         return
     message = (
         f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "
@@ -168,5 +191,6 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
     raise InputError(Issue(message, hint=hint, file=residuals.data.file))
 
 
-def _rms(errors: Array) -> float:
+def _rms_length(errors: Array) -> float:
+    """Root mean square of the lengths of errors (N, 3) [m]."""
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

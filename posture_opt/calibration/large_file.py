@@ -1,4 +1,4 @@
-"""What a large file was thinned to, how the rest of it is predicted, and whether more rows would have told more."""
+"""What a large file was thinned to, how the rest of it is predicted, and whether more rows would have helped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.thinning import Thinning
 from posture_opt.numerics import Array
 
-_LOOKED_AT = 2000  # rows: enough for the mean of what parameters do to the tool
+_SAMPLED_ROWS = 2000  # rows: enough for the mean of what parameters do to the tool
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,9 @@ class LargeFile:
 
     @classmethod
     def of(cls, thinning: Thinning, models: Mapping[str, tuple[Residuals, Array]], fit: Fit) -> LargeFile:
-        """The rows that are left predicted by models, each residuals and deviations; ``fit`` is the one in question."""
+        """The rows that are left out, predicted by models, each residuals and deviations (k,); ``fit`` is the one in
+        question.
+        """
         clocked, rest = thinning.clocked, thinning.rest
         errors = {
             name: position_errors(residuals.of_data(clocked).take(rest), x) for name, (residuals, x) in models.items()
@@ -61,7 +63,7 @@ class LargeFile:
 def tool_uncertainty(fit: Fit) -> float:
     """Root mean square over the rows of what the standard errors of a fit move the tool by [m]: ``√ tr(J C Jᵀ)``."""
     used = fit.residuals
-    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _LOOKED_AT).astype(np.intp)))
-    J = some.both(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
+    some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _SAMPLED_ROWS).astype(np.intp)))
+    J = some.residuals_and_jacobian(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
     L = J[:, : len(some.axes)] * some.sigma @ fit.directions
     return float(np.sqrt(np.einsum("nij,jk,nik->", L, fit.C, L, optimize=True) / len(some.data)))

@@ -17,7 +17,7 @@ from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 
-_ROUNDING = 1e-9  # rad or m
+_RANGE_TOLERANCE = 1e-9  # rad or m
 
 Model = tuple[Residuals, Array]
 """An arm against the file that it was fitted to, and its deviations (k,)."""
@@ -41,7 +41,7 @@ class OtherFile:
 
     @cached_property
     def models(self) -> dict[str, Statistics]:
-        """The errors of all rows in figures."""
+        """The errors of all rows by model, with a bootstrap over poses."""
         return {name: Statistics.of(errors, self.data.pose) for name, errors in self.errors.items()}
 
     @property
@@ -70,7 +70,9 @@ class OtherFile:
         }
 
 
-def predicted(models: Mapping[str, Model], learned: Measurements, other: Measurements, refit_frames: bool) -> OtherFile:
+def predict_other_file(
+    models: Mapping[str, Model], learned: Measurements, other: Measurements, refit_frames: bool
+) -> OtherFile:
     """Errors of models on another file, nothing fitted to it, or base and tool alone if ``refit_frames``.
 
     Args:
@@ -79,8 +81,8 @@ def predicted(models: Mapping[str, Model], learned: Measurements, other: Measure
     Raises:
         InputError: unknown targets, several robots, or too few poses to fit base and tool again.
     """
-    other = matched(learned, other)
-    low, high = learned.q.min(axis=0) - _ROUNDING, learned.q.max(axis=0) + _ROUNDING
+    other = match_targets(learned, other)
+    low, high = learned.q.min(axis=0) - _RANGE_TOLERANCE, learned.q.max(axis=0) + _RANGE_TOLERANCE
     out = (other.q < low) | (other.q > high)
     joints = tuple(name for name, beyond in zip(other.joint_names, out.any(axis=0), strict=True) if beyond)
     errors = {name: errors_on(model, other, refit_frames) for name, model in models.items()}
@@ -88,14 +90,19 @@ def predicted(models: Mapping[str, Model], learned: Measurements, other: Measure
 
 
 def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
-    """(N, 3) position errors [m] of a model on matched measurements; of touched points, about the mean of each."""
+    """(N, 3) position errors [m] of a model on matched measurements; of touched points, about the mean of each.
+
+    Args:
+        model: residuals of the file it was fitted to, and its deviations (k,) [rad, m].
+        refit_frames: whether base and tool are fitted to the other file first.
+    """
     residuals, x = model
     kept = [i for i, p in enumerate(residuals.parameters) if p.group != "point"]  # points of a file are its own
     there = residuals.of_data(other).with_parameters([residuals.parameters[i] for i in kept])
     return position_errors(*(frames_again(there, x[kept]) if refit_frames else (there, x[kept])))
 
 
-def matched(learned: Measurements, other: Measurements) -> Measurements:
+def match_targets(learned: Measurements, other: Measurements) -> Measurements:
     """Other measurements with the codes that their targets have in those that taught a model, matched by name.
 
     Raises:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from posture_opt.compensation.arrivals import Arrivals, arrivals
+from posture_opt.compensation.arrivals import Arrivals, arrivals_of
 from posture_opt.compensation.compensation import Compensation, joint_column
 from posture_opt.compensation.expected_miss import expected_miss
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
@@ -23,12 +23,12 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
-_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
-_FREE = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not settle
-_SAME = 1e-10  # rad or m
-_AT_LIMIT = 1e-9  # rad or m
-_FAR = 3.0  # times the length of the arm: a target beyond is probably in another unit
-_LISTED = 20  # lines named in an error
+_MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
+_FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
+_JOINT_TOLERANCE = 1e-10  # rad or m
+_LIMIT_TOLERANCE = 1e-9  # rad or m
+_OTHER_UNIT_LENGTHS = 3.0  # times the length of the arm: a target beyond is probably in another unit
+_MAX_LISTED_LINES = 20  # lines named in an error
 
 
 @interruptible()
@@ -37,8 +37,8 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
 
     Of all postures that do, each row's is the one with the smallest sum of squared joint motions [rad, m] from the
     posture given for it, ``min |q − q_near|²`` subject to ``f(q, u) = target`` and the limits. Without joint columns
-    the posture of the drawn arm takes its place. The side from which a joint arrives, and how far it moved, is that of
-    its ``approach`` column, or follows from the row before as it is commanded; the first row's is the task's. An arm
+    the posture of the nominal arm takes its place. The side from which a joint arrives, and how far it moved, is that
+    of its ``approach`` column, or follows from the row before as it is commanded; the first row's is the task's. An arm
     with too few joints for an orientation comes as near to it as it can.
 
     Args:
@@ -49,28 +49,37 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
         InputError: everything wrong with the targets, each with line and column.
         NoSolutionError: targets out of reach, each with its line; ``solution`` is the compensation with what comes
             nearest.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_calibrated")
+        >>> found = po.compensate(problem, {"x [mm]": [1000.0, 1100.0], "y [mm]": [300.0, 300.0]})
+        >>> found.q.shape, bool(found.reached.all()), bool((found.before.off < 1e-6).all())
+        ((2, 2), True, True)
     """
     rows = targets if isinstance(targets, Targets) else read_targets(targets, problem.robot)
-    wanted = _wanted(problem, rows)
+    wanted = _wanted_poses(problem, rows)
     solver = NearestPostures(problem.robot)
     near = start_postures(problem.nominal, solver, wanted) if rows.near is None else rows.near
-    exact, solved_for, reached = _settled(problem.arm, solver, rows, wanted, near)
+    exact, solved_for, reached = _settled_postures(problem.arm, solver, rows, wanted, near)
     digits = joint_digits(problem, exact)
-    q = _rounded(problem.robot, rows, exact, digits)
-    came = arrivals(problem.arm, rows, q)
+    q = _rounded_joints(problem.robot, rows, exact, digits)
+    came = arrivals_of(problem.arm, rows, q)
     found = Compensation(
         problem, rows, wanted, near, q, digits, reached,
-        before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals(problem.arm, rows, near)),
+        before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals_of(problem.arm, rows, near)),
         after=expected_miss(problem.arm, problem.sources, rows, wanted, q, came),
-        unsettled=_sided(problem.arm) & (came.side != solved_for.side),
+        unsettled=_sided_joints(problem.arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
         raise NoSolutionError(_out_of_reach(found, solver), found)
     return found
 
 
-def _wanted(problem: ProblemData, rows: Targets) -> Poses:
-    """Where the tool is to come: as the file says, or where the drawn arm would be with the given joints."""
+def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
+    """Where the tool is to come (N poses, world): as the file says, or where the nominal arm would be with the given
+    joints.
+    """
     if rows.position is not None:
         return Poses(rows.position, rows.rotation)
     assert rows.near is not None, "without a place there are joints"
@@ -78,34 +87,38 @@ def _wanted(problem: ProblemData, rows: Targets) -> Poses:
     return Poses(T[:, :3, 3], T[:, :3, :3])
 
 
-def _settled(
+def _settled_postures(
     arm: Arm, solver: NearestPostures, rows: Targets, wanted: Poses, near: Array
 ) -> tuple[Array, Arrivals, Mask]:
-    """(N, n) postures, the arrivals that they were solved for, and (N,) whether they reach their poses.
+    """Postures (N, n) [rad or m], the arrivals that they were solved for, and whether they reach their poses (N,).
 
-    What effects add at the present postures is taken off the targets, the chain is solved for these, and again: from
-    which side a joint arrives depends on the postures found.
+    What effects add at the present postures is subtracted from the targets, the chain is solved for these, and again,
+    up to `_MAX_ROUNDS` times: the side from which a joint arrives depends on the postures found. The fixed point
+    contracts by the slope of the effects, a thousandth or so.
     """
     if not arm.effects:
         q = solver.solve(wanted, near)
-        return q, arrivals(arm, rows, q), solver.reached(q, wanted)
-    q, came, aimed = near, arrivals(arm, rows, near), wanted
-    for round_ in range(_ROUNDS):
+        return q, arrivals_of(arm, rows, q), solver.reached(q, wanted)
+    q, came, aimed = near, arrivals_of(arm, rows, near), wanted
+    for round_ in range(_MAX_ROUNDS):
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
-        there = solver.reached(moved, aimed)  # the others would not come to rest
+        there = solver.reached(moved, aimed)  # the others would not converge
         change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
-        fresh = arrivals(arm, rows, q)
-        if round_ >= _FREE:
+        fresh = arrivals_of(arm, rows, q)
+        if round_ >= _FREE_SIDE_ROUNDS:
             fresh = Arrivals(came.side, fresh.way)
-        if change < _SAME and (fresh.side == came.side).all():
+        if change < _JOINT_TOLERANCE and (fresh.side == came.side).all():
             break
         came = fresh
     return q, came, solver.reached(q, aimed)
 
 
 def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
-    """The poses that the chain has to reach so that the arm with its effects comes to the wanted ones."""
+    """The poses that the chain has to reach so that the arm with its effects comes to the wanted ones.
+
+    ``p_chain = p_wanted − (p_arm − p_bare)`` and ``R_chain = (R_arm R_bareᵀ)ᵀ R_wanted``, all at the postures q (N, n).
+    """
     T, bare = np.asarray(arm.pose(q), dtype=float), np.asarray(Arm(arm.robot).pose(q), dtype=float)
     position = wanted.position - (T[:, :3, 3] - bare[:, :3, 3])
     if wanted.rotation is None:
@@ -114,8 +127,8 @@ def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
     return Poses(position, turned.transpose(0, 2, 1) @ wanted.rotation)
 
 
-def _rounded(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
-    """(N, n) the joint values as they are written [rad or m]."""
+def _rounded_joints(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
+    """Joint values (N, n) [rad or m] as they are written: rounded in the unit of each column."""
     columns = []
     for joint, values in zip(robot.joints, q.T, strict=True):
         _, factor = joint_column(rows, joint)
@@ -123,29 +136,33 @@ def _rounded(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Arra
     return np.column_stack(columns)
 
 
-def _sided(arm: Arm) -> Mask:
-    """(n,) joints for whose effects the side of arrival matters."""
+def _sided_joints(arm: Arm) -> Mask:
+    """Joints (n,) that have an effect which depends on the side of arrival."""
     asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
     return np.array([joint.name in asked for joint in arm.robot.joints])
 
 
 def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
-    """A line for each target that the arm does not come to: by how much, and which joints are at their limits."""
+    """The message of an error: a line for each target that is not reached, by how much, and which joints are at their
+    limits.
+    """
     bad = np.flatnonzero(~found.reached)
-    places = [f"{found.targets.file}:{found.targets.line[k]}: {_reason(found, k)}" for k in bad[:_LISTED]]
-    more = [f"and {len(bad) - _LISTED} more"] if len(bad) > _LISTED else []
+    places = [
+        f"{found.targets.file}:{found.targets.line[k]}: {_unreached_reason(found, k)}" for k in bad[:_MAX_LISTED_LINES]
+    ]
+    more = [f"and {len(bad) - _MAX_LISTED_LINES} more"] if len(bad) > _MAX_LISTED_LINES else []
     head = f"{len(bad)} of {len(found)} targets cannot be reached"
     return "\n".join([head, *places, *more, *_why_all(found, solver)])
 
 
 def _why_all(found: Compensation, solver: NearestPostures) -> tuple[str, ...]:
-    """Where every target is farther off than the arm is long: another unit, or another frame."""
+    """A hint where every target is farther off than the arm is long: another unit, or another frame."""
     if not solver.beyond(found.wanted).all():
         return ()
     robot = found.problem.robot
     first, longest = stretched(robot)
     distance = float(np.linalg.norm(found.wanted.position - first, axis=1).min())
-    if distance > _FAR * longest:
+    if distance > _OTHER_UNIT_LENGTHS * longest:
         return (f"the arm stretches to {longest * 1e3:.0f} mm: is the unit of x, y, z right?",)
     origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
     return (
@@ -154,12 +171,13 @@ def _why_all(found: Compensation, solver: NearestPostures) -> tuple[str, ...]:
     )
 
 
-def _reason(found: Compensation, k: int) -> str:
+def _unreached_reason(found: Compensation, k: int) -> str:
+    """Why target k is not reached: distance or angle that is left, and the joints at their limits."""
     robot = found.problem.robot
     held = [
         f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
         for joint, value in zip(robot.joints, found.q[k], strict=True)
-        if min(value - joint.lower, joint.upper - value) < max(_AT_LIMIT, found.digits.turn)
+        if min(value - joint.lower, joint.upper - value) < max(_LIMIT_TOLERANCE, found.digits.turn)
     ]
     because = f" ({', '.join(held)})" if held else ""
     off, turned = found.after.off[k], found.after.turned[k]

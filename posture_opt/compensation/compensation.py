@@ -20,8 +20,8 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
-_DECIMALS = 5  # of a mm: off and left to 10 nm
-_LISTED = 8  # lines named in a note
+_LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
+_MAX_LISTED_LINES = 8  # lines named in a note
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,7 +31,7 @@ class Compensation(Result):
     Args:
         problem: the arm with its corrections and effects.
         targets: as they were given; ``wanted``: the poses that they mean.
-        near: (N, n) the postures to stay near [rad or m]: those given, else those of the drawn arm.
+        near: (N, n) the postures to stay near [rad or m]: those given, else those of the nominal arm.
         q: (N, n) the compensated joint values, rounded to the digits that are written [rad or m].
         digits: how far they are rounded.
         reached: (N,) whether the arm comes to the target.
@@ -51,6 +51,7 @@ class Compensation(Result):
     unsettled: Mask
 
     def __len__(self) -> int:
+        """The number of targets."""
         return len(self.q)
 
     @property
@@ -75,34 +76,41 @@ class Compensation(Result):
         return [dict(zip(names, map(float, row), strict=True)) for row in self.q]
 
     @cached_property
-    def heads(self) -> tuple[tuple[Joint, str, float], ...]:
+    def headers(self) -> tuple[tuple[Joint, str, float], ...]:
         """Every joint with the head of its column and what one of its unit is [rad or m]."""
         return tuple((joint, *joint_column(self.targets, joint)) for joint in self.problem.robot.joints)
 
     def to_csv(self) -> str:
         """The targets with the joint values in place: their columns and units, then ``off [mm]`` and ``left [mm]``."""
-        rows = [[self._head(k) for k in range(len(self.targets.heads))]]
-        rows[0] = [*([] if self._given else [head for _, head, _ in self.heads]), *rows[0], "off [mm]", "left [mm]"]
+        rows = [[self._column_header(k) for k in range(len(self.targets.headers))]]
+        rows[0] = [
+            *([] if self._joints_given else [header for _, header, _ in self.headers]),
+            *rows[0],
+            "off [mm]",
+            "left [mm]",
+        ]
         at = (
-            {self.targets.columns[joint.name].index: j for j, (joint, *_) in enumerate(self.heads)}
-            if self._given
+            {self.targets.columns[joint.name].index: j for j, (joint, *_) in enumerate(self.headers)}
+            if self._joints_given
             else {}
         )
         for k, cells in enumerate(self.targets.cells):
-            joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.heads, self.q[k], strict=True)]
+            joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.headers, self.q[k], strict=True)]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
-            off, left = (fixed(1e3 * float(values[k]), _DECIMALS) for values in (self.off, self.left))
-            rows.append([*([] if self._given else joints), *texts, off, left])
+            off, left = (fixed(1e3 * float(values[k]), _LENGTH_DECIMALS) for values in (self.off, self.left))
+            rows.append([*([] if self._joints_given else joints), *texts, off, left])
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(rows)
         return text.getvalue()
 
     @property
-    def _given(self) -> bool:
+    def _joints_given(self) -> bool:
+        """Whether the targets state joint values."""
         return self.targets.near is not None
 
-    def _head(self, k: int) -> str:
-        return self.targets.heads[k].strip()
+    def _column_header(self, k: int) -> str:
+        """The header of column k of the targets as it was given."""
+        return self.targets.headers[k].strip()
 
     def to_json(self) -> dict[str, Any]:
         """The document ``compensation.json``: SI units and radians."""
@@ -122,8 +130,8 @@ class Compensation(Result):
                 }
                 for k, (line, posture, reached) in enumerate(rows)
             ],
-            "off_rms": rms(self.off),
-            "left_rms": rms(self.left),
+            "off_rms": root_mean_square(self.off),
+            "left_rms": root_mean_square(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
             "notes": list(self.notes),
         }
@@ -134,7 +142,7 @@ class Compensation(Result):
         joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
         if not joints:
             return ()
-        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_LISTED])
+        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_MAX_LISTED_LINES])
         verb = "moves" if len(joints) == 1 else "move"
         return (
             f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
@@ -146,10 +154,10 @@ def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:
     """The head of a joint's column and its unit [rad or m]: as given, else deg and mm."""
     column = targets.columns.get(joint.name)
     if column is not None:
-        return targets.heads[column.index].strip(), column.factor
+        return targets.headers[column.index].strip(), column.factor
     return (f"{joint.name} [deg]", float(np.pi / 180)) if joint.type == "revolute" else (f"{joint.name} [mm]", 1e-3)
 
 
-def rms(values: Array) -> float:
-    """Root mean square."""
+def root_mean_square(values: Array) -> float:
+    """Root mean square of values, in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))

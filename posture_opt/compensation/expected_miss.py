@@ -33,9 +33,16 @@ class ExpectedMiss:
 
 
 def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: Array, came: Arrivals) -> ExpectedMiss:
-    """The miss of commands (N, n), ``rms² = |f(q) − x|² + bias terms + tr Cov f(q)``.
+    """The expected miss of commands: ``rms² = |E f(q) − x|² + tr Cov f(q)``.
 
-    The covariance is that of everything uncertain: geometry, effects, scatter, and the sides that nobody knows.
+    f is the arm with corrections and effects under the inputs of each row, x the wanted point. The covariance is that
+    of everything uncertain: geometry, effects, scatter, and the sides that are unknown. Rows with the same known sides
+    are evaluated together.
+
+    Args:
+        arm: with its effects; sources: the errors of its parameters.
+        rows: for their columns; wanted: (N,) poses, world.
+        q: (N, n) commands [rad or m]; came: how the joints arrive at them.
     """
     q = np.asarray(q, dtype=float)
     inputs = came.inputs(arm, rows)
@@ -47,14 +54,21 @@ def expected_miss(arm: Arm, sources: Sources, rows: Targets, wanted: Poses, q: A
         at = np.flatnonzero(group.ravel() == k)
         stated = [joint.name for joint, is_known in zip(arm.robot.joints, known, strict=True) if is_known]
         tool_point = ToolPoint.of(arm.under(replace(inputs.take(at), stated=tuple(stated))), sources)
-        more, more_turned = _spread(tool_point, [np.ascontiguousarray(column) for column in q[at].T], left.position[at])
+        more, more_turned = _mean_square_spread(
+            tool_point, [np.ascontiguousarray(column) for column in q[at].T], left.position[at]
+        )
         squared[at] += more
         squared_turned[at] += more_turned
     return ExpectedMiss(off, turned, np.sqrt(squared), np.sqrt(squared_turned))
 
 
-def _spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
-    """(N,) what uncertainty adds to the mean square of the distance [m²] and of the angle [rad²]."""
+def _mean_square_spread(tool_point: ToolPoint, q: Sequence[Array], left: Array) -> tuple[Array, Array]:
+    """What uncertainty adds (N,) to the mean square of the distance [m²] and of the angle [rad²].
+
+    Args:
+        q: (n,) of joint values (N,); left: (N, 3) target minus nominal tool point [m], which the bias of the mean
+            changes.
+    """
     moments = tool_point.moments(q)
     count = len(left)
     bias = np.broadcast_to(np.asarray(moments.mean - moments.position, dtype=float), (count, 3))

@@ -18,51 +18,66 @@ from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.task_target import Reach
 
-REACHED = 1e-7
+REACHED_TOLERANCE = 1e-7
 """m and rad: what a posture leaves of a pose that it reaches; steps that converge leave 1e-12."""
-_STEPS = 80
-_LONGEST = 0.3  # rad or m: longer steps of a linear model of a rotation mean nothing
-_STILL = 1e-11  # rad or m: rounding, where the Jacobian is poor
-_DAMPING = 0.1  # of the squared error (Sugihara 2011)
-_LEAST = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
-_INSIDE = 1e-9  # rad or m: a fit within bounds starts off them
-_DIFFERENCE = 1e-7  # rad or m
-_FITS = 100  # evaluations of a least squares fit; where a pose can be reached it takes 10 to 30
-_FITS_BEYOND = 15  # where none can: a fit only says by how much it fails
-_SAMPLES = 12  # random postures at which freedom is counted
+_MAX_STEPS = 80
+_MAX_STEP = 0.3  # rad or m: longer steps of a linear model of a rotation mean nothing
+_STEP_TOLERANCE = 1e-11  # rad or m: rounding, where the Jacobian is poor
+_DAMPING_SHARE = 0.1  # of the squared error (Sugihara 2011)
+_MIN_DAMPING = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
+_BOUND_MARGIN = 1e-9  # rad or m: a fit within bounds starts off them
+_DIFFERENCE_STEP = 1e-7  # rad or m
+_MAX_FIT_EVALUATIONS = 100  # evaluations of a least squares fit; where a pose can be reached it takes 10 to 30
+_MAX_FIT_EVALUATIONS_BEYOND = 15  # where none can: a fit only says by how much it fails
+_FREEDOM_SAMPLES = 12  # random postures at which freedom is counted
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world."""
+    """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world.
+
+    ``rotation`` is None where any orientation serves.
+    """
 
     position: Array
     rotation: Array | None
 
     def take(self, rows: Mask) -> Poses:
-        """Some of them."""
+        """The poses of some rows, given as a mask (N,)."""
         return Poses(self.position[rows], None if self.rotation is None else self.rotation[rows])
 
     def repeated(self, count: int) -> Poses:
-        """The same pose so many times, where there is one."""
+        """One pose ``count`` times, to be compared with as many postures."""
         rotation = None if self.rotation is None else np.repeat(self.rotation, count, axis=0)
         return Poses(np.repeat(self.position, count, axis=0), rotation)
 
 
 @dataclass(frozen=True, eq=False)
 class Misses:
-    """What N postures leave of their poses: of the tool point (N, 3) [m], of the rotation (N, 3) [rad], world."""
+    """What N postures miss of their poses: wanted minus reached.
+
+    Args:
+        position: (N, 3) of the tool point [m], world.
+        rotation: (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one.
+    """
 
     position: Array
     rotation: Array
 
 
 class NearestPostures:
-    """The solver of one chain without effects.
+    """The inverse kinematics of one chain without effects, for many rows at once.
 
     Attributes:
-        directions: (3, r) in which the arm moves its tool point at will.
+        directions: (3, r) orthonormal, world: in which the arm moves its tool point at will.
         turns: in how many ways it turns the tool with the point held.
+
+    Example:
+        >>> import numpy as np, posture_opt as po
+        >>> solver = NearestPostures(po.load_problem("insert_planar_2r").robot)
+        >>> q = solver.solve(Poses(np.array([[1.2, 0.3, 0.0]]), None), np.array([[0.5, -0.5]]))
+        >>> bool(solver.reached(q, Poses(np.array([[1.2, 0.3, 0.0]]), None))[0])
+        True
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -74,16 +89,26 @@ class NearestPostures:
         self.turns: int = self._freedom() - self.directions.shape[1]
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
-        """What postures (N, n) leave."""
+        """What postures (N, n) [rad or m] miss of N wanted poses."""
         T = np.asarray(self._arm.pose(q), dtype=float)
         return pose_misses(T, wanted)
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """(N, n) postures at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N, n)."""
+        """The postures (N, n) at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N,
+        n).
+
+        ``min |q − near|²`` subject to ``f(q) = pose`` and the limits. Rows at which Newton's method does not converge
+        are fitted one by one.
+
+        Args:
+            near: (N, n) [rad or m]; start: (N, n) where the iteration begins, ``near`` by default.
+        """
         q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
         for row in np.flatnonzero(~self.reached(q, wanted)):
             one = wanted.take(np.arange(len(q)) == row)
-            q[row] = self._fitted(one, q[row], _FITS_BEYOND if beyond[row] else _FITS)
+            q[row] = self._fitted_posture(
+                one, q[row], _MAX_FIT_EVALUATIONS_BEYOND if beyond[row] else _MAX_FIT_EVALUATIONS
+            )
         return q
 
     def beyond(self, wanted: Poses) -> Mask:
@@ -91,21 +116,26 @@ class NearestPostures:
         return np.asarray(np.linalg.norm(wanted.position - self._first, axis=1) > self._stretched)
 
     def followed(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """(N, n) where Newton's method ends: at the poses, or anywhere where it does not settle."""
+        """Where Newton's method ends (N, n): at the poses, or anywhere where it does not converge in `_MAX_STEPS`
+        steps.
+
+        Every step is no longer than `_MAX_STEP` in any joint and stays within the limits.
+        """
         q = np.clip(near if start is None else start, self._lower, self._upper).copy()
         open_rows = np.ones(len(q), dtype=bool)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             step = self._step(q[open_rows], wanted.take(open_rows), near[open_rows])
             longest = np.abs(step).max(axis=1, initial=0.0)
-            step *= np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]
+            step *= np.minimum(1.0, _MAX_STEP / np.maximum(longest, 1e-300))[:, None]
             q[open_rows] = np.clip(q[open_rows] + step, self._lower, self._upper)
-            open_rows[np.flatnonzero(open_rows)[longest < _STILL]] = False
+            open_rows[np.flatnonzero(open_rows)[longest < _STEP_TOLERANCE]] = False
             if not open_rows.any():
                 break
         return q
 
-    def _fitted(self, one: Poses, near: Array, most: int) -> Array:
-        """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not settle.
+    def _fitted_posture(self, one: Poses, near: Array, most: int) -> Array:
+        """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not
+        converge.
 
         Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
         """
@@ -113,34 +143,36 @@ class NearestPostures:
 
         def left(q: Array) -> Array:
             found = self.misses(q[None], one)
-            return np.concatenate([(found.position @ self.directions)[0], found.rotation[0] * self._oriented])
+            return np.concatenate([(found.position @ self.directions)[0], found.rotation[0] * self._rotation_weight])
 
         def slopes(q: Array) -> Array:
             """All forward differences in one call: one posture costs as much as many."""
-            moved = self.misses(np.vstack([q, q + _DIFFERENCE * np.eye(len(q))]), one.repeated(len(q) + 1))
-            rows = np.hstack([moved.position @ self.directions, moved.rotation * self._oriented])
-            return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE)
+            moved = self.misses(np.vstack([q, q + _DIFFERENCE_STEP * np.eye(len(q))]), one.repeated(len(q) + 1))
+            rows = np.hstack([moved.position @ self.directions, moved.rotation * self._rotation_weight])
+            return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE_STEP)
 
-        start = np.clip(near, self._lower + _INSIDE, self._upper - _INSIDE)
+        start = np.clip(near, self._lower + _BOUND_MARGIN, self._upper - _BOUND_MARGIN)
         found = least_squares(
             left, start, slopes, bounds=(self._lower, self._upper), xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=most
         )
         return np.asarray(found.x)
 
     @property
-    def _oriented(self) -> float:
+    def _rotation_weight(self) -> float:
         """Weight [m/rad] of the rotation in a fit: what cannot be had must not cost the tool point."""
         return 1.0 if self.turns >= 3 else 1e-3
 
     def reached(self, q: Array, wanted: Poses) -> Mask:
-        """(N,) whether postures are at their poses, as far as the arm moves at will."""
+        """Whether postures (N, n) are at their poses (N,), to `REACHED_TOLERANCE`, in what the arm moves at will."""
         left = self.misses(q, wanted)
         off = np.linalg.norm(left.position @ self.directions, axis=1)
         turned = np.linalg.norm(left.rotation, axis=1) if self.turns >= 3 else np.zeros(len(q))
-        return np.asarray((off < REACHED) & (turned < REACHED))
+        return np.asarray((off < REACHED_TOLERANCE) & (turned < REACHED_TOLERANCE))
 
     def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
-        """(N, n) one step of every row, joints beyond their limits held at them."""
+        """One step (N, n) of every row; joints that it would drive beyond a limit are set to it and taken out, one
+        round each.
+        """
         left = self.misses(q, wanted)
         J = np.asarray(self._arm.jacobian(q), dtype=float)
         parts = [(self.directions.T @ J[:, :3], left.position @ self.directions, self.directions.shape[1])]
@@ -149,7 +181,7 @@ class NearestPostures:
         free, held = np.ones_like(q), np.zeros_like(q)
         step = held
         for _ in range(self.robot.n):
-            step = _prioritised(parts, near - q, free, held)
+            step = _prioritised_step(parts, near - q, free, held)
             low, high = q + step < self._lower, q + step > self._upper
             beyond = (low | high) & (free > 0)
             if not beyond.any():
@@ -159,16 +191,23 @@ class NearestPostures:
         return step
 
     def _freedom(self) -> int:
-        """The largest number of ways in which the tool moves and turns at once; leaning by corrections is none."""
+        """The rank of point and rotation together, the largest over random postures.
+
+        What a calibrated arm gains by axes that are not quite parallel is no freedom: singular values below twice its
+        skew count as zero.
+        """
         rng = np.random.default_rng(0)
-        q = rng.uniform(*drawn_between(self.robot), (_SAMPLES, self.robot.n))
+        q = rng.uniform(*drawn_between(self.robot), (_FREEDOM_SAMPLES, self.robot.n))
         J = np.asarray(self._arm.jacobian(q), dtype=float)
         parts = np.concatenate([self.directions.T @ J[:, :3], J[:, 3:]], axis=1)
         return int(np.linalg.matrix_rank(parts, tol=max(1e-7, 2 * min(self.robot.skew, 0.05))).max())
 
 
 def pose_misses(T: Array, wanted: Poses) -> Misses:
-    """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation."""
+    """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation.
+
+    ``wanted.position − p`` and the rotation vector of ``R_wanted Rᵀ``, both in the world.
+    """
     position = wanted.position - T[:, :3, 3]
     if wanted.rotation is None:
         return Misses(position, np.zeros_like(position))
@@ -189,8 +228,14 @@ def rotation_vectors(R: Array) -> Array:
     return scaled
 
 
-def _prioritised(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
-    """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near."""
+def _prioritised_step(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
+    """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near.
+
+    Args:
+        parts: (A (N, m, n), b (N, m), rank) each, the most important first.
+        to_near: (N, n) difference to the posture to stay near.
+        free: (N, n) 1 where a joint moves; held: (N, n) the step of the others.
+    """
     step = held.copy()
     null = free[:, :, None] * np.eye(free.shape[1])
     for A, b, rank in parts:
@@ -203,9 +248,13 @@ def _prioritised(parts: list[tuple[Array, Array, int]], to_near: Array, free: Ar
 
 
 def _damped_inverse(A: Array, rank: int, squared: Array) -> Array:
-    """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each."""
+    """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each.
+
+    ``V diag(s / (s² + λ)) Uᵀ`` with λ proportional to the squared error (Sugihara 2011): no damping where the pose is
+    reached, so that convergence stays quadratic.
+    """
     U, s, V = np.linalg.svd(A, full_matrices=False)
     kept = s[:, :rank]
-    weights = kept / (kept**2 + (_DAMPING * squared + _LEAST)[:, None])
+    weights = kept / (kept**2 + (_DAMPING_SHARE * squared + _MIN_DAMPING)[:, None])
     inverse: Array = np.einsum("nki,nk,nmk->nim", V[:, :rank], weights, U[:, :, :rank])
     return inverse

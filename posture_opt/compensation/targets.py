@@ -17,8 +17,8 @@ from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
-_MEASURED_ONLY = ("target", "robot", "point")
-_BEYOND = 1e-6  # rad or m: rounding of a limit that was written with six digits
+_MEASURED_ONLY_COLUMNS = ("target", "robot", "point")
+_LIMIT_TOLERANCE = 1e-6  # rad or m: rounding of a limit that was written with six digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Targets:
     """N targets in the order of the file.
 
     Args:
-        heads: of all columns, as given; cells: (N rows) their texts.
+        headers: of all columns, as given; cells: (N rows) their texts.
         columns: what each known column is, by name.
         position: (N, 3) wanted tool point, world [m]; ``None`` where the file has joint values alone.
         rotation: (N, 3, 3) wanted orientation of the tool in the world, or ``None``: any.
@@ -36,7 +36,7 @@ class Targets:
         line: (N,) of each row in ``file``.
     """
 
-    heads: tuple[str, ...]
+    headers: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
     columns: Mapping[str, Column]
     position: Array | None
@@ -50,6 +50,7 @@ class Targets:
     file: str
 
     def __len__(self) -> int:
+        """The number of targets."""
         return len(self.line)
 
 
@@ -62,30 +63,39 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
 
     Raises:
         InputError: everything wrong with the file, each with line, column and a hint.
+
+    Example:
+        >>> import posture_opt as po
+        >>> robot = po.load_problem("insert_planar_2r_calibrated").robot
+        >>> rows = read_targets({"x [mm]": [1000.0, 1100.0], "y [mm]": [300.0, 300.0]}, robot)
+        >>> len(rows), rows.position[1].tolist()
+        (2, [1.1, 0.3, 0.0])
     """
     table = open_table(source, column_kinds(robot))
     faults = table.faults
     columns, meant = known_columns(table.titles, robot, table.line, faults)
-    _missing(columns, meant, robot, table.line, faults)
+    _check_missing(columns, meant, robot, table.line, faults)
     blocks = list(table.blocks)
     cells = read_cells(blocks, columns.values(), faults)
     if not len(cells.line) and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each target", table.line)
     faults.refuse()
-    near = _near(cells, columns, robot, faults)
-    position = _position(cells, columns, robot)
+    near = _near_postures(cells, columns, robot, faults)
+    position = _wanted_positions(cells, columns, robot)
     rotation = rotation_of(cells, columns, robot, faults)
     faults.refuse()
-    texts = [[_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
+    texts = [[_cell_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
     return Targets(
         table.titles, tuple(map(tuple, texts)), columns, position,
-        None if rotation is None else rotation_matrices(rotation), near, _sides(cells, robot),
+        None if rotation is None else rotation_matrices(rotation), near, _stated_sides(cells, robot),
         cells.number("payload"), cells.number("temperature"), cells.number("time"), cells.line, faults.file,
     )  # fmt: skip
 
 
 def rotation_matrices(quaternions: Array) -> Array:
-    """(N, 3, 3) of unit quaternions (N, 4), w x y z."""
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first; ``T_world_tool`` turns tool vectors into the
+    world.
+    """
     w, x, y, z = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -95,9 +105,12 @@ def rotation_matrices(quaternions: Array) -> Array:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
+def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
+    """Faults of the header: columns of measurements, some joints without the others, coordinates that the arm could
+    change.
+    """
     there = {*columns, *meant}
-    for name in _MEASURED_ONLY:
+    for name in _MEASURED_ONLY_COLUMNS:
         if name in columns:
             faults.add("targets have no such column", name, hint="leave it out: it belongs to measurements", line=line)
     joints = [joint for joint in robot.joints if joint.name in there]
@@ -120,15 +133,17 @@ def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: in
         faults.add("an orientation without a place", hint="add x [mm], y [mm], z [mm]", line=line)
 
 
-def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
-    """(N, n) the postures of the joint columns; values beyond the limits are faults."""
+def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
+    """Postures (N, n) [rad or m] of the joint columns, ``None`` without; values beyond the limits are faults."""
     if robot.joint_names[0] not in columns:
         return None
     found = [cells.number(name) for name in robot.joint_names]
     q = np.column_stack([values for values in found if values is not None])
     for values, joint in zip(q.T, robot.joints, strict=True):
         column = columns[joint.name]
-        for row in np.flatnonzero((values > joint.upper + _BEYOND) | (values < joint.lower - _BEYOND)):
+        for row in np.flatnonzero(
+            (values > joint.upper + _LIMIT_TOLERANCE) | (values < joint.lower - _LIMIT_TOLERANCE)
+        ):
             bounds = ", ".join(f"{bound / column.factor:.6g}" for bound in (joint.lower, joint.upper))
             message = f"{values[row] / column.factor:.6g} {column.unit} lies beyond its limits [{bounds}]"
             hint = "correct the value, its unit, or the limits of the joint"
@@ -136,8 +151,10 @@ def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Fau
     return np.clip(q, robot.lower, robot.upper)
 
 
-def _position(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
-    """(N, 3) the wanted points; a coordinate that the arm cannot change may be left out."""
+def _wanted_positions(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
+    """Wanted points (N, 3) [m], world, or ``None`` without them; a coordinate that the arm cannot change may be left
+    out.
+    """
     if not any(axis in columns for axis in AXES):
         return None
     fixed = nominal_poses(robot, np.array([robot.lower]))[0][0]
@@ -146,7 +163,8 @@ def _position(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Arra
     return np.column_stack([np.full(count, fixed[k]) if v is None else v for k, v in enumerate(found)])
 
 
-def _sides(cells: Cells, robot: Robot) -> Array:
+def _stated_sides(cells: Cells, robot: Robot) -> Array:
+    """Sides (N, n) of the columns ``JOINT.approach``, −1 or +1; 0 where none is stated."""
     side = np.zeros((len(cells.line), robot.n))
     for j, name in enumerate(robot.joint_names):
         values = cells.number(f"{name}.approach")
@@ -155,5 +173,6 @@ def _sides(cells: Cells, robot: Robot) -> Array:
     return side
 
 
-def _text(cell: Any) -> str:
+def _cell_text(cell: Any) -> str:
+    """A cell as it is written again: strings stripped, floats with all their digits."""
     return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -22,7 +22,7 @@ from posture_opt.diagnosis.causes.causes import (
     geometry_finding,
     noise_finding,
 )
-from posture_opt.diagnosis.causes.delivery import Delivery, deliver
+from posture_opt.diagnosis.causes.delivery import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
@@ -31,10 +31,15 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, frame_directions, linearise, tool_points
+from posture_opt.diagnosis.search.linearised_data import (
+    LinearisedData,
+    frame_directions,
+    linearise_calibration,
+    tool_points,
+)
 from posture_opt.diagnosis.search.nested_selection import Folding
 from posture_opt.diagnosis.search.outlier_reinclusion import reinclude_outliers
-from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search
+from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search_effects
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
@@ -42,7 +47,7 @@ from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.repeat_scatter import prismatic_joints
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ class _Explained:
     """What the residuals of a calibration hold, and the arm that was fitted with it.
 
     Args:
-        model: the calibrated arm with the effects that have a name; ``unnamed`` the components beside them.
+        model: the calibrated arm with the effects that have a name; ``unnamed`` the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
     """
@@ -71,7 +76,7 @@ class _Explained:
 
     @property
     def closed(self) -> float:
-        """p-value of the tests for anything left; zero beside unnamed components."""
+        """p-value of the tests for anything left; zero where there are unnamed components."""
         return 0.0 if self.unnamed else self.adequacy.p_value
 
 
@@ -103,10 +108,14 @@ def diagnose(
     refit_frames: bool = False,
     with_time: bool = False,
     plan: bool = True,
-    most_rows: int = levels.MOST_ROWS,
+    most_rows: int = levels.MAX_SEARCHED_ROWS,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
+
+    With whitened residuals r, geometry columns G and candidate columns Z the model is ``r = G x + Z θ + noise``.
+    Candidates are chosen by an orthogonal matching pursuit, dropped by F tests, and as many are kept as predict rows
+    that each fold left out. Then the noise, what is left, and the geometry are tested. Hundreds of rows take seconds.
 
     Geometry that the data determine is part of every model. Effects and unnamed components compete by what they
     explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
@@ -119,11 +128,21 @@ def diagnose(
         plan: whether report and document plan the task again with the arm that was found.
         seed: of the null, 0 by default, and of that plan.
         most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
-        progress: is told how many of how many parts are done.
+        progress: receives (done, total) of its parts.
 
     Raises:
         InputError: as `calibrate`.
         InsufficientDataError: fewer measurements than unknowns.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> diagnosis = po.diagnose(problem, data, plan=False)
+        >>> [finding.kind for finding in diagnosis.effects]
+        ['geometry']
+        >>> diagnosis.verdict, diagnosis.unexplained_places  # errors grow with both joints, and no posture was repeated
+        ('unexplained', ('joint1', 'joint2'))
     """
     stages = Stages(progress, 20, 55, 5, 20)
     thinning = thin(data, most_rows)
@@ -132,37 +151,44 @@ def diagnose(
     problem = calibration.request.problem  # without what the data refute of it
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
-    found = _explained(problem, *_searched(calibration, draws, seed or 0, stages), seed or 0)
-    held = _held(found)
-    delivery = deliver(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
+    found = _explain_residuals(problem, *_search_effects(calibration, draws, seed or 0, stages), seed or 0)
+    held = _held_out_errors(found)
+    delivery = deliver_arm(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})
-    findings = _findings(found, held, stages.next())
-    other = None if test is None else _other(test, found, held, delivery, with_time, refit_frames)
-    large = None if thinning is None else _large(thinning, found)
+    findings = _all_findings(found, held, stages.next())
+    other = None if test is None else _predict_session(test, found, held, delivery, with_time, refit_frames)
+    large = None if thinning is None else _left_out_rows(thinning, found)
     stages.end()
-    return replace(_diagnosis(request, found, held, delivery, findings, other), large=large)
+    return replace(_assemble_diagnosis(request, found, held, delivery, findings, other), large=large)
 
 
-def _explained(
+def _explain_residuals(
     problem: ProblemData, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
 ) -> _Explained:
-    """The arm with what was found, and what it leaves."""
+    """The arm with what was found, and what it leaves.
+
+    Args:
+        found: the search among all candidates; effects of its named set are fitted together with the geometry.
+    """
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     residuals = linearised.sensitivities.residuals
     chosen = (found.names or found).chosen
     model = calibration.fit_effects(residuals, [s.what for s in chosen if isinstance(s.what, Effect)])
     everything = linearised.baseline(found.chosen)
-    repeated = repeat_groups(residuals.data, slides(residuals))
+    repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
     closed = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(problem, calibration, model, everything, closed, seed)
     return _Explained(calibration, linearised, found, model, unnamed, left, noise, uneven)
 
 
-def _held(found: _Explained) -> _HeldOut:
-    """Errors on held-out rows before calibration, after it, and with the effects."""
+def _held_out_errors(found: _Explained) -> _HeldOut:
+    """Errors on held-out rows before calibration, after it, and with the effects.
+
+    The effects are chosen anew in each fold, so that their choice cannot profit from the rows that it is judged by.
+    """
     calibration, model = found.calibration, found.model
-    groups, parts = _folds(calibration)
+    groups, parts = _groups_and_folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     shape = noise_shape(model, found.noise)
     extended = held_out(model, parts, shape=shape)
@@ -174,7 +200,7 @@ def _held(found: _Explained) -> _HeldOut:
     return _HeldOut(held, extended, groups, parts)
 
 
-def _findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
+def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
     """The causes: what the data refute, effects and noise, then geometry."""
     calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
     full = _of_data(found.model, calibration)
@@ -190,16 +216,20 @@ def _findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Fi
     )
 
 
-def _other(
+def _predict_session(
     test: Measurements, found: _Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
 ) -> SecondSession:
-    """The other file predicted, by the arm without effects of time."""
+    """The other file predicted, by the arm without effects of time.
+
+    Args:
+        with_time: whether effects of time are in the delivered arm; the other file is predicted without them.
+    """
     calibration, model = found.calibration, found.model
-    lasting = deliver(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
+    lasting = deliver_arm(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
     return second_session(test, calibration, model, lasting, refit_frames=refit_frames)
 
 
-def _large(thinning: Thinning, found: _Explained) -> LargeFile:
+def _left_out_rows(thinning: Thinning, found: _Explained) -> LargeFile:
     """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects."""
     calibrated, model = found.calibration.fit, found.model
     models = {
@@ -210,7 +240,7 @@ def _large(thinning: Thinning, found: _Explained) -> LargeFile:
     return LargeFile.of(thinning, models, model)
 
 
-def _diagnosis(
+def _assemble_diagnosis(
     request: FitRequest,
     found: _Explained,
     held: _HeldOut,
@@ -218,7 +248,10 @@ def _diagnosis(
     findings: tuple[Finding, ...],
     other: SecondSession | None,
 ) -> Diagnosis:
-    open_ = found.closed < levels.LACK_OF_FIT or bool(found.uneven)
+    """The result: ``unexplained`` where a test of what is left is below its level, or errors are uneven for an unknown
+    reason.
+    """
+    open_ = found.closed < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
     verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
     calibration = found.calibration
     return Diagnosis(
@@ -243,11 +276,11 @@ def _diagnosis(
 
 
 def _determined_first(*findings: Finding) -> list[Finding]:
-    """The findings, those behind whose size the data do not tell."""
+    """The findings in their order, those whose size the data do not determine last."""
     return sorted(findings, key=lambda finding: not finding.determined)
 
 
-def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
+def _groups_and_folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
     """Groups (M,) and folds of the calibration, of the rows that count."""
     request, by, kept = calibration.request, calibration.by, calibration.kept_rows
     groups = groups_of(request.data, by, request.folds)
@@ -257,32 +290,32 @@ def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
     return groups[kept], [part for part in parts if len(part)]
 
 
-def _foldings(calibration: Calibration) -> tuple[Folding, ...]:
+def _selection_folds(calibration: Calibration) -> tuple[Folding, ...]:
     """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
     data = calibration.request.data.take(calibration.kept_rows)
-    own = Folding(*_folds(calibration))
+    own = Folding(*_groups_and_folds(calibration))
     if data.position is None or calibration.by == "block":
         return (own,)
     return own, Folding.of(data, "block", calibration.request.folds)
 
 
-def _searched(
+def _search_effects(
     calibration: Calibration, draws: int, seed: int, stages: Stages
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
-    """What the residuals hold, once more where it explains rows that looked like outliers."""
-    linearised = linearise(calibration, draws, seed)
-    foldings = _foldings(calibration)
-    found = search(linearised, foldings, stages.rounds(stages.next()))
+    """What the residuals hold; searched once more where effects explain rows that looked like outliers."""
+    linearised = linearise_calibration(calibration, draws, seed)
+    foldings = _selection_folds(calibration)
+    found = search_effects(linearised, foldings, stages.rounds(stages.next()))
     stages.next()
     wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) == len(calibration.outliers):
         return calibration, linearised, found
-    linearised = linearise(wider, draws, seed)
-    return wider, linearised, search(linearised, _foldings(wider))
+    linearised = linearise_calibration(wider, draws, seed)
+    return wider, linearised, search_effects(linearised, _selection_folds(wider))
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:
-    """The model as the data alone tell it: by them geometry is judged a cause, whatever is stated of it."""
+    """The model without its prior: by the data alone geometry is judged a cause, whatever is stated of it."""
     if model.prior is None:
         return model
     directions = calibration.identifiability.directions

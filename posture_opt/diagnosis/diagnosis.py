@@ -19,7 +19,7 @@ from posture_opt.calibration.large_file import LargeFile
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     tool_shifts,
-    unknowable,
+    unknowable_causes,
 )
 from posture_opt.diagnosis.causes.delivery import Delivery
 from posture_opt.diagnosis.causes.extended_arm import extended_arm
@@ -32,7 +32,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.numerics import Codes
@@ -41,7 +41,7 @@ from posture_opt.selection.comparison.plan_comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.repeat_scatter import prismatic_joints
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
@@ -52,17 +52,17 @@ class Diagnosis(Result):
 
     Args:
         verdict: in a word; ``insufficient_data`` is an exception instead.
-        effects: the causes that were found, non-geometric causes first, the weightiest first.
+        effects: the causes that were found, non-geometric causes first, the largest contribution first.
         request: the arm as stated, the measurements, and what else was asked.
         errors: cross-validated position errors [m] of the arm before calibration (``nominal``), ``calibrated``, and
             with the effects (``extended``), and ``delivered``.
         held: those errors row by row, by model.
         model: the fitted arm with its effects; ``delivery`` the one to plan with, without those of the session.
-        unexplained: unnamed components that the residuals need beside the effects.
+        unexplained: unnamed components that the residuals need in addition to the effects.
         adequacy: the tests for anything left unexplained.
         uneven: errors that look like a noisy joint, and that repeats do not show to be one.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
-        rivals: by the place of an effect in ``model``, the candidates that could stand for it.
+        rivals: by the place of an effect in ``model``, the candidates that could replace it.
         test: another file predicted by what this one taught.
         large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
     """
@@ -105,7 +105,7 @@ class Diagnosis(Result):
     def delivered(self) -> tuple[float, int]:
         """Root mean square [m] of the position errors of ``extended``, as its file has it.
 
-        Rows that are outliers beside it do not count; their number stands behind it. Nothing is fitted again but
+        Its outliers do not count; their number is the second value. Nothing is fitted again but
         touched points and the offsets of several targets, which no file states.
         """
         errors, kept = stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
@@ -178,7 +178,7 @@ class Diagnosis(Result):
             "absorbed": [
                 {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
             ],
-            "unknowable": [limit.to_json() for limit in unknowable(self.model.residuals)],
+            "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
             "notes": list(self.notes),
         }
 
@@ -186,26 +186,26 @@ class Diagnosis(Result):
     def contrasts(self) -> Contrasts:
         """The differences between repeats of one posture and target, of the rows that are no outliers."""
         residuals = self.model.residuals
-        return Contrasts.of(residuals.data, slides(residuals))
+        return Contrasts.of(residuals.data, prismatic_joints(residuals))
 
     @cached_property
     def repeat_plans(self) -> tuple[RepeatPlan, ...]:
         """The postures to repeat where errors grow with a joint and too few repeats say whether it scatters."""
         residuals = self.model.residuals
-        return plan_repeats(residuals.data, repeat_groups(residuals.data, slides(residuals)), self.uneven)
+        return plan_repeats(residuals.data, repeat_groups(residuals.data, prismatic_joints(residuals)), self.uneven)
 
     @property
     def unexplained_places(self) -> tuple[str, ...]:
         """Along what the unexplained is seen: unnamed components, else a variable; and joints that errors grow with."""
         places = [f"{u.kind}: {u.target}" for u in self.unexplained]
         grows = [errors.effect.target for errors in self.uneven]
-        if not places and not (grows and self.adequacy.p_value >= levels.LACK_OF_FIT):
+        if not places and not (grows and self.adequacy.p_value >= levels.LACK_OF_FIT_LEVEL):
             places = [self.adequacy.place]
         return tuple(dict.fromkeys([*places, *grows]))
 
     @cached_property
     def split(self) -> DiscriminationPlan | None:
-        """The measurements that would tell the named effects from their rivals; None where they have none."""
+        """The measurements that would discriminate the named effects from their rivals; None where they have none."""
         if not self.rivals:
             return None
         return plan_discrimination(self.problem, self.linearised, self.model, self.rivals)
@@ -213,7 +213,7 @@ class Diagnosis(Result):
     @cached_property
     def linearised(self) -> LinearisedData:
         """What the search saw, without its null."""
-        return linearise(self.calibration, flips=0)
+        return linearise_calibration(self.calibration, flips=0)
 
     @property
     def gain(self) -> Gain:

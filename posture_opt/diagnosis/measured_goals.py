@@ -52,7 +52,8 @@ class Choice:
     def to_json(self, clearance: float | None = None) -> dict[str, Any]:
         """Lengths [m]: median and what 95 % of the goals stay below; the share that meets the clearance."""
         return {
-            "missed": _quantiles(self.missed), "missed_elsewhere": _quantiles(self.elsewhere), "better": self.better,
+            "missed": _median_and_p95(self.missed), "missed_elsewhere": _median_and_p95(self.elsewhere),
+            "better": self.better,
             "success": None if clearance is None else self.hits(clearance),
         }  # fmt: skip
 
@@ -60,6 +61,9 @@ class Choice:
 @dataclass(frozen=True, eq=False)
 class MeasuredGoals:
     """What the data say of the postures that models choose among those in which a goal was measured.
+
+    A test of the choice itself: a goal was commanded in several postures, so that the error of each is known, and each
+    model says which it would have taken.
 
     Args:
         goals: how many; ``postures`` in all of them.
@@ -94,7 +98,7 @@ class MeasuredGoals:
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
             "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},
             "uncorrected": {
-                "any_posture": _quantiles(self.anyhow),
+                "any_posture": _median_and_p95(self.anyhow),
                 **{name: choice.to_json(self.clearance) for name, choice in self.uncorrected.items()},
             },
         }  # fmt: skip
@@ -116,10 +120,10 @@ def measured_goals(
     task = models["nominal"].task
     if not goals or task is None:
         return None
-    B = _basis(models["nominal"])
+    B = _task_basis(models["nominal"])
     errors = {name: held[name].errors @ B for name in models}
     missed = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
-    sent = {name: Choice.of(missed[name], _scatter(models, name, data, B), goals) for name in models}
+    sent = {name: Choice.of(missed[name], _predicted_radius(models, name, data, B), goals) for name in models}
     believed = {name: np.linalg.norm(errors["nominal"] - e, axis=1) for name, e in errors.items() if name != "nominal"}
     return MeasuredGoals(
         goals=len(goals),
@@ -134,7 +138,11 @@ def measured_goals(
 
 
 def goals_in_postures(data: Measurements) -> list[Postures]:
-    """For every goal with two postures or more, the rows of each posture."""
+    """For every goal with two postures or more, the rows of each posture.
+
+    Returns:
+        For each goal the indices of the rows of each posture; goals of a single posture are left out.
+    """
     if data.position is None or not data.goal_given:
         return []
     payload = np.zeros(len(data)) if data.payload is None else data.payload
@@ -143,7 +151,7 @@ def goals_in_postures(data: Measurements) -> list[Postures]:
     return [postures for postures in found if len(postures) > 1]
 
 
-def _basis(problem: ProblemData) -> Floats:
+def _task_basis(problem: ProblemData) -> Floats:
     """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
     assert problem.task is not None
     reach = Reach.of(problem.arm, problem.task.tool_axis)
@@ -156,8 +164,8 @@ def _basis(problem: ProblemData) -> Floats:
     return reach.directions if planar else np.eye(3)
 
 
-def _scatter(models: Mapping[str, ProblemData], name: str, data: Measurements, B: Floats) -> Floats:
-    """(N,) distance that 95 of 100 visits stay within, as a model predicts it for the posture of every row [m].
+def _predicted_radius(models: Mapping[str, ProblemData], name: str, data: Measurements, B: Floats) -> Floats:
+    """(N,) distance that 95 of 100 repeats stay within, as a model predicts it for the posture of every row [m].
 
     As in a comparison of plans, a model that states no scatter takes that of the extended one.
     """
@@ -169,5 +177,6 @@ def _scatter(models: Mapping[str, ProblemData], name: str, data: Measurements, B
     return central_radii(0.95, B.T @ C @ B)
 
 
-def _quantiles(values: Floats) -> dict[str, float]:
+def _median_and_p95(values: Floats) -> dict[str, float]:
+    """Median and 95 % quantile of values, for a document."""
     return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95))}

@@ -21,15 +21,15 @@ from posture_opt.robot.robot import Joint, Robot
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 ANYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
 
-STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
+POSTURE_STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 """What postures are rounded to [rad, m]: numbers that a teach pendant takes as they are."""
-_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
-_MOST_MARGIN = 0.05  # of a joint's range
-_TRIED = 200_000  # random postures before the search for allowed ones is given up
-_BATCH = 5000
+_LIMIT_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
+_MAX_MARGIN_SHARE = 0.05  # of a joint's range
+_MAX_TRIED_POSTURES = 200_000  # random postures before the search for allowed ones is given up
+_TRIED_AT_ONCE = 5000
 # Candidate rows of each sort, before those that are not allowed go: enough for a design and a few seconds.
-_MEASURED, _SWUNG, _RANDOM = 150, 350, 500
-_PAYLOADS = 4  # of the data; of more the least, the largest and some between
+_MEASURED_CANDIDATES, _SWUNG_CANDIDATES, _RANDOM_CANDIDATES = 150, 350, 500
+_MAX_PAYLOADS = 4  # of the data; of more the least, the largest and some between
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Workspace:
         Raises:
             InputError: a slide without limits.
         """
-        ranges = [_range(joint, margin) for joint in robot.joints]
+        ranges = [_joint_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
         return cls(robot, lower, upper, height, box, Scene.of(robot, cell, guessed=True))
 
@@ -71,9 +71,14 @@ class Workspace:
         return bool(np.isfinite(self.box).any())
 
     def allowed(self, q: Array) -> Mask:
-        """(N,) which of the postures (N, n) are allowed."""
-        reached = reach(self.robot, q)
-        points = skeleton(self.robot, reached, len(q))
+        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, and clear of all
+        collisions.
+
+        Limits of the joints are not checked: candidates are drawn within them. Collisions are checked last, for the
+        rest.
+        """
+        reached = nominal_chain(self.robot, q)
+        points = skeleton_points(self.robot, reached, len(q))
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
         heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
         inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
@@ -82,17 +87,19 @@ class Workspace:
         return found
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
-        """``count`` random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
+        """Random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
+
+        Uniform in the joint values between ``lower`` and ``upper``; `_MAX_TRIED_POSTURES` are tried at the most.
 
         Raises:
             NoSolutionError: hardly any posture is allowed.
         """
         found: list[Array] = []
         have = tried = 0
-        while have < count and tried < _TRIED:
-            q = self.rounded(rng.uniform(self.lower, self.upper, (_BATCH, self.robot.n)))
+        while have < count and tried < _MAX_TRIED_POSTURES:
+            q = self.rounded(rng.uniform(self.lower, self.upper, (_TRIED_AT_ONCE, self.robot.n)))
             found.append(q[self.allowed(q)])
-            have, tried = have + len(found[-1]), tried + _BATCH
+            have, tried = have + len(found[-1]), tried + _TRIED_AT_ONCE
         if have < count:
             around = " and of the obstacles" if self.scene.explicit else ""
             above = f", above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
@@ -104,12 +111,19 @@ class Workspace:
         return np.concatenate(found)[:count], have / tried
 
     def rounded(self, q: Array) -> Array:
-        """Postures as they stand in the file: to 0.01 deg and 0.01 mm, inside the limits."""
-        step = np.array([STEP[joint.type] for joint in self.robot.joints])
+        """Postures (N, n) as they are in the file: to 0.01 deg and 0.01 mm (`POSTURE_STEP`), inside the limits."""
+        step = np.array([POSTURE_STEP[joint.type] for joint in self.robot.joints])
         return np.asarray(np.clip(np.round(q / step), np.ceil(self.lower / step), np.floor(self.upper / step)) * step)
 
 
-def _range(joint: Joint, margin: float) -> tuple[float, float]:
+def _joint_range(joint: Joint, margin: float) -> tuple[float, float]:
+    """Lower and upper end of a joint's range in a plan [rad or m]: one turn at most, a margin to its limits taken off.
+
+    The margin is 2° or 2 mm, at most 5 % of the range on each side, or what the task states if that is more.
+
+    Raises:
+        InputError: a slide without limits.
+    """
     lower, upper = joint.lower, joint.upper
     if joint.type == "prismatic" and not (math.isfinite(lower) and math.isfinite(upper)):
         raise InputError(Issue(f"{joint.name} has no limits to plan within", hint=f"state the limits of {joint.name}"))
@@ -117,16 +131,18 @@ def _range(joint: Joint, margin: float) -> tuple[float, float]:
         lower = -math.pi if lower <= -math.pi and upper >= math.pi else max(lower, upper - 2 * math.pi)
         return lower, lower + 2 * math.pi
     stated = margin if joint.type == "revolute" else 0.0
-    inward = max(min(_MARGIN[joint.type], _MOST_MARGIN * (upper - lower)), min(stated, 0.49 * (upper - lower)))
+    inward = max(
+        min(_LIMIT_MARGIN[joint.type], _MAX_MARGIN_SHARE * (upper - lower)), min(stated, 0.49 * (upper - lower))
+    )
     return lower + inward, upper - inward
 
 
-def reach(robot: Robot, q: Array) -> Walk:
-    """The nominal chain at the postures (N, n)."""
+def nominal_chain(robot: Robot, q: Array) -> Walk:
+    """The nominal chain at the postures (N, n) [rad or m], without effects; origins of its frames in the world."""
     return walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
 
 
-def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
+def skeleton_points(robot: Robot, reached: Walk, count: int) -> Array:
     """(N, n + 2, 3) origin of the first joint, of the frame behind every joint, and the tool point [m]."""
     ends = np.cumsum([len(robot.base), *(len(link) for link in robot.links)])
     origins = [screw.origin for screw in reached.screws] + [reached.position]
@@ -135,10 +151,12 @@ def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
 
 
 def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
-    """Payloads [kg] that are at hand: those of the data, the one that the file states, and none."""
+    """Payloads [kg] that are available: those of the data (`_MAX_PAYLOADS` of many), the one that the file states, and
+    none.
+    """
     measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
-    if len(measured) > _PAYLOADS:
-        measured = measured[np.linspace(0, len(measured) - 1, _PAYLOADS).round().astype(int)]
+    if len(measured) > _MAX_PAYLOADS:
+        measured = measured[np.linspace(0, len(measured) - 1, _MAX_PAYLOADS).round().astype(int)]
     return tuple(sorted({0.0, round(stated, 3), *map(float, measured)}))
 
 
@@ -160,11 +178,13 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
     known = np.unique(data.q, axis=0)
     known = known[rng.permutation(len(known))]
     workspace = Workspace.of(robot, height=_lowest_point(residuals))
-    swung = known[rng.integers(len(known), size=_SWUNG)]
+    swung = known[rng.integers(len(known), size=_SWUNG_CANDIDATES)]
     columns = list(joints) or list(range(robot.n))
-    swung[:, columns] = rng.uniform(workspace.lower[columns], workspace.upper[columns], (_SWUNG, len(columns)))
-    anywhere = rng.uniform(workspace.lower, workspace.upper, (_RANDOM, robot.n))
-    q = workspace.rounded(np.concatenate([known[:_MEASURED], swung, anywhere]))
+    swung[:, columns] = rng.uniform(
+        workspace.lower[columns], workspace.upper[columns], (_SWUNG_CANDIDATES, len(columns))
+    )
+    anywhere = rng.uniform(workspace.lower, workspace.upper, (_RANDOM_CANDIDATES, robot.n))
+    q = workspace.rounded(np.concatenate([known[:_MEASURED_CANDIDATES], swung, anywhere]))
     q = q[workspace.allowed(q)]
     rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], residuals.oriented)
     loads = available_payloads(data, robot.payload)
@@ -181,7 +201,7 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
 def _lowest_point(residuals: Residuals) -> float:
     """The foot of the arm, or the lowest that a moving part of it came to in the data if that is lower [m]."""
     robot, q = residuals.robot, residuals.data.q
-    points = skeleton(robot, reach(robot, q), len(q))
+    points = skeleton_points(robot, nominal_chain(robot, q), len(q))
     moving = np.ptp(points[:, :, 2], axis=0) > 1e-9
     lowest = float(points[:, moving, 2].min()) if moving.any() else np.inf
     return min(lowest, float(points[0, 0, 2])) - 1e-9

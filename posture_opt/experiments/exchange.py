@@ -15,11 +15,11 @@ import numpy as np
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Serial, Workers
 
-_RIDGE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
-_BETTER = 1e-9  # of the criterion: what an exchange must gain to be one
-_SWEEPS = 50  # through all places of a design; ten suffice
-_ESTIMABLE = 1e-10  # of the information of an average design: what has less counts as unknown
-_LEAK = 1e-6  # of a quantity: so much of it may lie in what is unknown, by rounding
+_RIDGE_SHARE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
+_GAIN_TOLERANCE = 1e-9  # of the criterion: what an exchange must gain to be one
+_MAX_SWEEPS = 50  # through all places of a design; ten suffice
+_INFORMATION_TOLERANCE = 1e-10  # of the information of an average design: what has less counts as unknown
+_LEAK_TOLERANCE = 1e-6  # of a quantity: so much of it may lie in what is unknown, by rounding
 
 
 class Criterion(Protocol):
@@ -41,38 +41,51 @@ class Criterion(Protocol):
 
 @dataclass(frozen=True)
 class Determinant:
-    """D-optimality: ``log det C``, the volume of the confidence ellipsoid; units of the unknowns do not matter."""
+    """D-optimality: ``log det C``, the volume of the confidence ellipsoid; units of the unknowns do not matter.
+
+    One candidate A (b, r) lowers it by ``log det(I + A C Aᵀ)`` (matrix determinant lemma), so that no inverse is
+    updated.
+    """
 
     logarithmic: ClassVar[bool] = True
 
     def value(self, C: Array) -> float:
+        """``log det C``."""
         return float(np.linalg.slogdet(C)[1])
 
     def gains(self, C: Array, A: Array) -> Array:
+        """``log det(I + A_i C A_iᵀ)`` (N,), as ``det(M + AᵀA) = det M · det(I + A C Aᵀ)``."""
         # det(M + AᵀA) = det M det(I + A C Aᵀ)
-        return np.asarray(np.linalg.slogdet(_seen(A @ C, A))[1])
+        return np.asarray(np.linalg.slogdet(_seen_covariance(A @ C, A))[1])
 
     def transformed(self, T: Array) -> Determinant:
+        """Itself: a change of unknowns adds a constant to the logarithm."""
         return self
 
 
 @dataclass(frozen=True, eq=False)
 class Variance:
-    """L-optimality: ``trace(L C Lᵀ)``, the summed variance of the quantities ``L z``, L (t, r); t = 1 is c-optimal."""
+    """L-optimality: ``trace(L C Lᵀ)``, the summed variance of the quantities ``L z``, L (t, r); t = 1 is c-optimal.
+
+    One candidate lowers it by ``tr(G_iᵀ (I + A_i C A_iᵀ)⁻¹ G_i)``, ``G_i = A_i C Lᵀ`` (Woodbury 1950).
+    """
 
     L: Array
     logarithmic: ClassVar[bool] = False
 
     def value(self, C: Array) -> float:
+        """``trace(L C Lᵀ)``."""
         return float(np.sum((self.L @ C) * self.L))
 
     def gains(self, C: Array, A: Array) -> Array:
+        """Decrease (N,) of the trace by each candidate, from ``(M + AᵀA)⁻¹ = C − C Aᵀ (I + A C Aᵀ)⁻¹ A C``."""
         # (M + AᵀA)⁻¹ = C − C Aᵀ (I + A C Aᵀ)⁻¹ A C
         W = A @ C
         G = W @ self.L.T
-        return np.asarray(np.sum(G * np.linalg.solve(_seen(W, A), G), axis=(1, 2)))
+        return np.asarray(np.sum(G * np.linalg.solve(_seen_covariance(W, A), G), axis=(1, 2)))
 
     def transformed(self, T: Array) -> Variance:
+        """The same quantities of the new unknowns: ``L z = (L T) z'``."""
         return Variance(self.L @ T)
 
 
@@ -84,7 +97,7 @@ class Design:
     value: float
 
 
-def exchange(
+def exchange_design(
     A: Array,
     information: Array,
     criterion: Criterion,
@@ -100,6 +113,10 @@ def exchange(
 ) -> Design:
     """The best ``count`` of the candidates, by exchanging one at a time for the best of all others.
 
+    The unknowns are scaled so that an average design has unit information: values of designs are comparable, and a
+    ridge of `_RIDGE_SHARE` keeps one with too few candidates invertible. A local optimum; each start costs a few sweeps
+    of ``count`` evaluations of all N gains.
+
     Every place of the design is emptied in turn and given to the candidate that lowers the criterion most, until
     no place changes; the best of several starts counts, the first of them chosen one by one, the others at random
     (Fedorov 1972; one place at a time: Cook, Nachtsheim 1980).
@@ -112,36 +129,44 @@ def exchange(
         former: a design to start from, in place of all others.
         workers: who share the starts, and need not be named; the design does not depend on it.
         progress: called with (done, total) starts.
+
+    Example:
+        >>> import numpy as np
+        >>> t = np.linspace(-1, 1, 21)  # a line is fitted best by measurements at its two ends
+        >>> A = np.stack([np.ones(21), t], axis=1)[:, None, :]
+        >>> design = exchange_design(A, np.zeros((2, 2)), Determinant(), count=2)
+        >>> sorted(float(t[i]) for i in design.chosen)
+        [-1.0, 1.0]
     """
     assert replicate or count <= len(A), "no more places than candidates"
-    T, A, information = _normed(A, information, count)
+    T, A, information = _normalised_problem(A, information, count)
     criterion = criterion.transformed(T)
-    search = _Search(A, information + _RIDGE * np.eye(len(T)), criterion, count, replicate, places)
+    search = _Search(A, information + _RIDGE_SHARE * np.eye(len(T)), criterion, count, replicate, places)
     rng = np.random.default_rng(seed)
     drawn = [rng.choice(len(A), count, replace=replicate) for _ in range(0 if former is not None else starts - 1)]
     begins = [former, *drawn]
     found: dict[int, Design] = {}
-    for k, (chosen, value) in (workers or Serial()).run(_improved, search, begins):
+    for k, (chosen, value) in (workers or Serial()).run(_improved_start, search, begins):
         found[k] = Design(np.array(chosen, dtype=np.intp), value)
         if progress is not None:
             progress(len(found), len(begins))
     return min((found[k] for k in range(len(begins))), key=lambda design: np.nan_to_num(design.value, nan=np.inf))
 
 
-def _improved(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
+def _improved_start(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
     """The design that one start leads to: what is chosen, and its value."""
     chosen = search.improved(search.one_by_one() if begin is None else begin)
     return chosen.tolist(), float(search.value(chosen))
 
 
-def _normed(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
+def _normalised_problem(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
     """Unknowns in which an average design of this size has unit information: ``T``, ``A T`` and ``Tᵀ M_0 T``."""
     flat = A.reshape(-1, A.shape[-1])
-    T = normalisation(information + count / len(A) * flat.T @ flat)
+    T = unit_information(information + count / len(A) * flat.T @ flat)
     return T, np.ascontiguousarray(A @ T), T.T @ information @ T
 
 
-def normalisation(information: Array) -> Array:
+def unit_information(information: Array) -> Array:
     """``T`` (r, r) with ``Tᵀ M T = I`` for a positive definite M."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
@@ -150,6 +175,13 @@ def normalisation(information: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
+    """The exchange over one set of candidates, in unknowns of unit information.
+
+    Args:
+        A: (N, b, r) candidates; start: (r, r) information that is there already, ridge included.
+        places: (N, n) as of `exchange_design`, or None.
+    """
+
     A: Array
     start: Array
     criterion: Criterion
@@ -158,11 +190,13 @@ class _Search:
     places: Array | None
 
     def information(self, chosen: Codes) -> Array:
+        """``M_0 + Σ A_iᵀ A_i`` (r, r) of the chosen candidates."""
         flat = self.A[chosen].reshape(-1, self.A.shape[-1])
         return np.asarray(self.start + flat.T @ flat)
 
     def value(self, chosen: Codes) -> float:
-        return self.criterion.value(inverse(self.information(chosen)))
+        """The criterion of the chosen candidates."""
+        return self.criterion.value(inverse_matrix(self.information(chosen)))
 
     def one_by_one(self) -> Codes:
         """The design that grows by the candidate that helps most each time."""
@@ -171,33 +205,34 @@ class _Search:
         for _ in range(self.count):
             gains = self._gains(M, barred)
             chosen.append(int(np.argmax(gains)))
-            barred |= self._beside(chosen[-1])
+            barred |= self._barred_by(chosen[-1])
             M = M + self.A[chosen[-1]].T @ self.A[chosen[-1]]
         return np.array(chosen, dtype=np.intp)
 
     def improved(self, chosen: Codes) -> Codes:
         """The design after exchanges, until none gains anything."""
         chosen = chosen.copy()
-        beside = np.array([self._beside(i) for i in chosen])
-        for _ in range(_SWEEPS):
+        barred = np.array([self._barred_by(i) for i in chosen])
+        for _ in range(_MAX_SWEEPS):
             changed = False
             M = self.information(chosen)  # afresh in every sweep: differences pile up rounding
             for place, former in enumerate(chosen):
                 without = M - self.A[former].T @ self.A[former]
-                gains = self._gains(without, np.asarray(np.delete(beside, place, axis=0).any(axis=0)))
+                gains = self._gains(without, np.asarray(np.delete(barred, place, axis=0).any(axis=0)))
                 found, now = int(np.argmax(gains)), gains[former]
-                if gains[found] > (now + _BETTER * abs(now) if np.isfinite(now) else now):
-                    chosen[place], beside[place], changed = found, self._beside(found), True
+                if gains[found] > (now + _GAIN_TOLERANCE * abs(now) if np.isfinite(now) else now):
+                    chosen[place], barred[place], changed = found, self._barred_by(found), True
                     M = without + self.A[found].T @ self.A[found]
             if not changed:
                 break
         return chosen
 
     def _gains(self, M: Array, barred: Mask) -> Array:
-        return np.where(barred, -np.inf, self.criterion.gains(inverse(M), self.A))
+        """What each candidate (N,) would lower the criterion by after information M (r, r); −∞ where it is barred."""
+        return np.where(barred, -np.inf, self.criterion.gains(inverse_matrix(M), self.A))
 
-    def _beside(self, chosen: int) -> Mask:
-        """(N,) which candidates may not stand in a design beside this one."""
+    def _barred_by(self, chosen: int) -> Mask:
+        """(N,) which candidates may not be in a design together with this one."""
         if self.places is not None:
             near = np.abs(self.places - self.places[chosen]).max(axis=1) < 1.0
         else:
@@ -206,26 +241,26 @@ class _Search:
         return np.asarray(near)
 
 
-def inverse(M: Array) -> Array:
-    """``M⁻¹`` (r, r)."""
+def inverse_matrix(M: Array) -> Array:
+    """The inverse (r, r) of an information matrix: the covariance of the estimates."""
     return np.asarray(np.linalg.inv(M), dtype=float)
 
 
-def _seen(W: Array, A: Array) -> Array:
-    """``I + A C Aᵀ`` (N, b, b) from ``W = A C``."""
+def _seen_covariance(W: Array, A: Array) -> Array:
+    """``I + A C Aᵀ`` (N, b, b) from ``W = A C`` (N, b, r): the predicted covariance of each candidate's measurement."""
     S = W @ np.swapaxes(A, 1, 2)
     S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
     return np.asarray(S)
 
 
-def variances(M: Array, L: Array, T: Array) -> Array:
+def quantity_variances(M: Array, L: Array, T: Array) -> Array:
     """(t,) variances of the quantities ``L z`` under the information M (r, r); NaN where it does not determine one.
 
     ``T`` (r, r) takes unknowns in which an average design has unit information to z.
     """
     values, vectors = np.linalg.eigh(T.T @ M @ T)
     parts = L @ T @ vectors
-    known = values > _ESTIMABLE
+    known = values > _INFORMATION_TOLERANCE
     found = np.sum(parts[:, known] ** 2 / values[known], axis=1)
-    leak = np.linalg.norm(parts[:, ~known], axis=1) > _LEAK * np.linalg.norm(parts, axis=1)
+    leak = np.linalg.norm(parts[:, ~known], axis=1) > _LEAK_TOLERANCE * np.linalg.norm(parts, axis=1)
     return np.where(leak, np.nan, found)

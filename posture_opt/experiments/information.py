@@ -1,4 +1,8 @@
-"""What measurements at any posture would tell about an arm, and what is known of it already."""
+"""What measurements at any posture would say about an arm, and what is known of it already.
+
+The information of a measurement with the whitened derivatives A (b, k) is ``AᵀA``: the inverse of the covariance of
+the k unknowns that it alone would leave. It adds up over measurements.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frames import SIGMA, compare, fit_frames, held_length, unknowns
+from posture_opt.calibration.assumptions.frames import (
+    DEFAULT_SIGMA_M,
+    arm_and_data,
+    fit_frames,
+    held_length,
+    unknown_parameters,
+)
 from posture_opt.calibration.assumptions.instrument import (
     planned_sigma,
     position_sigma,
-    readings,
+    reading_sigmas,
     rotation_sigma,
-    usable,
+    usable_share,
 )
-from posture_opt.calibration.estimation.fit import estimate
-from posture_opt.calibration.estimation.fit_setup import determine
-from posture_opt.calibration.estimation.least_squares import triangular
+from posture_opt.calibration.estimation.fit import estimate_parameters
+from posture_opt.calibration.estimation.fit_setup import determine_directions
+from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
@@ -27,18 +37,18 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 
-_TRUSTED = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
+_MIN_VARIANCE_FREEDOM = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
 
 
 @dataclass(frozen=True, eq=False)
 class GivenInformation:
-    """What measurements made already tell of the unknowns of a plan.
+    """What measurements made already say of the unknowns of a plan.
 
     Args:
         R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
         x: (k,) deviations from nominal [rad, m] at which everything is linearised.
         variance: of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where
-            they do not tell, the arm's own scatter from repeat to repeat added to the instrument's.
+            they do not determine it, the arm's own scatter from repeat to repeat added to the instrument's.
         rows, coordinates: how many measurements, and numbers measured in them.
         notes: sentences for the report.
     """
@@ -53,7 +63,13 @@ class GivenInformation:
 
 @dataclass(frozen=True, eq=False)
 class MeasurementModel:
-    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture."""
+    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture.
+
+    Args:
+        residuals: the arm against one planned row of each target; the row says what the instrument measures.
+        problem: for the noise of the instrument.
+        repeats: a mean of r repeats has ``1/√r`` of the standard deviation.
+    """
 
     residuals: Residuals
     problem: ProblemData
@@ -61,10 +77,12 @@ class MeasurementModel:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """The k unknowns."""
         return self.residuals.parameters
 
     @property
     def targets(self) -> tuple[str, ...]:
+        """Names of the points on the tool that are measured; empty for one."""
         return self.residuals.data.target_names
 
     @property
@@ -78,27 +96,31 @@ class MeasurementModel:
         return self.residuals.block * self.rows
 
     def blocks(self, q: Array, x: Array) -> Array:
-        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it."""
+        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it.
+
+        ``b`` is `coordinates`. An instrument whose noise grows with the range is less certain at far postures.
+        """
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
-        _, J = self.residuals.of_data(data).both(x)
+        _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
-        return np.asarray(self._believed(q, rows).reshape(len(q), self.coordinates, len(x)))
+        return np.asarray(self._scaled_rows(q, rows).reshape(len(q), self.coordinates, len(x)))
 
-    def _believed(self, q: Array, rows: Array) -> Array:
+    def _scaled_rows(self, q: Array, rows: Array) -> Array:
         """Rows (N, targets, block, k) in the standard deviations of their own range, and as many as are usable."""
         if not self.problem.effects:
             return rows
-        sigma = readings(self.problem, nominal_poses(self.residuals.robot, q)[0])
+        sigma = reading_sigmas(self.problem, nominal_poses(self.residuals.robot, q)[0])
         own = np.divide(self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0)
         scale = np.ones((len(q), self.residuals.block))
         scale[:, : len(self.residuals.axes)] = own[:, None]
-        return np.asarray(np.sqrt(usable(self.problem)) * rows * scale[:, None, :, None])
+        return np.asarray(np.sqrt(usable_share(self.problem)) * rows * scale[:, None, :, None])
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
-        """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
+        """Shift (t, k) of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unit of each
+        unknown.
 
-        The rows of ``basis`` are directions about the arm as its nominal base stands; they turn with a base found
+        The rows of ``basis`` (t, 3) are directions about the arm as its nominal base is; they turn with a base found
         elsewhere.
         """
         data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
@@ -107,9 +129,9 @@ class MeasurementModel:
         twists = here.arm.twists([self.parameters[k].source for k in own], here.q, here.walk(x), here.deviations(x))
         columns = np.zeros((3, len(x)))
         columns[:, own] = [[float(np.ravel(shift[axis])[0]) for shift, _ in twists] for axis in range(3)]
-        return np.asarray(basis @ self._base(np.zeros(len(x))) @ self._base(x).T @ columns)
+        return np.asarray(basis @ self._base_rotation(np.zeros(len(x))) @ self._base_rotation(x).T @ columns)
 
-    def _base(self, x: Array) -> Array:
+    def _base_rotation(self, x: Array) -> Array:
         """(3, 3) orientation of the base in the world."""
         factors = self.residuals.robot.base
         values = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True) if p.group == "base"}
@@ -117,7 +139,13 @@ class MeasurementModel:
 
 
 def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], oriented: bool) -> Measurements:
-    """Measurements of every target at the postures (N, n), with nothing measured yet."""
+    """Measurements of every target at the postures q (N, n) [rad or m], with nothing measured yet: positions are zero.
+
+    Args:
+        axes: (3,) which coordinates will be measured.
+        targets: names of the points on the tool; empty for one.
+        oriented: whether orientations will be measured; they are the identity.
+    """
     each = max(len(targets), 1)
     rows, n = len(q) * each, robot.n
     zeros = np.zeros(rows, dtype=np.intp)
@@ -134,19 +162,22 @@ def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], o
 def measurement_model(
     problem: ProblemData, given: Measurements | None, repeats: int = 1
 ) -> tuple[MeasurementModel, tuple[str, ...]]:
-    """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
+    """The instrument of a problem and what it measures, and sentences on what was assumed.
+
+    It measures what the given data have; without data, every coordinate that the arm can move.
+    """
     robot, rotation = problem.robot, rotation_sigma(problem)
     sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
-    notes = [] if sigma else [f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken"]
+    notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
     positions = given is not None and given.position is not None
     axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
     if given is not None and not positions:
         notes.append("the given rows touch points; the plan is for an instrument that measures positions")
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
-    parameters = unknowns(problem, data, orientation=rotation > 0)
+    parameters = unknown_parameters(problem, data, orientation=rotation > 0)
     return MeasurementModel(
-        Residuals.of(problem.arm, data, parameters, sigma or SIGMA, rotation), problem, repeats
+        Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, rotation), problem, repeats
     ), tuple(notes)
 
 
@@ -167,38 +198,49 @@ def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:
 
 
 def nothing_measured(unknowns: int, variance: float = 1.0) -> GivenInformation:
-    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance."""
+    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance.
+
+    Args:
+        unknowns: k, how many.
+        variance: of a measured coordinate in units of the instrument's.
+    """
     return GivenInformation(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
 
 
 def given_information(
     problem: ProblemData, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
 ) -> GivenInformation:
-    """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
+    """What ``data`` say of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
+
+    With the touched points first, the triangular factor R of the Jacobian holds in its last rows what is left for the
+    unknowns of the plan: their information after the points are projected out.
 
     Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
     counts with what the fit leaves in place of the ``expected`` variance.
+
+    Args:
+        parameters: the k unknowns of the plan.
+        expected: variance of a measured coordinate in units of the instrument's, before anything was measured.
     """
-    residuals, notes = compare(problem, data)
+    residuals, notes = arm_and_data(problem, data)
     x = fit_frames(residuals)
-    _, J = residuals.both(x)
+    _, J = residuals.residuals_and_jacobian(x)
     names = [p.name for p in residuals.parameters]
-    known = determine(problem, residuals, x, held_length(residuals), priors=True)
+    known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
     variance, kept = expected, np.arange(len(data))
-    if len(J) >= known.directions.shape[1] + _TRUSTED:
-        found = estimate(residuals, x, known.directions, known.prior, weight=known.noise)
+    if len(J) >= known.directions.shape[1] + _MIN_VARIANCE_FREEDOM:
+        found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
         x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
-        _, J = residuals.take(kept).both(x)
+        _, J = residuals.take(kept).residuals_and_jacobian(x)
     own = [names.index(p.name) for p in parameters if p.name in names]
     others = [i for i in range(len(names)) if i not in own]
     # With the others first, the last rows of the triangular factor hold what is left for the shared unknowns.
-    R = triangular(J[:, [*others, *own]])[len(others) :, len(others) :]
+    R = triangular_factor(J[:, [*others, *own]])[len(others) :, len(others) :]
     at = [i for i, p in enumerate(parameters) if p.name in names]
     wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
     wide[:, at], start[at] = R, x[own]
     if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
         wide, variance = wide * np.sqrt(expected / variance), expected
     gone = len(data) - len(kept)
-    stand = "stands" if gone == 1 else "stand"
-    notes += (f"{gone} of the given rows {stand} out and {'is' if gone == 1 else 'are'} not counted",) * (gone > 0)
+    notes += (f"{gone} of the given rows left out as outliers",) * (gone > 0)
     return GivenInformation(wide, start, variance, len(kept), len(J), notes)

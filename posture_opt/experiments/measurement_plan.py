@@ -1,4 +1,4 @@
-"""``MeasurementPlan``: which postures to measure next, and what they are expected to tell."""
+"""``MeasurementPlan``: which postures to measure next, and what they are expected to show."""
 
 from __future__ import annotations
 
@@ -20,12 +20,17 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 
 Purpose = Literal["parameters", "task"]
-_NO_TABLE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
+_NO_TABLE_NOTE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts."""
+    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts.
+
+    Args:
+        q: (n,) the posture [rad or m].
+        basis: (t, 3) orthonormal directions, world; ``within`` names them: ``across``, ``along`` or ``all``.
+    """
 
     q: Array
     basis: Array
@@ -36,6 +41,9 @@ class Target:
 class MeasurementPlan(Result):
     """Postures to measure, in the order of the tour, and what is expected of them.
 
+    `plan_measurements` makes it. All expected errors hold for the model of the problem file: what the model lacks is
+    not in them, so a calibration with the plan can be worse than ``after``, and not better.
+
     Args:
         problem: the arm that is to be measured, and its task.
         q: (count, n) the postures [rad, m], rounded to 0.01 deg and 0.01 mm.
@@ -43,7 +51,7 @@ class MeasurementPlan(Result):
         repeats: how often each is measured.
         purpose: ``parameters`` or ``task``.
         parameters: the (k,) unknowns; ``settled`` (k,) which of them measurements with this instrument can determine.
-        undetermined: what no measurement can tell, a sentence each.
+        undetermined: what no measurement can determine, a sentence each.
         before, after, random: what is known without the plan, with it, and with random postures (medians).
         gain: the criterion's standard error with as many random postures, over that with the chosen ones.
         equivalent: so many random postures do what the chosen ones do; ``None`` where none of the tried sizes does.
@@ -106,9 +114,11 @@ class MeasurementPlan(Result):
         With several targets every repeat has a row for each; repeats are rounds of the whole tour.
         """
         revolute = [joint.type == "revolute" for joint in self.robot.joints]
-        heads = [f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)]
-        heads += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
-        lines = [", ".join(heads)]
+        headers = [
+            f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
+        ]
+        headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
+        lines = [", ".join(headers)]
         values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
             for pose, row in enumerate(values + 0.0, start=1):
@@ -131,23 +141,31 @@ class MeasurementPlan(Result):
             "gain": self.gain,
             "random_equivalent": self.equivalent,
             "parameters": [
-                {"name": p.name, "unit": p.unit, **{name: _number(stage.std[i]) for name, stage in stages.items()}}
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    **{name: _finite_or_none(stage.std[i]) for name, stage in stages.items()},
+                }
                 for i, p in enumerate(self.parameters)
             ],
             "observability": {name: dict(stage.observability) for name, stage in stages.items()},
-            "task": self._task(stages),
+            "task": self._task_json(stages),
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
-            "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE])],
+            "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE_NOTE])],
         }
 
-    def _task(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
+    def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
+        """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
+        stage [m].
+        """
         if self.target is None:
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
-        return {"posture": posture, "std": {name: _number(stage.task) for name, stage in stages.items()}}
+        return {"posture": posture, "std": {name: _finite_or_none(stage.task) for name, stage in stages.items()}}
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
+    """A number of a document: None in place of NaN and infinity, which JSON does not have."""
     return float(value) if np.isfinite(value) else None

@@ -19,7 +19,7 @@ from posture_opt.experiments.information import (
     repeat_variance,
 )
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
-from posture_opt.experiments.plan_search import PlanSearch, tour
+from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
@@ -29,12 +29,12 @@ from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
 from posture_opt.workers import Executor, Serial, Workers, opened
 
-NO_TOOL = (
+NO_TOOL_NOTE = (
     "the tool is free and starts at the flange: the plan is better where the measured point is roughly stated "
     "(tool: {xyz: [...], free: true})"
 )
-_DRAWS = 21  # random plans of the same size that the chosen one is compared with
-_SHOWN = 1500  # random postures that are kept to be drawn
+_RANDOM_PLANS = 21  # random plans of the same size that the chosen one is compared with
+_MAX_SHOWN_POINTS = 1500  # random postures that are kept to be drawn
 
 
 @interruptible()
@@ -53,7 +53,7 @@ def plan_measurements(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
-    """The ``count`` postures whose measurement tells most, on top of what is known already.
+    """The ``count`` postures whose measurement adds most information, on top of what is known already.
 
     For ``parameters`` the determinant of their covariance is made smallest (D-optimal); for ``task`` the variance of
     the tool point at the task's best posture, along the directions that count there: ``trace(B J C Jᵀ Bᵀ)``
@@ -79,6 +79,13 @@ def plan_measurements(
         InputError: no postures asked for, or too few for a calibration; no task to plan for.
         InsufficientDataError: nothing can be determined by measuring this arm.
         NoSolutionError: no posture is allowed, or the task has none.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> plan = po.plan_measurements(problem, count=6, candidates=100)
+        >>> plan.q.shape, bool(plan.gain >= 1)  # random postures have larger standard errors
+        ((6, 2), True)
     """
     if count < 1:
         raise InputError(Issue(f"{count} postures are no plan", ("--count",), count, "plan at least 1"))
@@ -91,13 +98,13 @@ def plan_measurements(
     height, margin = bounds(problem)
     height = height if link_height is None else link_height
     workspace = Workspace.of(problem.robot, problem.cell, height=height, margin=margin, box=within or ANYWHERE)
-    target, notes = _target(problem, needed=purpose == "task")
+    target, notes = _planned_target(problem, needed=purpose == "task")
     floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
-    notes += (NO_TOOL,) * (given is None and _at_flange(problem))
+    notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(problem))
     with opened(workers, executor) as pool:
-        return plan(
+        return plan_postures(
             problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
-            repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, workers=pool,
+            repeats=repeats, keeps_height=floored or not _least_height(problem), notes=notes, workers=pool,
             progress=progress,
         )  # fmt: skip
 
@@ -110,7 +117,7 @@ def bounds(problem: ProblemData) -> tuple[float, float]:
     return max(heights, default=-math.inf), max(margins, default=0.0)
 
 
-def _upright(problem: ProblemData) -> bool:
+def _least_height(problem: ProblemData) -> bool:
     """Whether some joint can change the height of what is behind it."""
     rng = np.random.default_rng(0)
     workspace = Workspace.of(problem.robot)
@@ -119,11 +126,17 @@ def _upright(problem: ProblemData) -> bool:
 
 
 def _at_flange(problem: ProblemData) -> bool:
+    """Whether the tool is free and no offset of it is stated: the plan takes the flange for the tool point."""
     return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
 
 
-def _target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
-    """The task's best posture; where none is needed, its lack is only remarked on."""
+def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
+    """The task's best posture; where none is needed, its lack is only remarked on.
+
+    Raises:
+        InputError: a task is needed and the problem has none.
+        NoSolutionError: a task is needed and has no posture.
+    """
     if problem.task is None and not needed:
         return None, ()
     if problem.task is None:
@@ -141,31 +154,33 @@ def _target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[st
     return Target(np.array(solution.q), solution.basis.T, solution.optimisation_problem.task.within), ()
 
 
-def plan(
+def plan_postures(
     problem: ProblemData, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
     notes: tuple[str, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
-    """The ``count`` postures that tell most, by exchange among random candidates and postures near them.
+    """The ``count`` postures that add most information, by exchange among random candidates and postures near them.
 
     Raises:
         InputError: fewer postures than a calibration needs.
         InsufficientDataError: no parameter can be determined by this instrument.
         NoSolutionError: hardly any posture is allowed.
+
+    The random plans it is compared with are drawn from the same candidates (`_RANDOM_PLANS` of them).
     """
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)
     pool, share = workspace.postures(max(candidates, 2 * count), rng)
-    known = _given(problem, given, measuring, repeat_variance(problem, measuring.residuals.sigma, pool))
+    known = _information_given(problem, given, measuring, repeat_variance(problem, measuring.residuals.sigma, pool))
     rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
     J = measuring.blocks(pool, known.x)
     unknowns = Unknowns.of(PriorInformation.of(problem, measuring.parameters), J, known, rows, count)
-    _check(unknowns, measuring, count)
+    _check_count(unknowns, measuring, count)
     search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
     q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
-    way = tour(q, _unit_travel(workspace), workspace.allowed)
+    way = shortest_tour(q, _unit_travel(workspace), workspace.allowed)
     q, chosen = q[way.order], chosen[way.order]
-    random = [J[rng.permutation(len(pool))] for _ in range(_DRAWS)]
+    random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
     equivalent, gain = search.compared(chosen, random)
     residuals = measuring.residuals
     return MeasurementPlan(
@@ -174,24 +189,26 @@ def plan(
         before=unknowns.before(J), after=unknowns.after(chosen),
         random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
         equivalent=equivalent,
-        tried=len(pool), draws=_DRAWS, target=target, tour=way, workspace=workspace, share=share,
-        reach=nominal_poses(problem.robot, pool[:_SHOWN])[0], given=given, spread=float(np.sqrt(known.variance)),
+        tried=len(pool), draws=_RANDOM_PLANS, target=target, tour=way, workspace=workspace, share=share,
+        reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS])[0], given=given,
+        spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
         axes=tuple("xyz"[i] for i in residuals.axes), targets=measuring.targets,
         keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
 
 
-def _given(
+def _information_given(
     problem: ProblemData, data: Measurements | None, measuring: MeasurementModel, variance: float
 ) -> GivenInformation:
+    """What the data made already say of the unknowns, or of nothing measured with a coordinate of some ``variance``."""
     if data is None:
         return nothing_measured(len(measuring.parameters), variance)
     return given_information(problem, data, measuring.parameters, variance)
 
 
-def _check(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
-    """Refuse where nothing can be told, and where the postures are too few for a calibration of all that can."""
+def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
+    """Refuse where nothing can be determined, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])
         raise InsufficientDataError(f"no parameter can be determined by measuring positions: {said}")
@@ -203,6 +220,6 @@ def _check(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
 
 
 def _unit_travel(workspace: Workspace) -> Array:
-    """Joint travel that counts as one radian: of a slide the length of the arm."""
+    """Joint travel (n,) that counts as one radian: 1 rad of a revolute joint, the length of the arm of a slide [m]."""
     size = max(workspace.robot.length, 1e-3)
     return np.array([1.0 if joint.type == "revolute" else size for joint in workspace.robot.joints])

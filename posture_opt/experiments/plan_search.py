@@ -1,4 +1,8 @@
-"""The choice of postures to measure, how many random ones would do the same, and the order of the tour."""
+"""The choice of postures to measure, how many random ones would do the same, and the order of the tour.
+
+The choice is an exact design problem: the best ``count`` of some thousand candidates by exchange (Fedorov 1972), then
+refined in shrinking neighbourhoods of the chosen postures, as the criterion is smooth in the joint values.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +12,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.experiments.candidate_postures import Workspace
-from posture_opt.experiments.exchange import Criterion, exchange, inverse
+from posture_opt.experiments.exchange import Criterion, exchange_design, inverse_matrix
 from posture_opt.experiments.expected_errors import Unknowns
 from posture_opt.experiments.information import MeasurementModel
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.workers import Workers
 
-_STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
-_STARTED = 240  # postures in all starts together
-_NEW, _MOST_NEW = 24, 3000  # postures tried near each chosen one, and near all, in each round
-_NEAR = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
+_MAX_STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
+_MAX_STARTED_POSTURES = 240  # postures in all starts together
+_NEW_PER_POSTURE, _MAX_NEW_POSTURES = 24, 3000  # postures tried near each chosen one, and near all, in each round
+_NEIGHBOURHOODS = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
 # Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
-_APART = {"revolute": np.radians(20.0), "prismatic": 0.05}
-_SETTLED = 1e-10  # of the information of an average plan: with less in some direction something is open
-_POINTS = 9  # along each leg that are looked at
-_DETOUR = 10.0  # turns that a leg through something counts for
-_PASSES = 60  # of reversing parts of the tour
+_SEPARATION = {"revolute": np.radians(20.0), "prismatic": 0.05}
+_INFORMATION_TOLERANCE = 1e-10  # of the information of an average plan: with less in some direction something is open
+_LEG_POINTS = 9  # along each leg that are looked at
+_BLOCKED_LEG_TURNS = 10.0  # turns that a leg through something counts for
+_MAX_PASSES = 60  # of reversing parts of the tour
 
 
 @dataclass(frozen=True, eq=False)
 class PlanSearch:
-    """The choice of postures under one criterion."""
+    """The choice of postures under one criterion.
+
+    Args:
+        measuring: the measurement at a posture; ``unknowns`` what it is to determine.
+        criterion: what a plan makes small, of the covariance of the unknowns.
+        workspace: where postures may be.
+        x: (k,) deviations from nominal [rad, m] at which everything is linearised.
+    """
 
     measuring: MeasurementModel
     unknowns: Unknowns
@@ -39,41 +50,51 @@ class PlanSearch:
     def best(
         self, pool: Array, J: Array, count: int, seed: int, workers: Workers, progress: Progress | None
     ) -> tuple[Array, Array]:
-        """The best postures (count, n) and their derivatives: first of the pool, then also of others near them."""
-        apart = self._apart(count)
-        starts = max(1, min(_STARTS, _STARTED // count))
-        start, total = self.unknowns.start, starts + len(_NEAR)
+        """The best postures (count, n) [rad or m] and their derivatives (count, b, k): of the pool, then also of others
+        near.
 
-        def tell(done: int, _: int) -> None:
+        Args:
+            pool: (N, n) allowed postures; J: (N, b, k) whitened derivatives there.
+            seed: of the starts and of the neighbourhoods.
+        """
+        apart = self._separations(count)
+        starts = max(1, min(_MAX_STARTS, _MAX_STARTED_POSTURES // count))
+        start, total = self.unknowns.start, starts + len(_NEIGHBOURHOODS)
+
+        def report_step(done: int, _: int) -> None:
             if progress is not None:
                 progress(done, total)
 
-        found = exchange(
+        found = exchange_design(
             self.unknowns.blocks(J), start, self.criterion, count, starts=starts, seed=seed, places=pool / apart,
-            workers=workers, progress=tell,
+            workers=workers, progress=report_step,
         )  # fmt: skip
         q, chosen = pool[found.chosen], J[found.chosen]
         rng = np.random.default_rng(seed)
-        for k, near in enumerate(_NEAR):
-            others = self._near(q, near, rng)
+        for k, near in enumerate(_NEIGHBOURHOODS):
+            others = self._nearby_postures(q, near, rng)
             more = self.measuring.blocks(others, self.x)
             both, moves = np.concatenate([chosen, more]), np.concatenate([q, others])
-            found = exchange(
+            found = exchange_design(
                 self.unknowns.blocks(both), start, self.criterion, count, former=np.arange(count), places=moves / apart
             )
             q, chosen = moves[found.chosen], both[found.chosen]
-            tell(starts + k + 1, total)
+            report_step(starts + k + 1, total)
         return q, chosen
 
-    def _apart(self, count: int) -> Array:
-        """(n,) two postures differ by more than this in at least one joint: a plan is no row of repeats."""
+    def _separations(self, count: int) -> Array:
+        """Separations (n,) [rad or m]: two postures of a plan differ by more than this in at least one joint.
+
+        A quarter of the range over the n-th root of ``count`` where that is less: there must be room for all of them.
+        """
         workspace, n = self.workspace.upper - self.workspace.lower, self.workspace.robot.n
-        stated = np.array([_APART[joint.type] for joint in self.workspace.robot.joints])
+        stated = np.array([_SEPARATION[joint.type] for joint in self.workspace.robot.joints])
         return np.asarray(np.maximum(np.minimum(stated, workspace / (4 * count ** (1 / n))), 1e-9))
 
-    def _near(self, q: Array, near: float, rng: np.random.Generator) -> Array:
+    def _nearby_postures(self, q: Array, near: float, rng: np.random.Generator) -> Array:
+        """Allowed postures (M, n) near those of a plan: Gaussian steps of ``near`` times each joint's range."""
         step = near * (self.workspace.upper - self.workspace.lower)
-        tried = np.repeat(q, max(1, min(_NEW, _MOST_NEW // len(q))), axis=0)
+        tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
         tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
         return np.asarray(tried[self.workspace.allowed(tried)])
 
@@ -82,22 +103,34 @@ class PlanSearch:
         unknowns, flat = self.unknowns, self.unknowns.blocks(J).reshape(-1, self.unknowns.count)
         M = unknowns.T.T @ (unknowns.start + flat.T @ flat) @ unknowns.T
         values = np.linalg.eigvalsh(M)
-        return self.criterion.transformed(unknowns.T).value(inverse(M)) if values[0] > _SETTLED else np.inf
+        return (
+            self.criterion.transformed(unknowns.T).value(inverse_matrix(M))
+            if values[0] > _INFORMATION_TOLERANCE
+            else np.inf
+        )
 
     def compared(self, chosen: Array, random: list[Array]) -> tuple[int | None, float]:
-        """How many random postures do the same (median), and how much larger the standard error of as many is.
+        """How many random postures do the same, and how much larger the standard error of as many random ones is;
+        medians.
 
-        ``random`` are the derivatives (N, b, k) of random postures, in several orders.
+        The ratio of standard errors is ``exp((v_r − v) / 2r)`` for the logarithm of a determinant over r unknowns, and
+        ``√(v_r / v)`` for a variance.
+
+        Args:
+            chosen: (count, b, k) derivatives of the plan; random: (N, b, k) of random postures, in several orders.
+
+        Returns:
+            None in place of the number where all random postures together are worse than the plan.
         """
         best = self.value(chosen)
-        sizes = [self._enough(drawn, best) for drawn in random]
+        sizes = [self._equivalent_count(drawn, best) for drawn in random]
         middle = float(np.median(sizes))
         same = float(np.median([self.value(drawn[: len(chosen)]) for drawn in random]))
         logs = self.criterion.logarithmic
         gain = np.exp((same - best) / (2 * self.unknowns.count)) if logs else np.sqrt(same / best)
         return (round(middle) if np.isfinite(middle) else None), float(gain)
 
-    def _enough(self, drawn: Array, best: float) -> float:
+    def _equivalent_count(self, drawn: Array, best: float) -> float:
         """How many of the first ``drawn`` postures are as good as ``best``, at least; infinite where all are not."""
         low, high = 0, len(drawn)
         if self.value(drawn) > best:
@@ -111,6 +144,8 @@ class PlanSearch:
 @dataclass(frozen=True, eq=False)
 class Tour:
     """Postures in the order of the tour.
+
+    A tour is open: it begins at the first posture and does not return.
 
     Args:
         order: (N,) indices of the postures.
@@ -127,21 +162,33 @@ class Tour:
     sides: Array
 
 
-def tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
-    """A short way through postures (N, n): nearest neighbour, then parts reversed as long as that helps (2-opt).
+def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
+    """A short way through postures (N, n): nearest neighbour, then parts reversed as long as that helps (2-opt; Croes
+    1958).
+
+    A leg costs the largest joint motion; one that leads through what is not allowed costs ten turns more, so that it is
+    taken only where there is no other. The start is the first posture.
 
     Args:
+        q: (N, n) postures [rad or m].
         lengths: (n,) joint travel that counts as one radian: 1 for revolute joints, an arm's length for slides.
-        allowed: which postures may be passed through.
+        allowed: which postures (M, n) may be passed through.
+
+    Example:
+        >>> import numpy as np
+        >>> q = np.array([[0.0], [2.0], [1.0]])
+        >>> way = shortest_tour(q, np.ones(1), lambda q: np.ones(len(q), dtype=bool))
+        >>> way.order.tolist(), way.travel, way.unordered
+        ([0, 2, 1], 2.0, 3.0)
     """
     n = len(q)
     if n < 2:
         return Tour(np.arange(n), 0.0, 0.0, (), np.full(q.shape[1], np.nan))
     far = np.abs(q[:, None] - q[None]) / lengths
     distance = far.max(axis=2)
-    through = _through(q, allowed)
-    cost = distance + 2 * np.pi * _DETOUR * through
-    order = _reversed(_nearest(cost), cost)
+    through = _blocked_moves(q, allowed)
+    cost = distance + 2 * np.pi * _BLOCKED_LEG_TURNS * through
+    order = _two_opt(_nearest_neighbours(cost), cost)
     a, b = order[:-1], order[1:]
     moves = q[b] - q[a]
     with np.errstate(invalid="ignore"):
@@ -151,19 +198,22 @@ def tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
     return Tour(order, float(distance[a, b].sum()), float(unordered.sum()), blocked, sides)
 
 
-def _through(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
-    """(N, N) whether the straight move between two postures leads through what is not allowed."""
+def _blocked_moves(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
+    """(N, N) whether the straight move between two postures leads through what is not allowed.
+
+    `_LEG_POINTS` postures between the two are looked at, evenly spaced in the joint values.
+    """
     n = len(q)
     i, j = np.triu_indices(n, 1)
     free = np.ones(len(i), dtype=bool)
-    for share in np.linspace(0, 1, _POINTS + 2)[1:-1]:
+    for share in np.linspace(0, 1, _LEG_POINTS + 2)[1:-1]:
         free &= allowed((1 - share) * q[i] + share * q[j])
     through = np.zeros((n, n), dtype=bool)
     through[i, j] = through[j, i] = ~free
     return through
 
 
-def _nearest(cost: Array) -> Codes:
+def _nearest_neighbours(cost: Array) -> Codes:
     """From posture 0, always on to the nearest that is left."""
     left = cost.copy()
     order = [0]
@@ -173,10 +223,13 @@ def _nearest(cost: Array) -> Codes:
     return np.array(order, dtype=np.intp)
 
 
-def _reversed(order: Codes, cost: Array) -> Codes:
-    """The open tour with parts reversed, the best reversal of each start first, until none shortens it."""
+def _two_opt(order: Codes, cost: Array) -> Codes:
+    """The open tour with parts reversed, the best reversal of each start first, until none shortens it.
+
+    Only the two legs at the ends of a reversed part change; all ends of one start are compared at once.
+    """
     n = len(order)
-    for _ in range(_PASSES):
+    for _ in range(_MAX_PASSES):
         shorter = False
         for i in range(n - 1):
             ends = np.arange(i + 1, n)  # the part i … j is reversed

@@ -25,9 +25,9 @@ from posture_opt.uncertainty.spread.spread import ellipse_basis
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.workers import Executor
 
-_ALIGNED = 1e-9
-_OUTER = 0.02  # of the rows, on either side, that the map need not cover
-_STEP = 0.01  # m, that its box is rounded to
+_ALIGNMENT_TOLERANCE = 1e-9
+_UNCOVERED_SHARE = 0.02  # of the rows, on either side, that the map need not cover
+_BOX_STEP_M = 0.01  # m, that its box is rounded to
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,6 +90,9 @@ class AccuracyMap(Result):
         }
 
     def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Any]:
+        """The entry of one target under ``targets``: bias [m], covariance [m²], the 95 % region and the posture [rad or
+        m].
+        """
         document = map_point.to_json(joints)
         kept = {key: document[key] for key in ("position", "feasible", "reason")}
         return {
@@ -134,6 +137,13 @@ def map_accuracy(
 
     Raises:
         InputError, NoSolutionError: as `map_targets`; measurements of several robots.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_calibrated")
+        >>> found = po.map_accuracy(problem, counts=(2, 2, 1), low=(1.0, 0.2, 0.0), high=(1.2, 0.4, 0.0))
+        >>> found.bias.shape, bool((found.radius95 > 0).all())
+        ((4, 3), True)
     """
     uncorrected = problem.uncorrected
     if data is not None and low is None and high is None and plane is None:
@@ -150,7 +160,7 @@ def map_accuracy(
         progress=progress,
     )
     tool_point = ToolPoint.of(problem.arm, problem.sources)
-    bias, covariance = _predicted(tool_point, targets.map_points)
+    bias, covariance = _predicted_moments(tool_point, targets.map_points)
     known = targets.feasible
     basis = ellipse_basis(tool_point, covariance[known][0])
     radius, semi_axes = np.full(len(bias), np.nan), np.full((len(bias), len(basis)), np.nan)
@@ -159,17 +169,17 @@ def map_accuracy(
     radius[known] = central_radii(0.95, projected[known])
     own = None
     if targets.own is not None and targets.own.feasible:
-        (at,), C = _predicted(tool_point, (targets.own,))
+        (at,), C = _predicted_moments(tool_point, (targets.own,))
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
     known_of_arm = len(problem.corrections), len(problem.arm.effects)
-    settled = _settled(targets.grid.points, bias)
+    settled = _bias_without_shift(targets.grid.points, bias)
     return AccuracyMap(
         problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured
     )
 
 
-def _settled(points: Array, bias: Array) -> Array:
+def _bias_without_shift(points: Array, bias: Array) -> Array:
     """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture."""
     left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
     if np.count_nonzero(known) > 2:
@@ -179,7 +189,7 @@ def _settled(points: Array, bias: Array) -> Array:
     return left
 
 
-def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
+def _predicted_moments(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
     """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
     known, count = np.array([map_point.feasible for map_point in map_points]), len(map_points)
     Q = np.array([map_point.q for map_point in map_points])[known]
@@ -199,12 +209,12 @@ def _box_of(
         return None, None
     d = np.array(task.direction) / np.linalg.norm(task.direction)
     axis = int(np.argmax(np.abs(d)))
-    if abs(d[axis]) < 1 - _ALIGNED:
+    if abs(d[axis]) < 1 - _ALIGNMENT_TOLERANCE:
         return None, None
     place, _ = nominal_poses(problem.robot, data.q)
-    low, high = np.quantile(place, [_OUTER, 1 - _OUTER], axis=0)
-    low, high = _STEP * np.floor(low / _STEP), _STEP * np.ceil(high / _STEP)
-    if np.count_nonzero(np.ptp(place, axis=0) > _STEP) == 3:
+    low, high = np.quantile(place, [_UNCOVERED_SHARE, 1 - _UNCOVERED_SHARE], axis=0)
+    low, high = _BOX_STEP_M * np.floor(low / _BOX_STEP_M), _BOX_STEP_M * np.ceil(high / _BOX_STEP_M)
+    if np.count_nonzero(np.ptp(place, axis=0) > _BOX_STEP_M) == 3:
         level = float(np.median(place[:, axis]))
         if task.position is not None and low[axis] <= task.position[axis] <= high[axis]:
             level = task.position[axis]

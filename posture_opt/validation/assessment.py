@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration, calibrated_parts
-from posture_opt.calibration.estimation.residuals import Residuals, matrices, rotation_vectors
+from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices, rotation_vectors
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
@@ -17,14 +17,14 @@ from posture_opt.numerics import Array, Codes
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
-from posture_opt.validation.model_errors import ModelErrors, model_errors, told
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.model_errors import ModelErrors, measured_parts, model_errors
+from posture_opt.validation.repeat_scatter import prismatic_joints
 from posture_opt.validation.repeatability_tests import Goals, Repeats, goals_of, repeats_of
 from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
-TEN_TIMES = 10.0  # better than what it judges an instrument should be
-_COVERAGE = 0.95
-_ROUNDING = 1e-12  # m
+MIN_INSTRUMENT_RATIO = 10.0  # better than what it judges an instrument should be
+_REGION_PROBABILITY = 0.95
+_LENGTH_TOLERANCE_M = 1e-12  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Assessment(Result):
         instrument: dict[str, Any] = {"sigma": self.instrument or None}
         if self.instrument:
             instrument |= {"times_better": self.ratios}
-            instrument["sufficient"] = {name: ratio >= TEN_TIMES for name, ratio in self.ratios.items()}
+            instrument["sufficient"] = {name: ratio >= MIN_INSTRUMENT_RATIO for name, ratio in self.ratios.items()}
         return {
             "sign": "measured minus model", "rows": self.rows, "poses": self.poses,
             "block_axes": [name for name, _ in self.block_axes],
@@ -131,19 +131,31 @@ def assess(
     Args:
         problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
             ``data`` and the ``calibration`` that was made from them.
+
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> assessment = po.assess(po.calibrate(problem, data))
+        >>> assessment.poses, assessment.calibrated.zero  # nothing speaks against a mean error of zero
+        (60, True)
     """
     problem, data, calibration = calibrated_parts(problem, data, calibration)
     kept = calibration.kept_rows
     axes = calibration.residuals.axes
     used = data.take(kept)
-    direction = _direction(problem)
-    errors = {"nominal": _seen(calibration.errors_nominal[kept]), "calibrated": _seen(calibration.errors[kept])}
-    fitted = {"nominal": errors["nominal"], "calibrated": _seen(calibration.errors_fitted[kept])}
+    direction = _task_direction(problem)
+    errors = {
+        "nominal": _measured_minus_model(calibration.errors_nominal[kept]),
+        "calibrated": _measured_minus_model(calibration.errors[kept]),
+    }
+    fitted = {"nominal": errors["nominal"], "calibrated": _measured_minus_model(calibration.errors_fitted[kept])}
     models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
     stated = position_sigma(problem, data)
     residuals = calibration.residuals.take(kept)
-    codes = repeat_groups(used, slides(residuals))
-    rotations = _turned(residuals, calibration.x, codes)
+    codes = repeat_groups(used, prismatic_joints(residuals))
+    rotations = _rotation_errors(residuals, calibration.x, codes)
     deviations = {name: e[:, axes] for name, e in errors.items()}
     oriented = calibration.residuals.oriented
     return Assessment(
@@ -162,17 +174,17 @@ def assess(
         else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
         goals=goals_of(used, errors),
         trends=trends_of(used, fitted["calibrated"][:, axes]),
-        sides=sides_of(used, fitted["calibrated"], _motions(residuals, calibration.x)),
-        notes=_notes(problem, axes, direction),
+        sides=sides_of(used, fitted["calibrated"], _joint_motions(residuals, calibration.x)),
+        notes=_assessment_notes(problem, axes, direction),
     )
 
 
-def _seen(errors: Array) -> Array:
+def _measured_minus_model(errors: Array) -> Array:
     """Measured minus model; what is rounding of a coordinate is no error."""
-    return np.where(np.abs(errors) > _ROUNDING, -errors, 0.0)
+    return np.where(np.abs(errors) > _LENGTH_TOLERANCE_M, -errors, 0.0)
 
 
-def _direction(problem: ProblemData) -> Array | None:
+def _task_direction(problem: ProblemData) -> Array | None:
     if problem.task is None:
         return None
     direction = np.asarray(problem.task.direction, dtype=float)
@@ -185,11 +197,11 @@ def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, st
     return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
-def _notes(problem: ProblemData, axes: Any, direction: Array | None) -> tuple[str, ...]:
+def _assessment_notes(problem: ProblemData, axes: Any, direction: Array | None) -> tuple[str, ...]:
     if direction is None:
         return ("the problem has no task: nothing is said of along and across its direction",)
-    if not all(told(axes, direction)):
-        return ("not all of the task's direction was measured: what was not told is left out",)
+    if not all(measured_parts(axes, direction)):
+        return ("not all of the task's direction was measured: what was not measured is left out",)
     if problem.robot.base_free:
         return ("the base is free: the task's direction is taken in the frame of the measurements",)
     return ()
@@ -199,23 +211,23 @@ def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
     ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
     if not 0 < ellipse.rank < poses + 1:
         return None
-    factor = hotelling_factor(_COVERAGE, ellipse.rank, poses)
+    factor = hotelling_factor(_REGION_PROBABILITY, ellipse.rank, poses)
     inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
     return ResidualScatter(ellipse, len(errors), poses, factor, inside)
 
 
-def _motions(residuals: Residuals, x: Array) -> list[Array]:
+def _joint_motions(residuals: Residuals, x: Array) -> list[Array]:
     return residuals.tool_shifts(residuals.robot.driven, x)
 
 
-def _turned(residuals: Residuals, x: Array, codes: Codes) -> Array | None:
+def _rotation_errors(residuals: Residuals, x: Array, codes: Codes) -> Array | None:
     """Measured minus model (N, 3) [rad] as small rotations in the world; ``None`` without orientations."""
     rotation = residuals.data.rotation
     if rotation is None:
         return None
     if residuals.oriented:
         return -residuals.rotation_error(residuals.walk(x))
-    # The model's orientation is not fitted: each posture is set against its own first repeat, which tells the scatter.
+    # The model's orientation is not fitted: each posture is set against its own first repeat, which shows the scatter.
     _, first, own = np.unique(codes, return_index=True, return_inverse=True)
-    R = matrices(rotation)
+    R = rotation_matrices(rotation)
     return rotation_vectors(R @ np.swapaxes(R[first][own], -1, -2))

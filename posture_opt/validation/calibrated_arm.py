@@ -37,8 +37,8 @@ def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
         label="calibrated",
         deviations={name: float(calibration.x[i]) for name, i in places.items()},
         known=persistent_sources(problem.robot, problem.sources, list(places), covariance).plus(scatter.errors),
-        scatter=scatter.beside,
-        header=_header(calibration, scatter),
+        scatter=scatter.without_effects,
+        header=_file_header(calibration, scatter),
     )
 
 
@@ -50,7 +50,11 @@ def nominal_arm(calibration: Calibration) -> FittedArm:
 
 
 def calibrated_models(problem: ProblemData, calibration: Calibration) -> dict[str, ProblemData]:
-    """The problem before calibration, its free frames found, and calibrated."""
+    """The problem before calibration, its free frames found, and calibrated.
+
+    Returns:
+        Problems by name, ``nominal`` and ``calibrated``.
+    """
     return {
         "nominal": problem.with_fit(nominal_arm(calibration)),
         "calibrated": problem.with_fit(calibrated_arm(problem, calibration)),
@@ -70,7 +74,7 @@ def compare_models(
     return compare_plans(models, seed=seed, workers=workers, hint=hint, measured=measured)
 
 
-def _header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
+def _file_header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = calibration.residuals.data
     file = Path(data.file).name or "a table"
@@ -83,7 +87,7 @@ def _header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
     lines = (
         f"Calibrated with {file}: {len(data)} rows{gone}.",
         f"RMS position error on held-out rows: {before} before calibration, {after} after.",
-        "What is still uncertain of its parameters stands in calibrated_covariance.csv, in mm and mrad; combinations",
+        "What is still uncertain of its parameters is in calibrated_covariance.csv, in mm and mrad; combinations",
         "of them that move nothing that was measured have no variance there.",
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
         several,

@@ -1,4 +1,8 @@
-"""How much of what was measured lies in the regions that a model predicts, and by what factor these are off."""
+"""How much of what was measured lies in the regions that a model predicts, and by what factor these are off.
+
+With the predicted covariance C (d, d) of an error e, ``D² = eᵀ C⁻¹ e`` is χ² with d degrees of freedom where the
+prediction is true. A region of probability p holds the errors with ``D² ≤ χ²_d(p)``.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +17,12 @@ from posture_opt.validation.prediction import Prediction
 
 Verdict = Literal["right", "understated", "overstated"]
 
-P = 0.95
-ENDS = (0.025, 0.975)
-LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
-_NEAR = 1.1  # a factor that no decision hangs on
-_CELLS = 1_000_000  # numbers at a time
-_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
+REGION_PROBABILITY = 0.95
+INTERVAL_QUANTILES = (0.025, 0.975)
+RELIABILITY_LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
+_FACTOR_TOLERANCE = 1.1  # a factor that no decision depends on
+_MAX_CELLS = 1_000_000  # numbers at a time
+_COVERAGE_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +38,8 @@ class Coverage:
             with 95 % confidence, whether poses or data as predicted are drawn.
         probability: (N,) ascending, of the smallest predicted region that holds each row: evenly spread over
             0 … 1 where the prediction is true.
-        band: (levels, 2) between these lies the share held at each of ``LEVELS`` in 95 % of data as predicted.
+        band: (levels, 2) ends between which the share held at each of ``RELIABILITY_LEVELS`` is in 95 % of data as
+            predicted.
         poses: how many of them; ``dimension`` of the regions.
     """
 
@@ -50,45 +55,61 @@ class Coverage:
 
     @classmethod
     def of(cls, errors: Array, predicted: Prediction, groups: Codes) -> Coverage:
-        """Of errors (N, d) [m]; rows of one group (N,) hang together.
+        """Of errors (N, d) [m]; rows of one group (N,) are correlated.
 
         ``D_i² = e_iᵀ C_i⁻¹ e_i`` has the distribution χ²(d) where the prediction is true, and the factor is the root of
         its 95 % quantile over what data simulated as predicted have in the median. Its interval is that of such data,
         or that of a bootstrap over the groups, whichever reaches further.
+
+        Args:
+            errors: (N, d) of rows that the model has not seen [m].
+            predicted: their common part and their own scatter.
+            groups: (N,) codes; a bootstrap draws whole groups.
         """
         from scipy.special import chdtr
 
-        squared, m = distances(errors, predicted.covariance), errors.shape[1]
+        squared, m = squared_distances(errors, predicted.covariance), errors.shape[1]
         groups = np.unique(groups, return_inverse=True)[1]
-        radius = coverage_factor(P, m)
+        radius = coverage_factor(REGION_PROBABILITY, m)
         drawn = _as_predicted(predicted)
-        reach = np.sqrt(np.quantile(drawn, P, axis=1))
+        reach = np.sqrt(np.quantile(drawn, REGION_PROBABILITY, axis=1))
         shares = np.mean(drawn <= radius**2, axis=1)
-        found, typical = float(np.sqrt(np.quantile(squared, P))), float(np.median(reach))
-        ends = np.concatenate([found / np.quantile(reach, ENDS), _bootstrap(squared, groups) / typical])
+        found, typical = float(np.sqrt(np.quantile(squared, REGION_PROBABILITY))), float(np.median(reach))
+        ends = np.concatenate(
+            [found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical]
+        )
         inside = squared <= radius**2
         return cls(
             share=float(inside.mean()),
             interval=share_interval(inside, groups),
-            expected=(float(np.quantile(shares, ENDS[0])), float(np.quantile(shares, ENDS[1]))),
+            expected=(
+                float(np.quantile(shares, INTERVAL_QUANTILES[0])),
+                float(np.quantile(shares, INTERVAL_QUANTILES[1])),
+            ),
             factor=found / typical,
             factor_interval=(float(ends.min()), float(ends.max())),
             probability=np.sort(np.asarray(chdtr(m, squared))),
-            band=np.quantile([np.mean(drawn <= coverage_factor(p, m) ** 2, axis=1) for p in LEVELS], ENDS, axis=1).T,
+            band=np.quantile(
+                [np.mean(drawn <= coverage_factor(p, m) ** 2, axis=1) for p in RELIABILITY_LEVELS],
+                INTERVAL_QUANTILES,
+                axis=1,
+            ).T,
             poses=int(groups.max()) + 1,
             dimension=m,
         )
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the predicted spread is true, as far as the data tell; a tenth more or less is no matter."""
+        """Whether the predicted spread is true, as far as the data show; a tenth more or less is no matter."""
         low, high = self.factor_interval
-        if low <= 1 <= high or 1 / _NEAR <= self.factor <= _NEAR:
+        if low <= 1 <= high or 1 / _FACTOR_TOLERANCE <= self.factor <= _FACTOR_TOLERANCE:
             return "right"
         return "understated" if self.factor > 1 else "overstated"
 
     def held(self, p: float) -> float:
-        """The share of the rows in the predicted region of probability ``p``."""
+        """The share of the rows in the predicted region of probability ``p``; equal to ``p`` where the prediction is
+        true.
+        """
         return float(np.searchsorted(self.probability, p, side="right") / len(self.probability))
 
     def to_json(self) -> dict[str, Any]:
@@ -97,20 +118,38 @@ class Coverage:
             "rows": len(self.probability), "poses": self.poses, "share": self.share,
             "interval95": list(self.interval), "expected95": list(self.expected), "factor": self.factor,
             "factor_interval95": list(self.factor_interval), "verdict": self.verdict,
-            "reliability": [[p, self.held(p)] for p in LEVELS],
+            "reliability": [[p, self.held(p)] for p in RELIABILITY_LEVELS],
         }  # fmt: skip
 
 
-def distances(errors: Array, covariances: Array) -> Array:
-    """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d)."""
+def squared_distances(errors: Array, covariances: Array) -> Array:
+    """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d).
+
+    Args:
+        errors: [m]; covariances: positive definite [m²].
+
+    Example:
+        >>> import numpy as np
+        >>> squared_distances(np.array([[3.0, 4.0]]), np.eye(2)[None]).tolist()
+        [25.0]
+    """
     return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
 
 def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
-    """The 95 % interval of a share of rows that hang together in groups.
+    """The 95 % interval of a share of rows that are correlated within groups.
 
-    Clopper and Pearson's (1934) for as many independent rows as would vary as much as the groups do (Korn,
-    Graubard 1998).
+    Clopper and Pearson's (1934) for as many independent rows as would vary as much as the groups do (Korn, Graubard
+    1998): ``n_eff = p (1 − p) / v`` with the variance v of the share between groups, n at the most.
+
+    Args:
+        inside: (N,) whether each row counts; groups: (N,) codes from 0 on.
+
+    Example:
+        >>> import numpy as np
+        >>> low, high = share_interval(np.array([True] * 19 + [False]), np.arange(20))
+        >>> print(f"{low:.3f} {high:.3f}")
+        0.744 0.999
     """
     from scipy.special import betaincinv
 
@@ -127,28 +166,28 @@ def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
 
 
 def _as_predicted(predicted: Prediction) -> Array:
-    """(draws, N) squared distances of data that are as predicted."""
+    """Squared distances (draws, N) of data that are as predicted: one δ for all rows of a draw, a v for each row."""
     rng = np.random.default_rng(0)
     L = np.linalg.cholesky(predicted.covariance)
     common = np.linalg.solve(L, predicted.common)
     scatter = np.linalg.solve(L, np.linalg.cholesky(predicted.scatter))
     n, d, k = common.shape
-    found = np.empty((_DRAWS, n))
-    step = max(_CELLS // (n * d), 1)
-    for first in range(0, _DRAWS, step):
-        many = min(step, _DRAWS - first)
+    found = np.empty((_COVERAGE_DRAWS, n))
+    step = max(_MAX_CELLS // (n * d), 1)
+    for first in range(0, _COVERAGE_DRAWS, step):
+        many = min(step, _COVERAGE_DRAWS - first)
         e = common @ rng.standard_normal((k, many)) + scatter @ rng.standard_normal((n, d, many))
         found[first : first + many] = np.einsum("nib,nib->bn", e, e)
     return found
 
 
-def _bootstrap(squared: Array, groups: Codes) -> Array:
+def _bootstrap_radius(squared: Array, groups: Codes) -> Array:
     """(2,) the 95 % interval of the root of the 95 % quantile, groups drawn with replacement."""
     order = np.argsort(squared)
     many = int(groups.max()) + 1
     rng = np.random.default_rng(0)
-    drawn = np.empty(_DRAWS)
-    for k in range(_DRAWS):
+    drawn = np.empty(_COVERAGE_DRAWS)
+    for k in range(_COVERAGE_DRAWS):
         weight = np.cumsum(np.bincount(rng.integers(many, size=many), minlength=many)[groups[order]])
-        drawn[k] = squared[order[np.searchsorted(weight, P * weight[-1])]]
-    return np.asarray(np.sqrt(np.quantile(drawn, ENDS)))
+        drawn[k] = squared[order[np.searchsorted(weight, REGION_PROBABILITY * weight[-1])]]
+    return np.asarray(np.sqrt(np.quantile(drawn, INTERVAL_QUANTILES)))

@@ -1,7 +1,7 @@
 """The scatter of the joints from the scatter of the tool point: variance components by (restricted) likelihood.
 
 Joint errors that change from repeat to repeat spread the tool point by ``J diag(σ²) Jᵀ``, differently at every
-posture, and the instrument adds ``s² I`` everywhere: postures with different ``J`` tell the joints from each other
+posture, and the instrument adds ``s² I`` everywhere: postures with different ``J`` separate the joints from each other
 and from the instrument (Brethé, Vasselin, Lefebvre, Dakyo 2005: stochastic ellipsoids).
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.scatter_model import Scatter, covariances
+from posture_opt.validation.scatter_model import Scatter, joint_covariances
 from posture_opt.validation.variance_components import Components
 
 
@@ -25,8 +25,8 @@ class JointVariances:
     Args:
         names: (n,) the joints' errors, ``JOINT.theta`` or ``JOINT.d``.
         sigma: (n,) standard deviations [rad, m], 0 or more.
-        std: (n,) standard errors of ``sigma``; of a σ of 0, by how much it may be more; infinite where the data
-            do not tell.
+        std: (n,) standard errors of ``sigma``; of a σ of 0, by how much it may be more; infinite where the data do not
+            determine it.
         interval: (n, 2) 95 % intervals of ``sigma`` by the profile likelihood.
         instrument, instrument_std: the instrument's standard deviation of a coordinate [m], error 0 where it was
             given; ``instrument_interval`` as above.
@@ -44,11 +44,11 @@ class JointVariances:
 
     def covariance(self, columns: Array) -> Array:
         """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²] at the postures of ``columns`` (N, d, n) [m/rad, m/m]."""
-        return covariances(columns, self.sigma, self.instrument)
+        return joint_covariances(columns, self.sigma, self.instrument)
 
     @property
     def determined(self) -> Mask:
-        """(n,) whether the data tell each σ."""
+        """(n,) whether the data determine each σ."""
         return np.isfinite(self.std)
 
 
@@ -97,7 +97,15 @@ def fit_joint_variances(
     equal: bool = False,
     intervals: bool = True,
 ) -> JointVariances:
-    """As :func:`estimate_joint_variances`, from sums of squares; ``intervals`` are left open where not asked for."""
+    """As :func:`estimate_joint_variances`, from sums of squares; ``intervals`` are left open where not asked for.
+
+    Args:
+        scatter: sums of squares (G, d, d) [m²] with their degrees of freedom and joint columns.
+        intervals: off, intervals are (0, ∞): each end costs some maximisations.
+
+    Raises:
+        InsufficientDataError: fewer coordinates of scatter than unknown standard deviations.
+    """
     model = Components.of(scatter, names, instrument, fit_instrument, equal)
     freedom = int(scatter.freedom.sum()) * scatter.squares.shape[1]
     if freedom < model.size:
@@ -108,7 +116,7 @@ def fit_joint_variances(
         )
     theta, best = model.maximise(model.start())
     if not np.isfinite(best):
-        raise InsufficientDataError("errors of such different sizes do not tell the scatter of the joints")
+        raise InsufficientDataError("errors of such different sizes do not determine the scatter of the joints")
     error = model.errors(theta)
     search = range(model.size) if intervals else ()
     ends = np.array([model.interval(theta, best, k, error[k]) for k in search] or [(0.0, np.inf)] * model.size)
@@ -132,7 +140,13 @@ def fit_joint_variances(
 
 
 def _std_of_root(theta: Array, error: Array) -> Array:
-    """Standard errors of the roots of variances; near zero, where a tangent says nothing, the root of the error."""
+    """Standard errors of the roots of variances; near zero, where a tangent says nothing, the root of the error.
+
+    ``std(√θ) = std(θ) / (2 √θ)``, with √θ no less than half the root of the error.
+
+    Args:
+        theta: (c,) variances; error: (c,) their standard errors, infinite where the data do not determine them.
+    """
     finite = np.where(np.isfinite(error), error, 0.0)
     steep = 2 * np.maximum(np.sqrt(theta), np.sqrt(finite) / 2)
     found = np.divide(finite, steep, out=np.zeros_like(finite), where=steep > 0)

@@ -1,4 +1,4 @@
-"""``MeasuredErrors``: measured rows beside the accuracy that a map predicts where they lie."""
+"""``MeasuredErrors``: measured rows compared with the accuracy that a map predicts where they lie."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.errors import InputError, Issue
@@ -20,19 +20,19 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
-from posture_opt.validation.coverage import distances
+from posture_opt.validation.coverage import squared_distances
 
-_ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
+_ELSEWHERE_RATIO = 20  # times the predicted distance: no spread is that much understated
 
-TOUCHES = (
-    "touched points tell how well touches agree, not where the arm stands: errors count from the mean of each point, "
+TOUCHES_NOTE = (
+    "touched points show how well touches agree, not where the arm is: errors count from the mean of each point, "
     "and no share of them can be set against the predicted distances"
 )
-FITTED = (
+FITTED_NOTE = (
     "free and fitted to these rows: what that takes off their errors is still in the prediction, and no share of "
     "them can be set against it"
 )
-ELSEWHERE = (
+ELSEWHERE_NOTE = (
     "so far off, base, tool or instrument were not where the file has them when these rows were measured: calibrate "
     "with them, or leave base and tool free"
 )
@@ -40,18 +40,18 @@ ELSEWHERE = (
 
 @dataclass(frozen=True, eq=False)
 class MeasuredErrors:
-    """Measured rows beside what is predicted where they lie.
+    """Measured rows compared with what is predicted where they lie.
 
     Args:
         place: (M, 3) tool point of the rows by the model [m], world.
         cell: (M,) the target in whose cell each lies; -1 for none.
         near: (M,) whether they lie in a cell that has a prediction.
         uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without
-            its corrections and as it stands in the file.
+            its corrections and as the file states it.
         limit: (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN
             off the map.
         inside: (M,) whether a row lies in the 95 % region that is predicted for its own posture.
-        comparable: whether the rows tell all of the error: not where they touch points, or where frames are fitted
+        comparable: whether the rows show all of the error: not where they touch points, or where frames are fitted
             to them.
         reach: rows count as near the map within this distance of its plane [m]; 0 where all lie in it.
         notes: sentences for the report.
@@ -114,23 +114,23 @@ def measured_errors(
         notes.append(f"only rows of the target {data.target_names[0]} are compared")
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     if data.touches:
-        notes.append(TOUCHES)
+        notes.append(TOUCHES_NOTE)
     elif free:
-        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED}")
+        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED_NOTE}")
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
-    errors = [_errors(one, data) for one in (uncorrected, problem)]
+    errors = [_position_errors(one, data) for one in (uncorrected, problem)]
     instrument = position_sigma(problem, data)
     place, _ = nominal_poses(problem.robot, data.q)
     cell = targets.grid.cells(place)
     limits = np.full(len(targets.map_points) + 1, np.nan)  # the last one is that of rows off the map
     used = np.flatnonzero(targets.feasible)
     limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
-    inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
+    inside = _inside_regions(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
-    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE * np.nanmedian(limits)
-    notes += [ELSEWHERE] if elsewhere else []
+    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE_RATIO * np.nanmedian(limits)
+    notes += [ELSEWHERE_NOTE] if elsewhere else []
     comparable = not data.touches and not free and not elsewhere
     near = (cell >= 0) & np.isfinite(limits[cell])
     return MeasuredErrors(
@@ -138,16 +138,16 @@ def measured_errors(
     )
 
 
-def _errors(problem: ProblemData, data: Measurements) -> Array:
+def _position_errors(problem: ProblemData, data: Measurements) -> Array:
     """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     return position_errors(residuals, fit_frames(residuals))
 
 
-def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
+def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
     """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures."""
     moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
     axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)
     C, e = C[:, axes][:, :, axes], errors[:, axes]
-    return np.asarray(distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)
+    return np.asarray(squared_distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)

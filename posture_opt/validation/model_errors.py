@@ -1,4 +1,7 @@
-"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere."""
+"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere.
+
+A mean that is not zero is an error that the model repeats; it can be corrected. What scatters about zero cannot.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
-SIZE = 0.05  # of the tests: so often a mean that is zero is called not zero
-_FEWEST = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
-_MOST = 16  # blocks: as many as a person takes in
-_TILT = 1e-6  # rad: rounding of a direction that was written down
+TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
+_MIN_BLOCK_GROUPS = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
+_MAX_BLOCKS = 16  # blocks: as many as a person takes in
+_DIRECTION_TOLERANCE = 1e-6  # rad: rounding of a direction that was written down
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ class MeanTest:
     @property
     def zero(self) -> bool:
         """Whether nothing speaks against a mean of zero."""
-        return not self.p_value < SIZE
+        return not self.p_value < TEST_LEVEL
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers [m]."""
@@ -71,19 +74,26 @@ def mean_test(vectors: Array) -> MeanTest:
     distribution F(d, n − d) where the true mean is zero. Directions without any variance are left out of it.
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
+
+    Example:
+        >>> import numpy as np
+        >>> found = mean_test(np.array([[1.0], [2.0], [3.0]]))
+        >>> float(found.mean[0]), round(found.p_value, 3), found.zero
+        (2.0, 0.074, True)
     """
     n, d = vectors.shape
     mean = vectors.mean(axis=0)
     if n < 2:
         return MeanTest(mean, np.full(d, np.nan), n, float("nan"))
     S = np.atleast_2d(np.cov(vectors, rowvar=False)) / n
-    return MeanTest(mean, np.sqrt(np.diag(S)), n, hotelling(mean, S, n - 1))
+    return MeanTest(mean, np.sqrt(np.diag(S)), n, hotelling_p_value(mean, S, n - 1))
 
 
-def hotelling(estimate: Array, S: Array, dof: float) -> float:
+def hotelling_p_value(estimate: Array, S: Array, dof: float) -> float:
     """The probability of an estimate (d,) so far from zero, its covariance S (d, d) estimated with ``dof``.
 
-    ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d). NaN where S has no variance, or ν < d.
+    ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d) distributed where the true value is zero.
+    Directions without variance are left out. NaN where S has no variance, or ν < d.
     """
     from scipy.special import fdtrc
 
@@ -103,19 +113,29 @@ def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     The blocks cut the ``places`` (n, k) [m, rad] at medians. That a block's mean is zero is given up in the order of
     the p-values (S. Holm, Scand. J. Stat. 6 (1979) 65). Empty where the rows do not fill two blocks.
     """
-    blocks = _cut(places)
+    blocks = _cut_blocks(places)
     if len(blocks) < 2:
         return ()
     tests = [mean_test(vectors[rows]) for rows in blocks]
-    given_up = holm([test.p_value for test in tests])
+    given_up = holm_rejections([test.p_value for test in tests])
     return tuple(
         BlockMean(places[rows].min(axis=0), places[rows].max(axis=0), test, not gone)
         for rows, test, gone in zip(blocks, tests, given_up, strict=True)
     )
 
 
-def holm(p_values: list[float], size: float = SIZE) -> list[bool]:
-    """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most."""
+def holm_rejections(p_values: list[float], size: float = TEST_LEVEL) -> list[bool]:
+    """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most.
+
+    The least p-value is held against ``size / m`` of m hypotheses, the next against ``size / (m − 1)``, until one is
+    kept.
+
+    Source: S. Holm, Scand. J. Stat. 6 (1979) 65.
+
+    Example:
+        >>> holm_rejections([0.01, 0.04, 0.03])
+        [True, False, False]
+    """
     given_up = [False] * len(p_values)
     for rank, index in enumerate(np.argsort(p_values)):
         if not p_values[index] <= size / (len(p_values) - rank):
@@ -124,10 +144,10 @@ def holm(p_values: list[float], size: float = SIZE) -> list[bool]:
     return given_up
 
 
-def _cut(places: Array) -> list[Codes]:
+def _cut_blocks(places: Array) -> list[Codes]:
     """Rows of each block: halves of halves across the longest side, of a size that a test can work with."""
     blocks: list[Codes] = [np.arange(len(places))]
-    while len(blocks) < _MOST and len(blocks[0]) >= 2 * _FEWEST:
+    while len(blocks) < _MAX_BLOCKS and len(blocks[0]) >= 2 * _MIN_BLOCK_GROUPS:
         halves = []
         for rows in blocks:
             longest = np.argmax(np.ptp(places[rows], axis=0))
@@ -170,7 +190,7 @@ class ModelErrors:
 
     Args:
         deviations: cross-validated, one entry a direction.
-        mean: test of the mean over all poses; ``None`` for touched points, whose places nobody knows otherwise.
+        mean: test of the mean over all poses; ``None`` for touched points, whose places are not known otherwise.
         blocks: tests of the means in blocks of the workspace, for touched points in blocks of the joint values;
             empty with too few poses.
         coordinate: RMS of one coordinate [m].
@@ -207,12 +227,15 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
         fitted: (N, 3) of the model fitted to all rows; the means of these are tested.
         axes: the coordinates that were measured.
         direction: (3,) unit vector of the task.
+
+    Returns:
+        Deviations by direction; a direction of the task is left out where the measured axes do not span it.
     """
     parts = [("xyz"[axis], errors[:, [axis]]) for axis in axes]
     if direction is not None:
         along = (errors @ direction)[:, None]
         both = (("along", along), ("across", errors - along * direction))
-        parts += [part for part, known in zip(both, told(axes, direction), strict=True) if known]
+        parts += [part for part, known in zip(both, measured_parts(axes, direction), strict=True) if known]
     deviations = tuple(Deviation.of(name, vectors) for name, vectors in (*parts, ("all", errors[:, axes])))
     measured = errors[:, axes]
     coordinate = float(np.sqrt(np.mean(measured**2)))
@@ -223,7 +246,9 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
     return ModelErrors(deviations, overall, block_tests(means, places), coordinate, beyond)
 
 
-def told(axes: Codes, direction: Array) -> tuple[bool, bool]:
-    """Whether what was measured tells of along the direction, and of across it: a plane has one line across."""
+def measured_parts(axes: Codes, direction: Array) -> tuple[bool, bool]:
+    """Whether the measured axes show deviations along the direction (3,), and across it: a plane has one line."""
     hidden = np.abs(np.delete(direction, axes))
-    return bool(np.all(hidden < _TILT)), bool(np.all((hidden < _TILT) | (hidden > 1 - _TILT)))
+    return bool(np.all(hidden < _DIRECTION_TOLERANCE)), bool(
+        np.all((hidden < _DIRECTION_TOLERANCE) | (hidden > 1 - _DIRECTION_TOLERANCE))
+    )

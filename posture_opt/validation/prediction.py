@@ -17,8 +17,8 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources
 
-_ROUNDING = 1e-6  # of a variance
-_LEAST = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
+_VARIANCE_TOLERANCE = 1e-6  # of a variance
+_MIN_SIGMA_M = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
 
 
 @dataclass(frozen=True)
@@ -42,59 +42,70 @@ class JointScatter:
     staying: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def beside(self) -> dict[str, float]:
+    def without_effects(self) -> dict[str, float]:
         """The scatter from repeat to repeat without the part of the effects, where something is left."""
         parts = {
             name: s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
             for name, s in self.sigma.items()
         }
-        return {name: math.sqrt(v) for name, v in parts.items() if v > _ROUNDING * self.sigma[name] ** 2}
+        return {name: math.sqrt(v) for name, v in parts.items() if v > _VARIANCE_TOLERANCE * self.sigma[name] ** 2}
 
     @property
     def errors(self) -> Sources:
-        """What stays, as errors of the joints that nobody knows."""
+        """What stays, as unknown errors of the joints."""
         return Sources.independent(self.staying)
 
 
 def stated_scatter(problem: ProblemData) -> JointScatter:
-    """What the problem states of the joints' scatter, without that of its effects."""
+    """What the problem states of the joints' scatter, without that of its effects.
+
+    In this order: scatter that the file states; σ's of the joints, taken for scatter; the data sheet's repeatability.
+    """
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     scatter = {name: s for name, s in total.items() if s > 0}
     if scatter:
         return JointScatter(
-            JointScatter(scatter, of_effects=own).beside,
-            note="scatter of the joints as stated: the data do not tell it",
+            JointScatter(scatter, of_effects=own).without_effects,
+            note="scatter of the joints as stated: the data do not determine it",
         )
     joints, staying = joint_errors(problem.robot), np.sqrt(np.diag(sources.constant))
     sigma = {name: float(s) for name, s in zip(sources.names, staying, strict=True) if name in joints and s > 0}
     if sigma:
         return JointScatter(
-            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not tell it"
+            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not determine it"
         )
     sheet = problem.robot.repeatability
     if sheet is not None:
         found = joint_sigmas(problem.robot, sheet.value)
         sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
-        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
-    return JointScatter(note="the data tell no scatter of the joints, and none is stated")
+        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not determine it")
+    return JointScatter(note="the data show no scatter of the joints, and none is stated")
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
-    """JOINT.theta or JOINT.d -> σ from repeat to repeat that effects state [rad or m]."""
+    """JOINT.theta or JOINT.d -> σ from repeat to repeat that effects state [rad or m].
+
+    Effects that scatter one joint add as independent errors, ``√(Σ σ²)``.
+    """
     total: dict[str, float] = {}
     for effect in effects:
-        total = plus(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total
+        total = added_in_quadrature(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total
     return total
 
 
-def plus(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations of independent errors, added by name."""
+def added_in_quadrature(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations of independent errors, added by name: ``√(σ_1² + σ_2²)``."""
     return {name: math.hypot(one.get(name, 0.0), other.get(name, 0.0)) for name in (*one, *other)}
 
 
-def scatter_beside(problem: ProblemData, name: str, own: float, said: float) -> float:
-    """The σ of a joint of which effects say ``said``, ``own`` of it part of what the problem states."""
+def scatter_with_effects(problem: ProblemData, name: str, own: float, said: float) -> float:
+    """The σ of a joint from repeat to repeat [rad or m]: what the problem states, with the part of effects replaced.
+
+    Args:
+        own: part of the stated σ that is that of effects of the problem.
+        said: σ of all effects, of the problem and named in the data.
+    """
     variance = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
     return math.sqrt(max(float(variance) - own**2, 0.0) + said**2)
 
@@ -120,7 +131,12 @@ class ErrorSources:
 
     @classmethod
     def of(cls, residuals: Residuals, sources: Sources) -> ErrorSources:
-        """The sources of a problem that have a variance."""
+        """The sources of a problem that have a variance.
+
+        Args:
+            residuals: for the names of the arm's parameters; sources without variance, or of no parameter, are left
+                out.
+        """
         known = residuals.robot.parameters
         kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in known]
         chosen = np.ix_(kept, kept)
@@ -150,7 +166,11 @@ class Prediction:
 
 
 def joint_columns(residuals: Residuals, x: Array) -> Array:
-    """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m]."""
+    """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m].
+
+    Args:
+        x: (k,) deviations from nominal [rad, m].
+    """
     d = len(residuals.axes)
     return np.asarray(residuals.sensitivities(residuals.robot.driven, x)[:, :d] * residuals.sigma)
 
@@ -165,12 +185,13 @@ def nominal_prediction(
 
     ``e_i = (B_i − F_i F_t⁺ B_t) δ + v_i − F_i F_t⁺ v_t``.
 
-    A base that is free swallows an error of the first joint: without this, a spread that nobody can see would be
+    A base that is free swallows an error of the first joint: without this, a spread that cannot be seen would be
     predicted.
 
     Args:
         x: (k,) deviations with the free frames fitted.
         instrument: σ of a coordinate [m].
+        errors: sources of the problem; folds: rows of each fold; kept: (N,) rows that are no outliers.
     """
     N, d, block = len(residuals.data), len(residuals.axes), residuals.block
     B, F = residuals.sensitivities(errors.names, x), _free_columns(residuals, x)
@@ -200,10 +221,13 @@ def calibrated_prediction(
         scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
     """
     N, d = len(residuals.data), len(residuals.axes)
-    J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
+    J = (
+        residuals.residuals_and_jacobian(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d]
+        * residuals.sigma
+    )
     J = residuals.data.about_points(J)
     S = joint_columns(residuals, x) * scatter
-    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
+    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(d)
     return Prediction(J @ _even_root(covariance / taught), _about_points(residuals.data, own))
 
 
@@ -230,11 +254,13 @@ def _principal(covariance: Array) -> tuple[Array, Array, Array]:
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:
     N, free = len(residuals.data), residuals.free
-    return np.asarray(residuals.both(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free)))
+    return np.asarray(
+        residuals.residuals_and_jacobian(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free))
+    )
 
 
 def _pseudo_inverse(F: Array) -> Array:
-    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not tell, they do not move."""
+    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not determine, they do not move."""
     flat = F.reshape(F.shape[0] * F.shape[1], F.shape[2])
     length = np.linalg.norm(flat, axis=0)
     scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)

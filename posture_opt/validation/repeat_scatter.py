@@ -12,12 +12,12 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import outlying_groups, rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.model_errors import holm
+from posture_opt.validation.model_errors import holm_rejections
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
 
-COPY = 1e-9  # m: repeats that agree to less are one row written twice
-_ENOUGH = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
+COPY_TOLERANCE_M = 1e-9  # m: repeats that agree to less are one row written twice
+_MIN_FREEDOM_PER_AXIS = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,15 @@ class RepeatScatter:
 
     @classmethod
     def of(cls, used: Residuals, calibration: Calibration, errors: ErrorSources) -> RepeatScatter:
-        """Of the rows that a calibration kept."""
+        """Of the rows that a calibration kept.
+
+        Postures whose repeats agree to `COPY_TOLERANCE_M` are copies of one row and do not count; postures whose
+        scatter is far from that of all others are left out and listed.
+
+        Args:
+            used: the arm against the rows that count.
+            errors: sources of the problem, split in what stays and what scatters.
+        """
         data = used.data
         between, by = repeat_errors(errors, used)
         driven = joint_errors(used.robot)
@@ -56,10 +64,10 @@ class RepeatScatter:
         for k, name in enumerate(driven):
             if name in errors.names:
                 stated[k] = np.sqrt(between[errors.names.index(name), errors.names.index(name)])
-        codes = np.arange(len(data)) if data.touches else repeat_groups(data, slides(used))
+        codes = np.arange(len(data)) if data.touches else repeat_groups(data, prismatic_joints(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
-        copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY**2
+        copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY_TOLERANCE_M**2
         scatter, firsts = scatter.take(~copied), firsts[~copied]
         size = np.trace(scatter.squares, axis1=-2, axis2=-1)
         gross = outlying_groups(size, scatter.freedom * scatter.squares.shape[1])
@@ -76,14 +84,20 @@ class RepeatScatter:
 
 
 def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, str]:
-    """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values."""
+    """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values.
+
+    Returns:
+        (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints stand in
+            for
+        it.
+    """
     if errors.scatter.any():
         return errors.scatter, "visit"
     driven = np.isin(errors.names, joint_errors(residuals.robot))
     return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
 
 
-def slides(residuals: Residuals) -> Mask:
+def prismatic_joints(residuals: Residuals) -> Mask:
     """(n,) which joints are prismatic."""
     return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
 
@@ -160,6 +174,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
     Args:
         lines: (G,) the line of each posture's first repeat.
+        scatter: sums of squares and degrees of freedom of G postures; covariances: predicted (G, d, d) [m²].
     """
     from scipy.special import chdtrc, chdtri
 
@@ -169,7 +184,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
     shape, used = _likelihood_ratios(np.asarray(whitened), nu, d)
     p_size, p_shape = _two_sided(size, nu * d), np.where(used, chdtrc(d * (d + 1) / 2, shape), np.nan)
     least = np.where(used, 2 * np.fmin(p_size, p_shape), p_size)  # two tests where there are two
-    false = holm(list(least))
+    false = holm_rejections(list(least))
     total, freedom = float(size.sum()), float(nu.sum() * d)
     low, high = np.sqrt(total / np.array([chdtri(freedom, 0.025), chdtri(freedom, 0.975)]))
     many = int(used.sum())
@@ -196,14 +211,23 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
 
 def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
-    used = nu >= _ENOUGH * d
+    """Statistics (G,) of the test of size and shape with Bartlett's factor, and where there are repeats enough for it
+    (G,).
+
+    Args:
+        whitened: (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.
+    """
+    used = nu >= _MIN_FREEDOM_PER_AXIS * d
     safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
     ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
     return np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0), used
 
 
 def _two_sided(value: Array | float, freedom: Array | float) -> Array:
-    """Twice the smaller tail of χ²."""
+    """Twice the smaller tail of χ².
+
+    The p-value of a two-sided test, at most 1; ``value`` is χ² with ``freedom`` degrees under the null.
+    """
     from scipy.special import chdtr, chdtrc
 
     return np.asarray(np.minimum(2 * np.minimum(chdtr(freedom, value), chdtrc(freedom, value)), 1.0))

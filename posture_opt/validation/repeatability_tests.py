@@ -21,9 +21,9 @@ from posture_opt.uncertainty.sources.iso9283 import (
     repeatability_from_covariance,
 )
 
-CYCLES = 30  # of the standard
-_POSTURES = 20  # of one goal, 190 pairs
-_MOST_ROWS = 2000  # whose tests are simulated for their intervals: a second or two
+ISO_CYCLES = 30  # of the standard
+_MAX_GOAL_POSTURES = 20  # of one goal, 190 pairs
+_MAX_SIMULATED_ROWS = 2000  # whose tests are simulated for their intervals: a second or two
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def repeats_of(
 
     Args:
         codes: (N,) rows of one code repeat one posture.
-        moved: (N, d) measured minus one model for all rows, which tells how repeats differ [m].
+        moved: (N, d) measured minus one model for all rows, which shows how repeats differ [m].
         deviations: ``nominal`` and ``calibrated``, (N, d) measured minus model [m].
         rotations: (N, 3) measured minus model as small rotations [rad].
         oriented: whether the model's orientation was fitted.
@@ -144,8 +144,8 @@ def repeats_of(
     sigma = float(np.sqrt(np.trace(covariance) / len(covariance)))
     low, high = standard_deviation_interval(dof * len(covariance) + 1)
     often = sorted((r for r in rows if len(r) >= 3), key=len, reverse=True)
-    chosen = often[: int(np.searchsorted(np.cumsum([len(r) for r in often]), _MOST_ROWS)) + 1]
-    poses = tuple(_performance(data, deviations, rotations, r) for r in chosen)
+    chosen = often[: int(np.searchsorted(np.cumsum([len(r) for r in often]), _MAX_SIMULATED_ROWS)) + 1]
+    poses = tuple(_pose_performance(data, deviations, rotations, r) for r in chosen)
     return Repeats(
         len(inner), len(rows), covariance, dof, sigma, (low * sigma, high * sigma),
         repeatability_from_covariance(covariance), poses, len(often) - len(chosen), oriented,
@@ -161,7 +161,7 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     """
     if data.position is None or not data.goal_given:
         return None
-    pairs = list(_pairs(data))
+    pairs = list(_posture_pairs(data))
     if not pairs:
         return None
     goals = len({int(data.goal[a[0]]) for a, _ in pairs})
@@ -176,17 +176,18 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     )
 
 
-def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
+def _posture_pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
     """Rows of two postures of one goal and target; of very many postures some, evenly over the file."""
     for rows in rows_of(data.goal * (data.target.max(initial=0) + 1) + data.target):
         postures = [rows[mine] for mine in rows_of(data.pose[rows])]
-        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), _POSTURES)).round().astype(int))
+        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), _MAX_GOAL_POSTURES)).round().astype(int))
         yield from combinations([postures[k] for k in some], 2)
 
 
-def _performance(
+def _pose_performance(
     data: Measurements, deviations: dict[str, Array], rotations: Array | None, rows: Codes
 ) -> PosePerformance:
+    """ISO 9283 at the pose of some rows: accuracy AP before and after calibration, repeatability RP; rotations too."""
     goal = np.zeros(deviations["nominal"].shape[1])
     nominal = position_performance(deviations["nominal"][rows], goal)
     # RP is the arm's, whatever the model: its interval need not be simulated twice.
@@ -197,6 +198,7 @@ def _performance(
 
 
 def _pose_json(pose: PosePerformance, oriented: bool) -> dict[str, Any]:
+    """An entry of ``repeats.poses``: AP and RP with their intervals [m], of rotations [rad]."""
     document: dict[str, Any] = {"line": pose.line, "n": pose.nominal.n}
     for name, found in (("nominal", pose.nominal), ("calibrated", pose.calibrated)):
         document[name] = {"AP": found.accuracy, "AP_interval95": list(found.accuracy_interval)}

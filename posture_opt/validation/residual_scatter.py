@@ -18,19 +18,19 @@ from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import (
     JointScatter,
+    added_in_quadrature,
     calibrated_prediction,
     joint_columns,
     joint_errors,
-    plus,
-    scatter_beside,
     scatter_of_effects,
+    scatter_with_effects,
     stated_scatter,
 )
 from posture_opt.validation.scatter_limit import ScatterLimit, scatter_limit
 
-_TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
-_EXACT = 0.3  # of the instrument's standard deviation
-_SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
+_TRAINING_SHARE = 0.8  # of the rows taught the arm that predicts a row: five folds
+_NEGLIGIBLE_SHARE = 0.3  # of the instrument's standard deviation
+_MAX_RELATIVE_ERROR = 0.5  # of a standard deviation: with a larger standard error the data do not determine it
 
 
 def residual_scatter(
@@ -42,16 +42,17 @@ def residual_scatter(
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
     It is sought in the errors of rows by arms that have not seen them: scatter from repeat to repeat and whatever the
-    model lacks, both to be met again at the next posture, beside the uncertainty of the fit, which is known. One
-    standard deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
-    What of it exceeds the limit that repeats show, else the file or the data sheet states, is no scatter: the model
-    errs by that much, alike at every repeat (``staying``). Where nothing tells a limit, all of it is an upper bound.
+    model lacks, both to be met again at the next posture, in addition to the uncertainty of the fit, which is known.
+    One standard deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz
+    1978). What of it exceeds the limit that repeats show, else the file or the data sheet states, is no scatter: the
+    model errs by that much, alike at every repeat (``staying``). Where nothing shows a limit, all of it is an upper
+    bound.
 
-    Where the data cannot tell the scatter from none, and do not speak against it, the problem's own is returned: its
-    repeatability, the σ's of its joints, or what the robot's data sheet says.
+    Where the data cannot distinguish the scatter from none, and do not speak against it, the problem's own is returned:
+    its repeatability, the σ's of its joints, or what the robot's data sheet says.
 
     The noise of a joint that effects of the problem speak of, or the effects ``named`` in these data, is known: it is
-    that of the effects and what the problem states beside them, and is not sought again.
+    that of the effects and what the problem states in addition, and is not sought again.
 
     Args:
         fitted: as of `scatter_limit`.
@@ -59,7 +60,7 @@ def residual_scatter(
     own, stated = scatter_of_effects(problem.robot, problem.effects), stated_scatter(problem)
     said = scatter_of_effects(problem.robot, [*problem.effects, *named])
     stated = _with_effects(stated, said)
-    fixed = {name: scatter_beside(problem, name, own.get(name, 0.0), s) for name, s in said.items()}
+    fixed = {name: scatter_with_effects(problem, name, own.get(name, 0.0), s) for name, s in said.items()}
     if set(joint_errors(problem.robot)) <= set(fixed):
         note, instrument = "effects say all scatter of the joints", position_sigma(problem, calibration.residuals.data)
         sigma = {name: s for name, s in fixed.items() if s > 0}
@@ -78,13 +79,15 @@ def residual_scatter(
     )
     limit = scatter_limit(problem, calibration, fixed, fitted)
     total = JointScatter(sigma, noise.instrument, True, f"what the calibration leaves of the errors ({source})")
-    return _with_effects(_parted(total, fixed, limit), said, added=False)
+    return _with_effects(_split_scatter(total, fixed, limit), said, added=False)
 
 
-def _parted(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
-    """What the calibration leaves, parted in scatter and what stays; that of joints that are ``fixed`` is scatter."""
+def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
+    """What the calibration leaves, split in scatter and what stays at a posture; that of joints that are ``fixed`` is
+    scatter.
+    """
     if limit is None:
-        bound = "an upper bound, as repeats are too few to tell it from errors of the model"
+        bound = "an upper bound, as repeats are too few to separate it from errors of the model"
         return replace(total, note=f"scatter of the joints from {total.note}: {bound}")
     least = {name: s for name, s in limit.sigma.items() if s > 0} if limit.shown else {}
     sigma = {n: max(total.sigma.get(n, 0.0), least.get(n, 0.0)) for n in dict.fromkeys((*total.sigma, *least))}
@@ -92,16 +95,18 @@ def _parted(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit
     staying = {name: math.sqrt(variance) for name, variance in excess.items() if variance > 0}
     note = f"scatter of the joints {limit.source}"
     if staying:
-        note += "; errors of the model beyond it are the same at every repeat, and stand with what is uncertain"
+        note += "; errors of the model beyond it are the same at every repeat, and are listed with what is uncertain"
     return replace(total, sigma=sigma, staying=staying, note=note)
 
 
 def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool = True) -> JointScatter:
-    """The scatter with the part that effects say, ``added`` unless it is in it, told in the note."""
+    """The scatter with the part that effects say, ``added`` unless it is in it, and the note says so."""
     if not said:
         return scatter
-    note = f"{scatter.note}; that of {', '.join(said)} stands under effects"
-    return replace(scatter, sigma=plus(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note)
+    note = f"{scatter.note}; that of {', '.join(said)} is listed under effects"
+    return replace(
+        scatter, sigma=added_in_quadrature(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note
+    )
 
 
 def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
@@ -114,7 +119,7 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
     rows = calibration.kept_rows
     kept = residuals.take(rows)
     none = np.zeros(residuals.robot.n)
-    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TAUGHT).covariance
+    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TRAINING_SHARE).covariance
     return calibration.errors[np.ix_(rows, kept.axes)], known, rows
 
 
@@ -123,7 +128,7 @@ def _from_data(
 ) -> tuple[JointVariances, bool] | None:
     """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given.
 
-    ``None`` where the data do not tell it.
+    ``None`` where the data do not determine it.
     """
     errors, known, rows = unseen_errors(calibration)
     columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
@@ -133,14 +138,14 @@ def _from_data(
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
     stated = position_sigma(problem, calibration.residuals.data)
     size = float(np.sqrt(np.mean(errors**2)))
-    if size <= _EXACT * stated or not size > 0:
+    if size <= _NEGLIGIBLE_SHARE * stated or not size > 0:
         return None  # better than their instrument: made up, or the instrument is another one
     if stated:
         noise = likeliest_variances(errors, known, columns, names, stated, fit=False)
         return (noise, True) if noise is not None else None
     noise = likeliest_variances(errors, known, columns, names, size, fit=True)
-    if noise is None or not noise.sigma.any() or not noise.instrument_std < _SURE * noise.instrument:
-        # Nobody says how good the instrument is, and the data do not tell it from the joints: all of it is theirs.
+    if noise is None or not noise.sigma.any() or not noise.instrument_std < _MAX_RELATIVE_ERROR * noise.instrument:
+        # The instrument's σ is not stated, and the data do not separate it from the joints: all of it is theirs.
         noise = likeliest_variances(errors, known, columns, names, 0.0, fit=False)
     return (noise, False) if noise is not None else None
 
@@ -167,7 +172,7 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
     rows = np.setdiff1d(calibration.kept_rows, left_out)
     kept = residuals.take(rows)
     n, d = len(rows), len(kept.axes)
-    J = kept.both(calibration.x)[1][: n * d]
+    J = kept.residuals_and_jacobian(calibration.x)[1][: n * d]
     sigma = np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
     S = joint_columns(kept, calibration.x) * sigma / kept.sigma
     weighed = np.einsum("nij,nik->njk", S, J.reshape(n, d, -1))
@@ -181,8 +186,8 @@ def _without(A: Array, rows: Residuals, x: Array) -> Array:
     n = len(rows.data) * rows.block
     if not n:
         return A
-    JA = rows.both(x)[1][:n] @ A
-    inner = np.eye(n) * (1 + 1e-9) - JA @ rows.both(x)[1][:n].T
+    JA = rows.residuals_and_jacobian(x)[1][:n] @ A
+    inner = np.eye(n) * (1 + 1e-9) - JA @ rows.residuals_and_jacobian(x)[1][:n].T
     return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
 
 

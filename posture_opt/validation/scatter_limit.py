@@ -1,4 +1,5 @@
-"""How far the joints can scatter from repeat to repeat at the most: as repeats show, or as the file or a sheet says.
+"""How far the joints can scatter from repeat to repeat at the most: as repeats show, or as the file or a data sheet
+says.
 
 What a calibration leaves of the errors holds the scatter and whatever the model lacks, which is the same at every
 repeat of a posture. Only the first is scatter.
@@ -13,8 +14,6 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.measurements.repeated_readings import ENOUGH
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.measurements.repeated_readings import MIN_FREEDOM
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array
@@ -22,7 +21,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
-from posture_opt.validation.repeat_scatter import slides
+from posture_opt.validation.repeat_scatter import prismatic_joints
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class ScatterLimit:
 def scatter_limit(
     problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None = None
 ) -> ScatterLimit | None:
-    """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing tells it.
+    """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing determines it.
 
     Args:
         fixed: σ of joints that is known already; it is not sought again.
@@ -53,6 +52,7 @@ def scatter_limit(
 
 
 def _as_stated(problem: ProblemData) -> ScatterLimit | None:
+    """The limit by the file's scatter, else by the data sheet's repeatability (ISO 9283); None without both."""
     sources = problem.sources
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     stated = {name: s for name, s in total.items() if s > 0}
@@ -69,8 +69,13 @@ def _as_stated(problem: ProblemData) -> ScatterLimit | None:
 def _by_repeats(
     problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None
 ) -> ScatterLimit | None:
+    """The limit by differences between repeats of one posture; None where they are too few.
+
+    The difference of two readings of one repeat has ``2σ²``, so contrasts are scaled by `Contrasts.reading` to the
+    variance of one reading before joints are estimated from them.
+    """
     kept = calibration.residuals.take(calibration.kept_rows)
-    contrasts = Contrasts.of(kept.data, slides(kept))
+    contrasts = Contrasts.of(kept.data, prismatic_joints(kept))
     if len(contrasts) * len(kept.axes) < MIN_FREEDOM:
         return None
     errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted

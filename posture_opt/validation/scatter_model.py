@@ -34,19 +34,22 @@ class Scatter:
         Within a group of one posture all contrasts have the same covariance, so that their squares are enough.
         Groups of a single row say nothing about scatter and are left out. ``known`` (N, d, d) goes with errors about
         zero.
+
+        Args:
+            errors: (N, d) [m]; columns: (N, d, n) shift by a unit of each joint's error [m/rad, m/m].
         """
         if groups is None:
             own = np.zeros((1, 1, 1)) if known is None else known
             return cls(columns, errors[:, :, None] * errors[:, None, :], np.ones(len(errors)), own)
         _, first, code, count = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
-        mean = _sums(errors, code, len(count)) / count[:, None]
+        mean = _group_sums(errors, code, len(count)) / count[:, None]
         centred = errors - mean[code]
-        squares = _sums(centred[:, :, None] * centred[:, None, :], code, len(count))
+        squares = _group_sums(centred[:, :, None] * centred[:, None, :], code, len(count))
         many = count > 1
         return cls(columns[first[many]], squares[many], np.asarray(count[many] - 1.0))
 
     def take(self, cases: Any) -> Scatter:
-        """Some of the postures."""
+        """The cases of some indices."""
         known = self.known[cases] if len(self.known) == len(self.freedom) > 1 else self.known
         return Scatter(self.columns[cases], self.squares[cases], self.freedom[cases], known)
 
@@ -61,24 +64,35 @@ class Scatter:
         return np.where(sound, found, -np.inf)
 
 
-def covariances(columns: Array, sigma: Array, instrument: float) -> Array:
-    """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²]."""
+def joint_covariances(columns: Array, sigma: Array, instrument: float) -> Array:
+    """Covariances ``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²] of instrument and joints.
+
+    Args:
+        columns: J (N, d, n) [m/rad, m/m]; sigma: (n,) [rad, m]; instrument: s [m].
+    """
     scaled = columns * sigma
     return np.asarray(scaled @ np.swapaxes(scaled, -1, -2) + instrument**2 * np.eye(columns.shape[1]))
 
 
-def _sums(values: Array, code: Codes, count: int) -> Array:
+def _group_sums(values: Array, code: Codes, count: int) -> Array:
+    """Sums (count, …) of values (N, …) over the rows of each code (N,)."""
     found = np.zeros((count, *values.shape[1:]))
     np.add.at(found, code, values)
     return found
 
 
-def whitened(e: Array, columns: Array, S: Array, repeats: Codes, own: Array) -> tuple[Array, Array]:
+def whitened_repeats(e: Array, columns: Array, S: Array, repeats: Codes, own: Array) -> tuple[Array, Array]:
     """Residuals (N, d) and joint columns (n, N, d) in units of the covariance ``own + S Sᵀ`` of whole repeats.
 
     Args:
         S: (N, d, k) shift of the rows by each of k errors that all rows of a repeat share, each of variance 1.
         own: (N, d) variance that every row has for itself.
+
+    ``L⁻¹ e`` with ``L Lᵀ = own + S Sᵀ`` of all rows of a repeat together, as they share what the arm did; repeats of as
+    many rows are solved at once.
+
+    Returns:
+        Residuals (N, d) and columns (n, N, d), of unit covariance.
     """
     d = e.shape[1]
     mixed = np.concatenate([e[:, :, None], np.moveaxis(columns, 0, 2)], axis=2)
@@ -96,26 +110,29 @@ def null_sets(e: Array, repeats: Codes | None, count: int, rng: np.random.Genera
 
     The rows of a repeat stay together and are turned as one, as they share what the arm did; repeats change places
     with others of as many rows. ``None``: each row is a repeat of its own.
+
+    The lengths of the residuals stay, so long tails stay long: only their directions and places are random.
     """
     N, d = e.shape
     if repeats is None or len(np.unique(repeats)) == N:
         drawn = rng.standard_normal((count, N, d))
-        lengths = np.linalg.norm(e, axis=1)[_shuffles(rng, count, N)]
+        lengths = np.linalg.norm(e, axis=1)[_permutations(rng, count, N)]
         return np.asarray(drawn * (lengths / np.linalg.norm(drawn, axis=2))[:, :, None])
     sets = np.empty((count, N, d))
     for rows in _by_size(repeats):
         turns = np.linalg.qr(rng.standard_normal((count, len(rows), d, d)))[0]
-        others = e[rows[_shuffles(rng, count, len(rows))]]
+        others = e[rows[_permutations(rng, count, len(rows))]]
         sets[:, rows] = others @ np.swapaxes(turns, 2, 3)
     return sets
 
 
 def _by_size(repeats: Codes) -> list[Codes]:
-    """(R, m) the rows of the repeats of m rows, one array for each m."""
+    """The rows (R, m) of the repeats of m rows, one array for each m."""
     parts = rows_of(repeats)
     sizes = np.array([len(rows) for rows in parts])
     return [np.stack([parts[i] for i in np.flatnonzero(sizes == m)]) for m in np.unique(sizes)]
 
 
-def _shuffles(rng: np.random.Generator, count: int, n: int) -> Codes:
+def _permutations(rng: np.random.Generator, count: int, n: int) -> Codes:
+    """Random permutations (count, n) of n indices."""
     return np.argsort(rng.random((count, n)), axis=1)

@@ -13,13 +13,13 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
-from posture_opt.validation.repeat_scatter import COPY, RepeatScatter, slides
+from posture_opt.validation.repeat_scatter import COPY_TOLERANCE_M, RepeatScatter, prismatic_joints
 from posture_opt.validation.residual_scatter import unseen_errors
-from posture_opt.validation.scatter_model import Scatter, covariances
+from posture_opt.validation.scatter_model import Scatter, joint_covariances
 
-_FOLDS = 5
-_LEVER = 0.01  # of the longest lever
-_FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
+_SCATTER_FOLDS = 5
+_MIN_LEVER_SHARE = 0.01  # of the longest lever
+_COORDINATES_PER_SIGMA = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ScatterPrediction:
 
     @property
     def better(self) -> bool | None:
-        """Whether it predicts better than the round model; ``None`` where two standard errors cannot tell."""
+        """Whether it predicts better than the round model; ``None`` within two standard errors."""
         return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
 
     def to_json(self) -> dict[str, Any]:
@@ -53,6 +53,8 @@ def predict_scatter(
 ) -> tuple[ScatterPrediction, ...]:
     """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
 
+    The log-likelihood of data that a model was not fitted to needs no penalty for the number of its parameters.
+
     Args:
         groups: (G,) cases of one code are left out together.
         stated: (G, d, d) covariances that the problem file states [m²], if it does.
@@ -60,14 +62,14 @@ def predict_scatter(
 
     The empty tuple where the postures are too few.
     """
-    parts = _parts(groups)
+    parts = _fold_parts(groups)
     if len(parts) < 2:
         return ()
     found: dict[str, Array] = {}
     for left_out in parts:
         train = scatter.take(np.setdiff1d(np.arange(len(groups)), left_out))
         test = scatter.take(left_out)
-        models = _models(train, test, names, instrument)
+        models = _scatter_models(train, test, names, instrument)
         if stated is not None:
             models["stated"] = stated[left_out]
         for name, covariance in models.items():
@@ -79,26 +81,28 @@ def predict_scatter(
     )
 
 
-def _parts(groups: Codes) -> list[Codes]:
+def _fold_parts(groups: Codes) -> list[Codes]:
+    """The cases of each of `_SCATTER_FOLDS` folds, codes of one group together; empty with fewer than two groups."""
     names = np.random.default_rng(0).permutation(np.unique(groups))
     if len(names) < 2:
         return []
-    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_FOLDS, len(names)))]
+    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_SCATTER_FOLDS, len(names)))]
 
 
-def _models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
+def _scatter_models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
     """Covariances (G, d, d) [m²] of the cases in ``test`` by each model that ``train`` can teach."""
     d = test.squares.shape[1]
     variance = float(np.trace(train.squares, axis1=-2, axis2=-1).sum()) / float(train.freedom.sum() * d)
     models = {"round": np.broadcast_to(variance * np.eye(d), test.squares.shape)}
     for name, equal in (("joints", False), ("one_sigma", True)):
-        noise = _fitted(train, names, instrument, equal)
+        noise = _fitted_variances(train, names, instrument, equal)
         if noise is not None:
             models[name] = noise.covariance(test.columns) + test.known
     return models
 
 
-def _fitted(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
+def _fitted_variances(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
+    """Variance components of the training cases; None where they are too few."""
     try:
         return fit_joint_variances(train, names, instrument, True, equal, intervals=False)
     except InsufficientDataError:
@@ -106,6 +110,12 @@ def _fitted(train: Scatter, names: tuple[str, ...], instrument: float, equal: bo
 
 
 def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> ScatterPrediction:
+    """The mean log-likelihood per row of one model, and its difference to that of the rival with its standard error.
+
+    Args:
+        values, rival: (G,) log-likelihoods of the cases left out; freedom: (G,) rows less one of each.
+        groups: (G,) codes, over which the standard error is taken.
+    """
     rows = float(freedom.sum())
     codes = np.unique(groups, return_inverse=True)[1]
     gain, many = (values - rival).sum() / rows, int(codes.max()) + 1
@@ -120,6 +130,9 @@ def observed_variances(
     """σ of joints and instrument from repeats where there are any, else from what the calibration leaves.
 
     There the uncertainty of its parameters is a known part of every error, which is no instrument's.
+
+    Returns:
+        The variances, None where they cannot be estimated; and models of the scatter, compared on postures left out.
     """
     names = joint_errors(used.robot)
     if len(between.scatter.freedom):
@@ -129,11 +142,11 @@ def observed_variances(
         scatter, codes = Scatter.of(left, joint_columns(used, calibration.x), known=known), groups
         stated = None
         if between.stated_sigma.any():
-            stated = covariances(scatter.columns, between.stated_sigma, used.sigma) + known
-    if not scatter.squares.max(initial=0.0) > COPY**2:
+            stated = joint_covariances(scatter.columns, between.stated_sigma, used.sigma) + known
+    if not scatter.squares.max(initial=0.0) > COPY_TOLERANCE_M**2:
         return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
-    equal = coordinates < _FEW * (len(names) + 1)
+    equal = coordinates < _COORDINATES_PER_SIGMA * (len(names) + 1)
     try:
         noise = fit_joint_variances(scatter, names, used.sigma, True, equal)
     except InsufficientDataError:
@@ -142,7 +155,7 @@ def observed_variances(
 
 
 def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
-    """(n,) whether the data could tell a joint's scatter: it moves the point, and its σ is determined."""
+    """(n,) whether the data could show a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
-    moving = lever > _LEVER * np.where(slides(residuals), 0.0, lever.max())
+    moving = lever > _MIN_LEVER_SHARE * np.where(prismatic_joints(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))

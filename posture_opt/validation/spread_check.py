@@ -54,7 +54,7 @@ class SpreadCheck(Result):
         scatter_predictions: models of the scatter fitted at some postures and judged at others.
         outlying: lines of postures whose repeats differ far more than those of the others; they are left out.
         instrument: the σ of a coordinate [m].
-        notes: sentences on what these data cannot tell.
+        notes: sentences on what these data cannot show.
     """
 
     calibration: Calibration
@@ -117,6 +117,14 @@ def check_spread(
 
     Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> check = po.check_spread(problem, data, po.calibrate(problem, data))
+        >>> check.coverage["calibrated"].share, check.coverage["calibrated"].verdict
+        (0.95, 'right')
     """
     problem, data, calibration = calibrated_parts(problem, data, calibration)
     folds = calibration.request.folds if folds is None else folds
@@ -126,7 +134,9 @@ def check_spread(
     errors = ErrorSources.of(residuals, problem.sources)
     scatter = residual_scatter(problem, calibration)
     groups = groups_of(data, calibration.by, folds)
-    coverage = {name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, scatter).items()}
+    coverage = {
+        name: Coverage.of(*parts) for name, parts in held_out_predictions(problem, calibration, folds, scatter).items()
+    }
     left = calibration.errors[np.ix_(rows, axes)]
     between = RepeatScatter.of(used, calibration, errors)
     noise, predicted = observed_variances(between, used, calibration, groups[rows])
@@ -145,12 +155,12 @@ def check_spread(
         scatter_predictions=predicted,
         outlying=between.outlying,
         instrument=residuals.sigma,
-        notes=_unknowable(problem),
+        notes=_unknowable_notes(problem),
     )
 
 
-def _unknowable(problem: ProblemData) -> tuple[str, ...]:
-    """What the problem says of a type of robots, and no single robot can tell."""
+def _unknowable_notes(problem: ProblemData) -> tuple[str, ...]:
+    """What the problem says of a type of robots, and no single robot can show."""
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
     if not names:
@@ -162,10 +172,10 @@ def _unknowable(problem: ProblemData) -> tuple[str, ...]:
     )
 
 
-def predictions(
+def held_out_predictions(
     problem: ProblemData, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
-    """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
+    """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that are correlated."""
     residuals, rows = calibration.residuals, calibration.kept_rows
     scatter = scatter or residual_scatter(problem, calibration)
     groups = groups_of(residuals.data, calibration.by, folds)
@@ -191,18 +201,19 @@ def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes
     for part in parts:
         covariance = covariance_under(calibration, scatter, part)
         found = calibrated_prediction(
-            residuals, calibration.x, covariance, _sigma(scatter, residuals), _instrument(scatter, residuals),
+            residuals, calibration.x, covariance, _joint_sigmas(scatter, residuals),
+            _instrument_sigma(scatter, residuals),
             1 - 1 / max(len(parts), 2) if clustered else 1.0,
         )  # fmt: skip
         common[part], own[part] = found.common[part], found.scatter[part]
     return Prediction(common, own)
 
 
-def _sigma(scatter: JointScatter, residuals: Residuals) -> Array:
+def _joint_sigmas(scatter: JointScatter, residuals: Residuals) -> Array:
     return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
 
 
-def _instrument(scatter: JointScatter, residuals: Residuals) -> float:
+def _instrument_sigma(scatter: JointScatter, residuals: Residuals) -> float:
     return scatter.instrument if scatter.measured else residuals.sigma
 
 

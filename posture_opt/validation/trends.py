@@ -10,12 +10,12 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.validation.model_errors import holm, hotelling
+from posture_opt.validation.model_errors import holm_rejections, hotelling_p_value
 
-_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
-_FEWEST = 3  # rows of a batch
-_ENOUGH = 6  # batches with arrivals from both sides
-_STILL = 1e-9  # of the largest lever: a joint that does not move the tool point
+_MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
+_MIN_BATCH_ROWS = 3  # rows of a batch
+_MIN_SIDED_BATCHES = 6  # batches with arrivals from both sides
+_MIN_LEVER_SHARE = 1e-9  # of the largest lever: a joint that does not move the tool point
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:
     order = ("row", np.arange(len(data), dtype=float)) if data.time is None else ("time", data.time)
     inputs = (order, ("temperature", data.temperature), ("payload", data.payload))
     found = [line for name, x in inputs if x is not None and (line := trend(name, x, errors)) is not None]
-    kept = holm([line.p_value for line in found])
+    kept = holm_rejections([line.p_value for line in found])
     return tuple(
         Trend(t.name, t.range, t.change, t.error, t.p_value, given_up)
         for t, given_up in zip(found, kept, strict=True)
@@ -79,7 +79,7 @@ def trend(name: str, x: Array, errors: Array) -> Trend | None:
 
     With the slope b, its covariance S from ν = batches − 2 degrees of freedom, ``T² = bᵀ S⁻¹ b`` is Hotelling's.
     """
-    batches = np.array_split(np.argsort(x, kind="stable"), min(_BATCHES, len(x) // _FEWEST) or 1)
+    batches = np.array_split(np.argsort(x, kind="stable"), min(_MAX_BATCHES, len(x) // _MIN_BATCH_ROWS) or 1)
     nu = len(batches) - 2
     if nu <= errors.shape[1] or not np.ptp(x) > 0:
         return None
@@ -92,7 +92,11 @@ def trend(name: str, x: Array, errors: Array) -> Trend | None:
     S = left.T @ left / nu / (off @ off)
     extent = float(np.ptp(x))
     return Trend(
-        name, (float(x.min()), float(x.max())), slope * extent, np.sqrt(np.diag(S)) * extent, hotelling(slope, S, nu)
+        name,
+        (float(x.min()), float(x.max())),
+        slope * extent,
+        np.sqrt(np.diag(S)) * extent,
+        hotelling_p_value(slope, S, nu),
     )
 
 
@@ -108,26 +112,33 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
     found = []
     for k, motion in enumerate(motions):
         lever = np.linalg.norm(motion, axis=1)
-        moves = np.flatnonzero((lever > _STILL * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0))
+        moves = np.flatnonzero(
+            (lever > _MIN_LEVER_SHARE * max(lever.max(initial=0.0), 1.0)) & (data.approach[:, k] != 0)
+        )
         along = np.sum(errors * motion, axis=1)[moves] / lever[moves]
-        differences = _differences(data.approach[moves, k], along)
-        if len(differences) >= _ENOUGH:
-            found.append(_compared(data.joint_names[k], differences))
-    kept = holm([sides.p_value for sides in found])
+        differences = _side_differences(data.approach[moves, k], along)
+        if len(differences) >= _MIN_SIDED_BATCHES:
+            found.append(_compare_sides(data.joint_names[k], differences))
+    kept = holm_rejections([sides.p_value for sides in found])
     return tuple(
         Sides(s.joint, s.difference, s.error, s.p_value, given_up) for s, given_up in zip(found, kept, strict=True)
     )
 
 
-def _differences(side: Array, along: Array) -> Array:
-    """Mean of those from above minus mean of those from below, in each batch that has both."""
+def _side_differences(side: Array, along: Array) -> Array:
+    """Mean of those that arrive from above minus mean of those from below, in each batch that has both.
+
+    Args:
+        side: (M,) −1 or +1 of one joint; along: (M,) errors along the direction in which it moves the tool [m].
+    """
     rarer = min(int(np.count_nonzero(side < 0)), int(np.count_nonzero(side > 0)))
-    batches = np.array_split(np.arange(len(side)), max(min(_BATCHES, rarer // _FEWEST), 1))
+    batches = np.array_split(np.arange(len(side)), max(min(_MAX_BATCHES, rarer // _MIN_BATCH_ROWS), 1))
     both = [rows for rows in batches if np.ptp(side[rows]) > 0] if rarer else []
     return np.array([along[rows][side[rows] > 0].mean() - along[rows][side[rows] < 0].mean() for rows in both])
 
 
-def _compared(joint: str, differences: Array) -> Sides:
+def _compare_sides(joint: str, differences: Array) -> Sides:
+    """Student's t test of the mean of differences between batches, two-sided."""
     from scipy.special import stdtr
 
     mean, error = float(differences.mean()), float(differences.std(ddof=1) / math.sqrt(len(differences)))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import groups_of
-from posture_opt.calibration.estimation.least_squares import least_squares, outlying
+from posture_opt.calibration.estimation.least_squares import find_outliers, least_squares
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.reading import read_measurements
@@ -47,7 +47,7 @@ def test_postures_never_seen_are_predicted_to_the_instruments_noise(six: Any) ->
     problem, data, errors, result = six
     q = np.random.default_rng(5).uniform(-2.5, 2.5, (200, 6))
     other = rows(problem, q, simulated_points(SIX, q, BASE, TOOL, errors))
-    x = compare(problem, other)[0].error(result.x)
+    x = arm_and_data(problem, other)[0].error(result.x)
     # About 30 parameters from 360 coordinates of 20 µm: 20 µm · √3 · √(30/360) ≈ 10 µm on average.
     assert np.sqrt((x**2).sum(axis=1).mean()) < 2e-5
     assert result.nominal.rms > 20 * result.calibrated.rms
@@ -75,9 +75,9 @@ def test_the_jacobian_is_the_derivative_of_the_residuals() -> None:
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
     more = {name: quaternions[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     data = rows(problem, q, rng.normal(size=(7, 3)), target=["A", "B"] * 3 + ["A"], **more)
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     x = rng.normal(0, 1e-3, len(residuals.parameters))
-    J = residuals.both(x)[1]
+    J = residuals.residuals_and_jacobian(x)[1]
     step = 1e-6
     numeric = np.array(
         [(residuals.whitened(x + step * e) - residuals.whitened(x - step * e)) / (2 * step) for e in np.eye(len(x))]
@@ -107,11 +107,11 @@ def test_orientation_residuals_differentiate_where_they_are_small() -> None:
     w = np.array([quaternion(T[:3, :3]) for T in robot])
     more = {name: w[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     data = rows(problem, q, np.array([T[:3, 3] for T in robot]), **more)
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     zero = np.zeros(len(residuals.parameters))
     # Quaternions of twelve digits: nothing but rounding is left, over σ = 1e-4 rad.
     np.testing.assert_allclose(residuals.whitened(zero), 0.0, atol=1e-6)
-    J = residuals.both(zero)[1]
+    J = residuals.residuals_and_jacobian(zero)[1]
     step = 1e-6
     numeric = np.array(
         [(residuals.whitened(step * e) - residuals.whitened(-step * e)) / (2 * step) for e in np.eye(len(zero))]
@@ -167,7 +167,7 @@ def test_a_urdf_arm_has_six_unknowns_at_every_joint(tmp_path: Path) -> None:
     assert not any(p.name.endswith(".theta") for p in result.parameters)
     assert 0.8 < result.variance < 1.25  # χ² over some 420 degrees of freedom: ± 3 σ
     other = rng.uniform(-2.5, 2.5, (50, 4))
-    left = compare(problem, rows(problem, other, points(other)))[0].error(result.x)
+    left = arm_and_data(problem, rows(problem, other, points(other)))[0].error(result.x)
     assert np.sqrt((left**2).sum(axis=1).mean()) < 2e-5  # 20 µm of noise, averaged over 150 poses
 
 
@@ -215,12 +215,12 @@ def test_the_fitter_agrees_with_scipy() -> None:
     x = np.linspace(0, 4, 40)
     y = 2 * np.exp(-0.7 * x) + 0.3 + np.random.default_rng(8).normal(0, 0.01, 40)
 
-    def both(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residuals_and_jacobian(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         e = np.exp(-p[1] * x)
         return p[0] * e + p[2] - y, np.stack([e, -p[0] * x * e, np.ones(40)], axis=1)
 
-    ours = least_squares(both, np.array([1.0, 1.0, 0.0]))
-    theirs = reference(lambda p: both(p)[0], [1.0, 1.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    ours = least_squares(residuals_and_jacobian, np.array([1.0, 1.0, 0.0]))
+    theirs = reference(lambda p: residuals_and_jacobian(p)[0], [1.0, 1.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
     np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-7)
 
 
@@ -231,7 +231,7 @@ def test_where_nothing_is_free_the_rest_is_all_there_is(count: int) -> None:
     assert found.x.shape == (0,)
     assert found.variance == pytest.approx(float(r @ r) / max(count, 1))
     if count:
-        gross, studentised = outlying(r, J, 1)
+        gross, studentised = find_outliers(r, J, 1)
         assert not gross.any()
         np.testing.assert_allclose(studentised / np.abs(r), studentised[0] / abs(r[0]), rtol=1e-6)
 
@@ -243,7 +243,7 @@ def test_leverage_is_taken_into_account() -> None:
     J[0] = [0.0, 0.0, 1.0]
     r = rng.normal(size=50)
     r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
-    gross, studentised = outlying(r, J, 1)
+    gross, studentised = find_outliers(r, J, 1)
     assert not gross.any()
     assert 0.5 < studentised[1:].std() < 2
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import compare
+from posture_opt.calibration.assumptions.frames import arm_and_data
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.data_checks import check_kept
 from posture_opt.errors import InputError, InsufficientDataError
@@ -110,7 +110,7 @@ def test_a_zero_that_is_far_off_is_found_for_all_that_parts_are_better_made(sett
 
 def test_rows_that_outliers_leave_in_one_group_alone_are_told(setting: Any) -> None:
     problem, q, rng, errors = setting
-    residuals, _ = compare(problem, rows(problem, q, measured(q, rng, errors)))
+    residuals, _ = arm_and_data(problem, rows(problem, q, measured(q, rng, errors)))
     groups, kept = np.arange(80), np.ones(80, dtype=bool)
     kept[2:] = False
     check_kept(residuals, groups, kept)

@@ -63,7 +63,7 @@ def test_errors_of_many_rows_are_those_of_all_at_once(large: Any, monkeypatch: p
     found = po.calibrate(problem, data.take(np.arange(USED)), plan=False)
     residuals = found.residuals.of_data(data)
     at_once = residuals.error(found.x)
-    monkeypatch.setattr(of_rows, "MANY", 100)
+    monkeypatch.setattr(of_rows, "MAX_WALKED_ROWS", 100)
     np.testing.assert_allclose(residuals.error(found.x), at_once, atol=1e-15)
 
 

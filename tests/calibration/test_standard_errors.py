@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.estimation.fit import clustered, estimate
-from posture_opt.calibration.estimation.fit_setup import determine
+from posture_opt.calibration.estimation.fit import estimate_parameters, with_clustered_errors
+from posture_opt.calibration.estimation.fit_setup import determine_directions
 from tests.helpers.free_arms import BASE, TOOL, TWO, problem_of, rows, simulated_points
 from tests.helpers.pin import robots_folder
 from tests.helpers.simulated_arm import SimulatedArm
@@ -29,9 +29,9 @@ def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> 
     q = rng.uniform(-2.5, 2.5, (30, 2))
     exact = simulated_points(TWO, q, np.eye(4), np.eye(4), WRONG)
     data = rows(problem, q, exact[:, :2])
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     zero = np.zeros(len(residuals.parameters))
-    known = determine(problem, residuals, zero, None, True)
+    known = determine_directions(problem, residuals, zero, None, True)
     names = [p.name for p in residuals.parameters]
     at = [names.index(name) for name in WRONG]
     assert known.fixed[at].all()
@@ -39,7 +39,9 @@ def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> 
     for _ in range(300):
         noisy = copy.copy(data)
         object.__setattr__(noisy, "position", exact + rng.normal(0, 2e-5, exact.shape))
-        found = estimate(replace(residuals, data=noisy), zero, known.directions, known.prior, weight=known.noise)
+        found = estimate_parameters(
+            replace(residuals, data=noisy), zero, known.directions, known.prior, weight=known.noise
+        )
         # Student's t with 60 - 4 degrees of freedom.
         hits += np.abs(found.x[at] - list(WRONG.values())) < 2.003 * np.sqrt(np.diag(found.covariance)[at])
     # Binomial: 285 ± 3.8 of 300 for each of the four; 92 % and 98 % are 276 and 294.
@@ -71,12 +73,14 @@ def test_standard_errors_know_that_neighbouring_postures_err_alike() -> None:
         q = np.repeat(rng.uniform(-2.5, 2.5, (60, 2)), 10, axis=0) + rng.normal(0, 0.01, (600, 2))
         wrong = q + 1e-3 * np.sin(11 * q + rng.uniform(0, 6.28, 2))
         data = rows(problem, q, simulated_points(TWO, wrong, np.eye(4), np.eye(4), {}) + rng.normal(0, 1e-5, (600, 3)))
-        residuals, _ = compare(problem, data)
+        residuals, _ = arm_and_data(problem, data)
         zero = np.zeros(len(residuals.parameters))
-        known = determine(problem, residuals, zero, None, True)
+        known = determine_directions(problem, residuals, zero, None, True)
         assert known.design > 2
-        found = estimate(residuals, zero, known.directions, known.prior, weight=known.noise, design=known.design)
-        C = clustered(found).covariance
+        found = estimate_parameters(
+            residuals, zero, known.directions, known.prior, weight=known.noise, design=known.design
+        )
+        C = with_clustered_errors(found).covariance
         names = [p.name for p in residuals.parameters]
         z += [found.x[j] / np.sqrt(C[j, j]) for j in map(names.index, ("j1.a", "j2.a", "j2.theta"))]
     # As if rows were independent, it would be 3. 40 arms with a few estimates each: 1 ± 0.1, and some blocks cut heaps.
@@ -105,7 +109,7 @@ def test_a_urdf_arm_whose_frames_pinocchio_perturbed_predicts_postures_never_see
     result = calibrate(problem, rows(problem, q, points(q) + rng.normal(0, 2e-5, (150, 3))))
     assert 0.8 < result.variance < 1.25  # χ² over some 420 degrees of freedom: ± 3 σ
     other = rng.uniform(-2.5, 2.5, (50, 6))
-    left = compare(problem, rows(problem, other, points(other)))[0].error(result.x)
+    left = arm_and_data(problem, rows(problem, other, points(other)))[0].error(result.x)
     # About 30 directions from 450 coordinates of 20 µm: 20 µm · √3 · √(30/450) ≈ 9 µm on average.
     assert np.sqrt((left**2).sum(axis=1).mean()) < 2e-5
     assert result.nominal.rms > 5e-4
@@ -118,10 +122,10 @@ def test_the_whole_fit_agrees_with_scipy() -> None:
     rng = np.random.default_rng(13)
     q = rng.uniform(-2.5, 2.5, (40, 2))
     data = rows(problem, q, simulated_points(TWO, q, np.eye(4), np.eye(4), WRONG) + rng.normal(0, 2e-5, (40, 3)))
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     x0 = fit_frames(residuals)
-    D = determine(problem, residuals, x0, None, False).directions
-    ours = estimate(residuals, x0, D, robust=False)
+    D = determine_directions(problem, residuals, x0, None, False).directions
+    ours = estimate_parameters(residuals, x0, D, robust=False)
     theirs = least_squares(lambda z: residuals.whitened(x0 + D @ z), np.zeros(D.shape[1]), xtol=1e-14, ftol=1e-14)
     # A thousandth of a standard error is where our fit comes to rest.
     errors = np.sqrt(np.diag(ours.covariance))

@@ -16,7 +16,7 @@ from posture_opt.calibration.estimation.fit import fit_with_effects
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.diagnosis.causes.causes import missing_inputs
 from posture_opt.diagnosis.causes.sessions import Gain
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base.cause import amplitude
@@ -291,7 +291,7 @@ def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> No
     file = folder / "dent.csv"
     write(file, q, position(q + np.stack([dent, 0 * dent], axis=1)) + rng.normal(0, NOISE, (90, 2)))
     data = po.read_measurements(file, problem)
-    linearised = linearise(po.calibrate(problem, data), flips=0)
+    linearised = linearise_calibration(po.calibrate(problem, data), flips=0)
     waves = [CyclicError(joint="joint1", cycles=k) for k in (2.6, 3.4)]
     residuals, calibration = linearised.sensitivities.residuals, po.calibrate(problem, data)
     model = fit_with_effects(residuals, calibration.x, calibration.identifiability.directions, waves)

@@ -18,7 +18,7 @@ from posture_opt.diagnosis.discrimination.discrimination_design import (
     detection_probability,
 )
 from posture_opt.diagnosis.discrimination.model_discrimination import ModelDiscrimination, RivalExplanation
-from posture_opt.diagnosis.scores.levels import DISCRIMINATED
+from posture_opt.diagnosis.scores.levels import DISCRIMINATED_LAMBDA
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 
@@ -138,7 +138,7 @@ def test_angle_and_strength_are_those_of_the_arm_by_hand(narrow: Any) -> None:
     planned = np.array([list(one["posture"].values()) for one in split["postures"]])
     G, scale, eccentricity = columns(np.concatenate([q, planned]))
     whole = rest(np.hstack([G, eccentricity]), scale[:, 0] * size)
-    assert DISCRIMINATED < rival["lambda"] <= 1.25 * float(whole @ whole)
+    assert DISCRIMINATED_LAMBDA < rival["lambda"] <= 1.25 * float(whole @ whole)
 
 
 def test_the_report_tells_the_pairs_and_the_postures(narrow: Any) -> None:
@@ -186,8 +186,8 @@ def test_a_plan_is_as_good_as_the_best_of_all_pairs_of_candidates(
     best = max(by_hand(D, A, [i, j]).min() for i in range(40) for j in range(i))
     assert by_hand(D, A, plan).min() > 0.97 * best  # one by one and exchanged: nearly the best of all 780
     enough = question.chosen(1, 40)
-    assert by_hand(D, A, enough).min() >= DISCRIMINATED
-    assert by_hand(D, A, enough[:-1]).min() < DISCRIMINATED
+    assert by_hand(D, A, enough).min() >= DISCRIMINATED_LAMBDA
+    assert by_hand(D, A, enough[:-1]).min() < DISCRIMINATED_LAMBDA
 
 
 def test_what_the_data_promised_and_did_not_keep_counts_no_more() -> None:
@@ -197,7 +197,7 @@ def test_what_the_data_promised_and_did_not_keep_counts_no_more() -> None:
 
 
 def test_nine_chances_in_ten() -> None:
-    assert detection_probability(DISCRIMINATED) == pytest.approx(0.9, abs=1e-4)
+    assert detection_probability(DISCRIMINATED_LAMBDA) == pytest.approx(0.9, abs=1e-4)
     assert detection_probability(3.5**2) == pytest.approx(0.5)
     assert detection_probability(0.0) < 3e-4
 

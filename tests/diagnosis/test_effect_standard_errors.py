@@ -7,7 +7,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)
@@ -34,7 +34,7 @@ def fitted(seed: int, copies: int) -> Fit:
     })  # fmt: skip
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
     calibration = po.calibrate(problem, po.read_measurements(table, problem), folds=2)
-    sensitivities = linearise(calibration, flips=0).sensitivities
+    sensitivities = linearise_calibration(calibration, flips=0).sensitivities
     return calibration.fit_effects(sensitivities.residuals, [GearEccentricity(joint="joint1")])
 
 
@@ -53,7 +53,7 @@ def test_errors_of_effects_know_that_neighbouring_postures_err_alike() -> None:
 def test_errors_of_independent_rows_are_those_of_least_squares(seed: int) -> None:
     model = fitted(seed, 1)
     residuals = model.residuals
-    J = residuals.both(model.x)[1]
+    J = residuals.residuals_and_jacobian(model.x)[1]
     A = J @ model.directions
     assert model.design == 1
     expected = model.directions @ (model.variance * np.linalg.inv(A.T @ A)) @ model.directions.T

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 
 
 @pytest.mark.parametrize(
@@ -23,5 +23,5 @@ def test_the_sums_are_those_of_the_definition(rows: int, count: int, step: float
     close = {"rtol": 0, "atol": 1e-7 * float(np.abs(a).sum(axis=0).max())}
     np.testing.assert_allclose(sines, S @ a, **close)
     np.testing.assert_allclose(cosines, C @ a, **close)
-    for found, pair in zip(squares(q, cycles, a**2), (S * S, S * C, C * C), strict=True):
+    for found, pair in zip(weighted_squares(q, cycles, a**2), (S * S, S * C, C * C), strict=True):
         np.testing.assert_allclose(found, pair @ a**2, rtol=0, atol=1e-7 * float((a**2).sum(axis=0).max()))

@@ -12,7 +12,7 @@ from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.error_statistics import folds_of
 from posture_opt.calibration.estimation.fit import fit_with_effects
 from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from tests.helpers.planar_2r import position
 
 ROWS, DRAWS, NOISE = 12, 150, 2e-5  # m
@@ -31,7 +31,7 @@ def test_regions_of_a_planar_arm_hold_what_they_say_with_few_rows() -> None:
     problem = po.problem_from_dict(PROBLEM)
     table = dict(zip(["joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"], np.hstack([q, p]).T, strict=True))
     calibration = po.calibrate(problem, po.read_measurements(table, problem), folds=3)
-    residuals = linearise(calibration, 0).sensitivities.residuals
+    residuals = linearise_calibration(calibration, 0).sensitivities.residuals
     model = fit_with_effects(residuals, calibration.x, calibration.identifiability.directions, [])
     linear, folds = LinearModel.of(model), folds_of(np.arange(ROWS), 4, "pose")
     assert linear.U.shape[1] >= 4

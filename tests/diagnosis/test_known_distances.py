@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import posture_opt as po
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from tests.helpers.real_arms import DATA, needs_real_arms
 
 
@@ -15,9 +15,9 @@ def test_known_distances_count_in_the_search_as_in_the_fit() -> None:
     problem = po.load_problem(folder / "problem_panda_4.yaml")
     data = po.read_measurements(folder / "panda_4.csv", problem)
     found = po.diagnose(problem, data, plan=False)
-    residuals = linearise(found.calibration, flips=0).sensitivities.residuals
+    residuals = linearise_calibration(found.calibration, flips=0).sensitivities.residuals
     assert len(residuals.distances) > 0
-    linearised = linearise(found.calibration, flips=0)
+    linearised = linearise_calibration(found.calibration, flips=0)
     assert len(linearised.r) == residuals.measured + len(residuals.distances)
     np.testing.assert_allclose(linearised.r, residuals.whitened(found.calibration.x))
     rms = found.to_json()["residual_rms"]

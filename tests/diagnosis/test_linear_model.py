@@ -12,9 +12,9 @@ from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.scores.candidates import Candidate, list_candidates
-from posture_opt.diagnosis.scores.levels import SURVIVING_SHARE
-from posture_opt.diagnosis.scores.score_tests import explained
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.scores.levels import MIN_SURVIVING_SHARE
+from posture_opt.diagnosis.scores.score_tests import explained_squares
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.selection_criterion import rank_members
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -28,7 +28,7 @@ def linearised(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
     file = tmp_path_factory.mktemp("linear") / "data.csv"
     write(file, q, position(q + error) + rng.normal(0, 2e-5, q.shape))
     problem = po.problem_from_dict(PROBLEM)
-    return linearise(po.calibrate(problem, po.read_measurements(file, problem)), flips=20)
+    return linearise_calibration(po.calibrate(problem, po.read_measurements(file, problem)), flips=20)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def model(linearised: LinearisedData, member: Callable[[str, str], Candidate]) -
     effects = [member("gear_eccentricity", "joint1").what, member("gear_second_harmonic", "joint2").what]
     directions = np.linalg.svd(linearised.G, full_matrices=False)  # any directions do, as long as they are determined
     k = len(linearised.sensitivities.x)
-    J = linearised.sensitivities.residuals.both(linearised.sensitivities.x)[1]
+    J = linearised.sensitivities.residuals.residuals_and_jacobian(linearised.sensitivities.x)[1]
     V = np.linalg.svd(J, full_matrices=False)[2][: linearised.G.shape[1]]
     assert V.shape == (len(directions[1]), k)
     return fit_with_effects(linearised.sensitivities.residuals, linearised.sensitivities.x, V.T, effects)
@@ -51,16 +51,16 @@ def model(linearised: LinearisedData, member: Callable[[str, str], Candidate]) -
 def test_candidates_from_inner_products(linearised: LinearisedData) -> None:
     baseline = linearised.baseline()
     everyone = list_candidates(linearised.sensitivities, linearised.excitation)
-    rho, sizes, gains = explained(baseline, [s.Z for s in everyone])
+    rho, sizes, gains = explained_squares(baseline, [s.Z for s in everyone])
     for i, s in enumerate(everyone):
         unit = s.Z / np.maximum(np.linalg.norm(s.Z, axis=0), 1e-300)
         rest = unit - baseline.Q @ (baseline.Q.T @ unit)
         assert rho[i] == pytest.approx(np.linalg.norm(rest, axis=0).max(), abs=1e-7)
-        if rho[i] < SURVIVING_SHARE:
+        if rho[i] < MIN_SURVIVING_SHARE:
             assert sizes[i] == 0
             continue
         U, singular, _ = np.linalg.svd(rest, full_matrices=False)
-        U = U[:, singular > max(SURVIVING_SHARE, 1e-6 * singular[0])]
+        U = U[:, singular > max(MIN_SURVIVING_SHARE, 1e-6 * singular[0])]
         assert sizes[i] == U.shape[1]
         np.testing.assert_allclose(gains[i], np.sum((U.T @ baseline.flipped) ** 2, axis=0), rtol=1e-8, atol=1e-8)
 
@@ -87,7 +87,7 @@ def test_folds_by_coordinates_are_refits_by_rows(model: Fit, without: int | None
     residuals = model.residuals
     folds = [np.asarray(part) for part in np.array_split(np.random.default_rng(0).permutation(len(residuals.data)), 5)]
     found = held_out(model, folds, without)
-    r, J = residuals.both(model.x)
+    r, J = residuals.residuals_and_jacobian(model.x)
     kept = [i for i in range(len(model.effects)) if i != without]
     if without is not None:
         r = r - J[:, model.slices[without]] @ model.x[model.slices[without]]
@@ -103,7 +103,7 @@ def test_folds_by_coordinates_are_refits_by_rows(model: Fit, without: int | None
 
 def test_the_rest_takes_over_what_an_effect_leaves(model: Fit) -> None:
     step = LinearModel.of(model).refitted(0)
-    r, J = model.residuals.both(model.x)
+    r, J = model.residuals.residuals_and_jacobian(model.x)
     geometry = model.directions[:, model.geometry]
     own, other = model.slices
     A = np.concatenate([J @ geometry, J[:, other]], axis=1)

@@ -32,7 +32,7 @@ def rss(A: np.ndarray, r: np.ndarray) -> float:
 
 
 def test_sums_over_blocks_explain_what_least_squares_of_all_rows_do(drawn, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(score_tests, "_ROWS", 64)
+    monkeypatch.setattr(score_tests, "_ROWS_AT_ONCE", 64)
     baseline, columns, G, r = drawn
     found = ProjectedColumns.of(baseline, columns)
     assert found.sizes.tolist() == [1, 2, 2, 1]

@@ -12,10 +12,10 @@ import pytest
 import posture_opt as po
 from posture_opt.diagnosis.scores.candidates import list_candidates
 from posture_opt.diagnosis.search.dictionary import Dictionary
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
+from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection, clearly_less
-from posture_opt.diagnosis.search.search import search
+from posture_opt.diagnosis.search.search import search_effects
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -36,7 +36,7 @@ def two_errors(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
     q = rng.uniform(-2.5, 2.5, (160, 2))
     error = np.stack([1e-4 * np.sin(LINE * q[:, 0]), 4e-4 * np.sin(q[:, 1] + 0.3)], axis=1)
     data = measured(tmp_path_factory.mktemp("two"), q, error, rng)
-    return linearise(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
+    return linearise_calibration(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
 
 
 def dictionary(linearised: LinearisedData) -> Dictionary:
@@ -51,7 +51,7 @@ def left(columns: np.ndarray, r: np.ndarray) -> float:
 
 def test_each_step_takes_what_least_squares_would(two_errors: LinearisedData) -> None:
     words = dictionary(two_errors)
-    chosen = pursue(words, 2).chosen
+    chosen = pursue_candidates(words, 2).chosen
     assert [(c.kind, c.target) for c in chosen] == [("gear_eccentricity", "joint2"), ("cyclic_error", "joint1")]
     assert chosen[1].what.cycles == pytest.approx(LINE, abs=2 * np.pi / 5.0 / 6)  # half a step of its grid
     # No candidate of one or two columns leaves less than the first that was taken.
@@ -65,9 +65,9 @@ def test_rows_that_are_held_out_teach_nothing(two_errors: LinearisedData) -> Non
     spoilt = two_errors.r.copy()
     spoilt.reshape(160, -1)[rows] += 1e3
     words, other = dictionary(two_errors), dictionary(replace(two_errors, r=spoilt))
-    first, second = (pursue(d, 3, rows).chosen for d in (words, other))
+    first, second = (pursue_candidates(d, 3, rows).chosen for d in (words, other))
     assert [str(c.what) for c in first] == [str(c.what) for c in second]
-    assert [str(c.what) for c in pursue(other, 1).chosen] != [str(c.what) for c in first[:1]]
+    assert [str(c.what) for c in pursue_candidates(other, 1).chosen] != [str(c.what) for c in first[:1]]
 
 
 def test_subsets_are_those_of_least_loss_and_their_fits_those_of_least_squares() -> None:
@@ -136,8 +136,8 @@ def test_joint_values_that_cannot_tell_lines_apart(tmp_path: Path) -> None:
     rng = np.random.default_rng(74)
     q = np.stack([rng.choice(np.unique(grid), 200), rng.uniform(-2.5, 2.5, 200)], axis=1)
     data = measured(tmp_path, q, np.stack([2e-4 * np.sin(30 * q[:, 0] + 1), np.zeros(200)], axis=1), rng)
-    linearised = linearise(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
-    found = search(linearised)
+    linearised = linearise_calibration(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
+    found = search_effects(linearised)
     lines = [s.what.cycles for s in (*found.chosen, *found.rivals[0]) if isinstance(s.what, CyclicError)]
     assert min(lines) == pytest.approx(6, abs=0.3)
     assert any(abs(cycles - 30) < 0.3 for cycles in lines)  # the true one is named among its aliases

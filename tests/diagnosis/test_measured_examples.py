@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.search.linearised_data import linearise
-from posture_opt.diagnosis.search.search import search
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.search.search import search_effects
 from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from tests.helpers import measured_planar_2r as shop
@@ -79,7 +79,7 @@ def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
     # by chance one time in 20 (4799 flips); with 299 of them some draws make it one in 200.
     problem = load_builtin("insert_planar_2r_measured")
     data = po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem)
-    found = search(linearise(po.calibrate(problem, data), seed=seed))
+    found = search_effects(linearise_calibration(po.calibrate(problem, data), seed=seed))
     assert not found.chosen
     assert 0.035 < found.scored[0].p_value < 0.1
 

@@ -12,9 +12,9 @@ import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
-from posture_opt.diagnosis.causes.causes import _estimate
-from posture_opt.diagnosis.causes.delivery import Delivery, deliver
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.causes.causes import _estimates_of
+from posture_opt.diagnosis.causes.delivery import Delivery, deliver_arm
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
@@ -44,14 +44,14 @@ def measured(folder: Path, case: str) -> tuple[po.Problem, po.Measurements]:
 
 def fitted(problem: po.Problem, data: po.Measurements, *effects: Effect) -> Fit:
     calibration = po.calibrate(problem, data, folds=2)
-    sensitivities = linearise(calibration, flips=0).sensitivities
+    sensitivities = linearise_calibration(calibration, flips=0).sensitivities
     directions = calibration.identifiability.directions
     return fit_with_effects(sensitivities.residuals, calibration.x, directions, effects)
 
 
 def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
     model = fitted(*measured(tmp_path, "drift"), Drift(course="exponential", constant="500 s"), ECCENTRIC)
-    value, std, _ = _estimate(model, 0)["constant"]
+    value, std, _ = _estimates_of(model, 0)["constant"]
     t = np.arange(150) * 10.0
     by_shift, by_constant = 1 - np.exp(-t / value), SHIFT * t / value**2 * np.exp(-t / value)
     own = by_constant - by_shift * (by_shift @ by_constant) / (by_shift @ by_shift)
@@ -61,11 +61,11 @@ def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
 
 def delivered(problem: po.Problem, data: po.Measurements, *effects: Effect, with_time: bool = False) -> Delivery:
     calibration = po.calibrate(problem, data, folds=5)
-    residuals = linearise(calibration, flips=0).sensitivities.residuals
+    residuals = linearise_calibration(calibration, flips=0).sensitivities.residuals
     model = calibration.fit_effects(residuals, effects)
     parts = folds_of(groups_of(residuals.data, "pose", 5), 5, "pose")
     held = {**calibration.held, "extended": held_out(model, parts)}
-    return deliver(calibration, model, held, parts, [], with_time=with_time)
+    return deliver_arm(calibration, model, held, parts, [], with_time=with_time)
 
 
 @pytest.mark.parametrize("case", list(TIMED))

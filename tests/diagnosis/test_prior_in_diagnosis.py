@@ -12,7 +12,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)
@@ -63,7 +63,7 @@ def test_what_is_stated_of_the_geometry_keeps_the_diagnosed_arm_right_where_noth
     errors, nominal = [], []
     for seed in range(8):
         calibration, off = calibrated(seed)
-        model = calibration.fit_effects(linearise(calibration, flips=0).sensitivities.residuals, [])
+        model = calibration.fit_effects(linearise_calibration(calibration, flips=0).sensitivities.residuals, [])
         # The same rows, the same prior, the same weight: the same arm.
         np.testing.assert_allclose(model.x, calibration.x, atol=2e-6)
         np.testing.assert_allclose(np.diag(model.covariance), np.diag(calibration.covariance), rtol=0.05, atol=1e-14)
@@ -75,7 +75,7 @@ def test_what_is_stated_of_the_geometry_keeps_the_diagnosed_arm_right_where_noth
 
 def test_folds_are_fitted_with_what_is_stated() -> None:
     calibration, _ = calibrated(3)
-    residuals = linearise(calibration, flips=0).sensitivities.residuals
+    residuals = linearise_calibration(calibration, flips=0).sensitivities.residuals
     model = calibration.fit_effects(residuals, [])
     groups = groups_of(residuals.data, "pose", 5)
     held = held_out(model, folds_of(groups, 5, "pose"))
@@ -85,7 +85,7 @@ def test_folds_are_fitted_with_what_is_stated() -> None:
 
 def test_an_effect_is_fitted_beside_what_is_stated() -> None:
     calibration, _ = calibrated(5)
-    sensitivities = linearise(calibration, flips=0).sensitivities
+    sensitivities = linearise_calibration(calibration, flips=0).sensitivities
     model = calibration.fit_effects(sensitivities.residuals, [GearEccentricity(joint="joint1")])
     names = [p.name for p in calibration.parameters]
     for name, sigma in STATED.items():

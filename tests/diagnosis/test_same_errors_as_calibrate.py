@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.calibrate import recounted
+from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers.planar_2r import position
@@ -65,14 +65,14 @@ def with_outlier() -> Calibration:
 
 
 def test_rows_that_count_as_before_have_the_errors_that_they_had(with_outlier: Calibration) -> None:
-    again = recounted(with_outlier, with_outlier.fit.kept)
+    again = recount_rows(with_outlier, with_outlier.fit.kept)
     assert again.calibrated.rms == pytest.approx(with_outlier.calibrated.rms, rel=1e-6)
     assert again.nominal.rms == pytest.approx(with_outlier.nominal.rms, rel=1e-12)
     assert again.notes == with_outlier.notes
 
 
 def test_an_outlier_that_counts_again_is_in_the_rms_and_is_told(with_outlier: Calibration) -> None:
-    again = recounted(with_outlier, np.ones(40, dtype=bool))
+    again = recount_rows(with_outlier, np.ones(40, dtype=bool))
     assert again.outliers == ()
     # One millimetre in forty rows, and what it pulls at the others; 28 µm are the noise of both coordinates.
     assert again.calibrated.rms == pytest.approx(np.sqrt(1e-3**2 / 40 + 2 * 2e-5**2), rel=0.15)

@@ -15,10 +15,10 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseSample, find_uneven_no
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import assess_adequacy
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import Rows
-from posture_opt.validation.scatter_model import whitened
+from posture_opt.validation.scatter_model import whitened_repeats
 from tests.helpers.planar_files import SHORT
 
 
@@ -63,7 +63,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
         stated = po.problem_from_dict(document)
         calibration = calibrate(stated, po.read_measurements(table, stated), folds=2)
         model = fit_with_effects(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
-        noise_causes.noise_causes(stated, calibration, model, linearise(calibration, 9).baseline(), 1.0, 0)
+        noise_causes.noise_causes(stated, calibration, model, linearise_calibration(calibration, 9).baseline(), 1.0, 0)
     assert seen[1] == pytest.approx(seen[0], rel=0.1)
 
 
@@ -87,7 +87,7 @@ def test_stated_scatter_of_a_joint_is_taken_off_whole_visits() -> None:
     shared = np.where(visits[:, None] == visits, 1.0, 0.0).repeat(2, axis=0).repeat(2, axis=1)
     covariance = np.diag(own.ravel()) + shared * (S.reshape(12, 2) @ S.reshape(12, 2).T)
     e = rng.normal(size=(6, 2))
-    found, columns = whitened(e, np.stack([e, 2 * e]), S, visits, own)
+    found, columns = whitened_repeats(e, np.stack([e, 2 * e]), S, visits, own)
     assert np.sum(found**2) == pytest.approx(e.ravel() @ np.linalg.solve(covariance, e.ravel()))
     np.testing.assert_allclose(columns, np.stack([found, 2 * found]))
 

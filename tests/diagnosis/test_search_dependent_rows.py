@@ -9,8 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.diagnosis.search.linearised_data import linearise
-from posture_opt.diagnosis.search.search import search
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.search.search import search_effects
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -43,7 +43,7 @@ def arm(folder: Path, places: int, neighbours: int, seed: int) -> Calibration:
 def test_as_many_rows_as_tell_something_new(seed: int, tmp_path: Path) -> None:
     calibration = arm(tmp_path, 80, 12, seed)
     assert calibration.design > 3
-    found = search(linearise(calibration, 99))
+    found = search_effects(linearise_calibration(calibration, 99))
     found = found.names or found
     named = [(s.kind, s.target) for s in found.chosen if s.named]
     assert ("gear_eccentricity", "joint2") in named
@@ -57,7 +57,7 @@ def test_what_is_alone_in_independent_rows_is_found_alone(tmp_path: Path) -> Non
     # So much that the geometry alone leaves neighbours alike; once it is taken away they are not.
     error = np.stack([np.zeros(150), 1e-3 * np.sin(q[:, 1] + 0.5)], axis=1)
     data = measured(tmp_path, "data.csv", q, error, rng)
-    found = search(linearise(po.calibrate(po.problem_from_dict(PROBLEM), data)))
+    found = search_effects(linearise_calibration(po.calibrate(po.problem_from_dict(PROBLEM), data)))
     assert [s.kind for s in found.chosen] == ["gear_eccentricity"]
 
 

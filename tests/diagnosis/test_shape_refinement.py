@@ -6,8 +6,8 @@ import numpy as np
 
 import posture_opt as po
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import explained
-from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.scores.score_tests import explained_squares
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.diagnosis.search.shape_refinement import refine_shape
 from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
@@ -30,11 +30,11 @@ def test_the_moment_of_a_slip_is_found_to_the_row() -> None:
     problem = po.problem_from_dict(PROBLEM)
     heads = ["time [s]", "joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"]
     table = dict(zip(heads, np.column_stack([t, q, p]).T, strict=True))
-    linearised = linearise(po.calibrate(problem, po.read_measurements(table, problem), folds=2), 0)
+    linearised = linearise_calibration(po.calibrate(problem, po.read_measurements(table, problem), folds=2), 0)
     baseline, sensitivities = linearised.baseline(), linearised.sensitivities
     moments = [e for e in Slip.candidates(linearised.excitation) if e.target == "joint1"]
     suspects = [Candidate(e, sensitivities.columns(e)) for e in moments]
-    coarse = suspects[int(np.argmax(explained(baseline, [s.Z for s in suspects])[2][:, 0]))]
+    coarse = suspects[int(np.argmax(explained_squares(baseline, [s.Z for s in suspects])[2][:, 0]))]
     found = refine_shape(sensitivities, baseline, coarse).what
     assert isinstance(found, Slip)
     assert t[first - 1] < found.moment <= t[first]

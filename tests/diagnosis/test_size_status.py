@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.causes.causes import determined
+from posture_opt.diagnosis.causes.causes import is_determined
 from posture_opt.diagnosis.diagnose import _determined_first
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -26,7 +26,7 @@ def test_the_region_is_that_of_a_chi_square(k: int) -> None:
     C = 1e-8 * A @ A.T
     direction = np.linalg.cholesky(C) @ np.eye(k)[0]  # χ² of it is one, in any units
     for factor, told in ((0.99, False), (1.01, True)):
-        assert determined(factor * np.sqrt(QUANTILES[k]) * direction, C) is told
+        assert is_determined(factor * np.sqrt(QUANTILES[k]) * direction, C) is told
 
 
 def test_of_a_wave_the_amplitude_counts_and_not_its_phase() -> None:
@@ -35,8 +35,8 @@ def test_of_a_wave_the_amplitude_counts_and_not_its_phase() -> None:
     along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
     C = 1e-12 * (np.outer(along, along) + 1e4 * np.outer(across, across))
     assert np.all(np.abs(values) < 2 * np.sqrt(np.diag(C)))
-    assert determined(values, C)
-    assert not determined(np.array([-2e-3]), np.array([[46e-3**2]]))
+    assert is_determined(values, C)
+    assert not is_determined(np.array([-2e-3]), np.array([[46e-3**2]]))
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import pytest
 import posture_opt as po
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
+from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search_effects
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -36,8 +36,8 @@ def dented(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, po.Mea
 
 @pytest.fixture(scope="module")
 def scanned(dented: tuple[po.Problem, po.Measurements]) -> tuple[LinearisedData, SearchResult]:
-    linearised = linearise(po.calibrate(*dented))
-    return linearised, search(linearised)
+    linearised = linearise_calibration(po.calibrate(*dented))
+    return linearised, search_effects(linearised)
 
 
 def test_what_the_names_stand_for_is_listed_no_more(scanned: tuple[LinearisedData, SearchResult]) -> None:

@@ -7,7 +7,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from posture_opt.experiments.exchange import Criterion, Determinant, Variance, exchange, normalisation, variances
+from posture_opt.experiments.exchange import (
+    Criterion,
+    Determinant,
+    Variance,
+    exchange_design,
+    quantity_variances,
+    unit_information,
+)
 
 
 def value(A: np.ndarray, M0: np.ndarray, chosen: np.ndarray, L: np.ndarray | None) -> float:
@@ -30,7 +37,7 @@ def test_no_subset_of_a_small_set_is_better(task: bool, block: int, known: bool)
         M0 = np.diag([1.0, 1e5, 1e-5, 0.5]) if known else np.zeros((4, 4))
         L = rng.normal(size=(2, 4)) * [1.0, 1e3, 1e-2, 1.0] if task else None
         criterion: Criterion = Determinant() if L is None else Variance(L)
-        design = exchange(A, M0, criterion, 5, starts=6, seed=seed)
+        design = exchange_design(A, M0, criterion, 5, starts=6, seed=seed)
         mine = value(A, M0, design.chosen, L)
         best = min(value(A, M0, np.array(subset), L) for subset in combinations(range(12), 5))
         assert len(set(design.chosen)) == 5
@@ -47,7 +54,7 @@ GUEST = {2: [-1, 0, 1], 3: [-1, -np.sqrt(1 / 5), np.sqrt(1 / 5), 1], 4: [-1, -np
 def test_polynomials_are_measured_at_the_points_of_legendre(degree: int) -> None:
     grid = np.linspace(-1, 1, 401)
     A = np.vander(grid, degree + 1)[:, None, :]
-    design = exchange(A, np.zeros((degree + 1,) * 2), Determinant(), 2 * (degree + 1), replicate=True)
+    design = exchange_design(A, np.zeros((degree + 1,) * 2), Determinant(), 2 * (degree + 1), replicate=True)
     off = np.abs(grid[design.chosen][:, None] - np.array(GUEST[degree]))
     assert off.min(axis=1).max() < 0.005  # a step of the grid: between two of its points both may be taken
     assert list(np.bincount(off.argmin(axis=1))) == [2] * (degree + 1)  # every point as often as the others
@@ -57,7 +64,7 @@ def test_an_extrapolated_line_is_measured_mostly_at_the_near_end() -> None:
     grid = np.linspace(-1, 1, 41)
     A = np.column_stack([np.ones(41), grid])[:, None, :]
     x = 2.0
-    design = exchange(A, np.zeros((2, 2)), Variance(np.array([[1.0, x]])), 8, replicate=True)
+    design = exchange_design(A, np.zeros((2, 2)), Variance(np.array([[1.0, x]])), 8, replicate=True)
     points, times = np.unique(grid[design.chosen], return_counts=True)
     # Hoel, Levine (1964): shares (x ± 1) / 2x at ±1, and the variance x² / n.
     assert list(points) == [-1.0, 1.0]
@@ -67,18 +74,18 @@ def test_an_extrapolated_line_is_measured_mostly_at_the_near_end() -> None:
 
 def test_what_is_known_already_is_not_measured_again() -> None:
     A = np.eye(3)[[0, 0, 1, 1, 2, 2]][:, None, :]
-    design = exchange(A, np.diag([100.0, 100.0, 0.0]), Determinant(), 2)
+    design = exchange_design(A, np.diag([100.0, 100.0, 0.0]), Determinant(), 2)
     assert set(design.chosen) == {4, 5}
 
 
 def test_no_two_are_chosen_side_by_side() -> None:
     grid = np.linspace(-1, 1, 201)
     A = np.column_stack([np.ones(201), grid])[:, None, :]
-    design = exchange(A, np.zeros((2, 2)), Determinant(), 6, places=grid[:, None] / 0.1)
+    design = exchange_design(A, np.zeros((2, 2)), Determinant(), 6, places=grid[:, None] / 0.1)
     points = np.sort(grid[design.chosen])
     assert np.diff(points).min() >= 0.1 - 1e-9
     assert np.abs(points).min() > 0.5  # as near to the ends as they may
-    free = exchange(A, np.zeros((2, 2)), Determinant(), 6)
+    free = exchange_design(A, np.zeros((2, 2)), Determinant(), 6)
     assert np.diff(np.sort(grid[free.chosen])).min() < 0.02
 
 
@@ -86,14 +93,14 @@ def test_a_former_design_is_never_made_worse() -> None:
     rng = np.random.default_rng(0)
     A = rng.normal(size=(300, 3, 12))
     former = rng.choice(300, 10, replace=False)
-    better = exchange(A, np.zeros((12, 12)), Determinant(), 10, former=former)
+    better = exchange_design(A, np.zeros((12, 12)), Determinant(), 10, former=former)
     assert value(A, np.zeros((12, 12)), better.chosen, None) < value(A, np.zeros((12, 12)), former, None)
 
 
 def test_a_quantity_that_nothing_determines_has_no_variance() -> None:
     M = np.diag([4.0, 0.0, 1.0])
-    T = normalisation(np.diag([4.0, 1.0, 1.0]))
-    found = variances(M, np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, 1]]), T)
+    T = unit_information(np.diag([4.0, 1.0, 1.0]))
+    found = quantity_variances(M, np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, 1]]), T)
     assert found[0] == pytest.approx(0.25)
     assert np.isnan(found[1])
     assert found[2] == pytest.approx(1.25)

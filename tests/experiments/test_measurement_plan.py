@@ -12,12 +12,12 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Prior
-from posture_opt.calibration.estimation.identifiability import identify
+from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
-from posture_opt.experiments.exchange import exchange
+from posture_opt.experiments.exchange import exchange_design
 from posture_opt.experiments.expected_errors import PriorInformation, Unknowns
 from posture_opt.experiments.information import GivenInformation, given_information, measurement_model, nothing_measured
-from posture_opt.experiments.plan_search import tour
+from posture_opt.experiments.plan_search import shortest_tour
 from tests.helpers import coal_distance
 from tests.helpers.capsules import in_the_world
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -362,7 +362,9 @@ def test_few_chosen_rows_of_a_real_arm_predict_the_others_better_than_random_one
     nothing = GivenInformation(np.zeros((0, k)), start.x, start.variance, 0)
     unknowns = Unknowns.of(PriorInformation.of(problem, device.parameters), J, nothing, np.zeros((0, k)), 20)
     places = grid.q / np.radians(20)
-    chosen = exchange(unknowns.blocks(J), unknowns.start, unknowns.criterion("parameters"), 20, places=places).chosen
+    chosen = exchange_design(
+        unknowns.blocks(J), unknowns.start, unknowns.criterion("parameters"), 20, places=places
+    ).chosen
 
     def left(rows: np.ndarray) -> float:
         found = po.calibrate(problem, grid.take(np.sort(rows)), folds=2)
@@ -391,25 +393,25 @@ def test_what_cannot_be_planned_is_said() -> None:
 def test_a_tour_is_short_and_goes_round() -> None:
     rng = np.random.default_rng(0)
     q = rng.uniform(0, 3, (25, 1))
-    way = tour(q, np.ones(1), lambda p: np.ones(len(p), dtype=bool))
+    way = shortest_tour(q, np.ones(1), lambda p: np.ones(len(p), dtype=bool))
     assert way.travel == pytest.approx(np.ptp(q))  # on a line the best tour goes from one end to the other
     assert way.blocked == ()
     assert set(way.sides) <= {0.0, 1.0}
     assert sorted(way.order) == list(range(25))
     # A wall with a gate: four postures below it, four above, and one in the gate.
     q = np.array([[x, y] for y in (0.0, 2.0) for x in (0.0, 1.0, 2.0, 3.0)] + [[5.0, 1.0]])
-    around = tour(q, np.ones(2), lambda p: (np.abs(p[:, 1] - 1) > 0.5) | (p[:, 0] > 3.4))
+    around = shortest_tour(q, np.ones(2), lambda p: (np.abs(p[:, 1] - 1) > 0.5) | (p[:, 0] > 3.4))
     gate = int(np.flatnonzero(around.order == 8)[0])
     assert around.blocked == ()
     assert 0 < gate < 8
-    assert tour(q[:8], np.ones(2), lambda p: np.abs(p[:, 1] - 1) > 0.5).blocked != ()
+    assert shortest_tour(q[:8], np.ones(2), lambda p: np.abs(p[:, 1] - 1) > 0.5).blocked != ()
 
 
 def test_a_variance_that_is_rounding_hides_no_other_parameter() -> None:
     # As in a covariance after a calibration: a parameter that hung on others has 1e-13 rad left of its σ.
     known = Prior.of([0, 1], np.diag([1e-26, 1e-4])).matrix(3)
     rows = np.random.default_rng(0).normal(0.0, 1e3, (60, 3))  # each tells to 1 mm: the mean of 60 to 0.13
-    found = identify(("held", "stated", "open"), np.concatenate([rows, known]), 20, scale=np.full(3, 0.01))
+    found = identify_parameters(("held", "stated", "open"), np.concatenate([rows, known]), 20, scale=np.full(3, 0.01))
     assert found.words == ()
     assert found.determined.all()
     np.testing.assert_allclose(found.alone[1:], 1e-3 / np.sqrt(60), rtol=0.3)

@@ -12,8 +12,8 @@ import yaml
 from scipy.stats import multivariate_normal
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import compare
-from posture_opt.calibration.assumptions.instrument import readings
+from posture_opt.calibration.assumptions.frames import arm_and_data
+from posture_opt.calibration.assumptions.instrument import reading_sigmas
 from posture_opt.diagnosis.noise.noise_candidates import score_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import InputError
@@ -313,11 +313,11 @@ def test_the_sigma_of_all_rows_is_their_root_mean_square() -> None:
     of = problem(GROWING)
     data = measured(of, 3, lambda r: 2e-5 + 0 * r)
     r = np.linalg.norm(data.position, axis=1)
-    assert compare(of, data)[0].sigma == pytest.approx(np.sqrt(np.mean((5e-6 + 6e-5 * r) ** 2)))
-    np.testing.assert_allclose(readings(of, data.position), 5e-6 + 6e-5 * r)
+    assert arm_and_data(of, data)[0].sigma == pytest.approx(np.sqrt(np.mean((5e-6 + 6e-5 * r) ** 2)))
+    np.testing.assert_allclose(reading_sigmas(of, data.position), 5e-6 + 6e-5 * r)
     # Without a, what is stated of the instrument is its σ at no distance.
     near = problem({"kind": "range_noise", "b": "60 um/m"})
-    np.testing.assert_allclose(readings(near, data.position), 2e-5 + 6e-5 * r)
+    np.testing.assert_allclose(reading_sigmas(near, data.position), 2e-5 + 6e-5 * r)
 
 
 def test_a_plan_counts_with_the_instrument_as_its_effects_have_it() -> None:

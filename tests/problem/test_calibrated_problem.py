@@ -490,7 +490,7 @@ def test_exact_data_leave_the_stated_scatter(known: Known) -> None:
     stated = dict(zip(known.problem.sources.names, known.problem.sources.sigma, strict=True))
     visit = np.sqrt(np.diag(calibrated.sources.scatter))
     assert {n: s for n, s in zip(calibrated.sources.names, visit, strict=True) if s} == pytest.approx(stated, rel=1e-3)
-    assert any("as stated: the data do not tell it" in line for line in calibrated.header)
+    assert any("as stated: the data do not determine it" in line for line in calibrated.header)
 
 
 @pytest.mark.parametrize(

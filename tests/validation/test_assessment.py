@@ -10,7 +10,7 @@ import pytest
 import posture_opt as po
 from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.validation.model_errors import block_tests, holm, mean_test
+from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test
 from posture_opt.validation.trends import trend
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -134,9 +134,9 @@ def test_hotelling_by_hand() -> None:
 
 
 def test_holm_gives_up_no_more_than_it_may() -> None:
-    assert holm([0.001, 0.04, 0.02, 0.9]) == [True, False, False, False]  # 0.02 > 0.05 / 3
-    assert holm([0.001, 0.03, 0.016, 0.9]) == [True, False, True, False]  # 0.016 ≤ 0.05 / 3, 0.03 > 0.05 / 2
-    assert holm([0.2, float("nan")]) == [False, False]
+    assert holm_rejections([0.001, 0.04, 0.02, 0.9]) == [True, False, False, False]  # 0.02 > 0.05 / 3
+    assert holm_rejections([0.001, 0.03, 0.016, 0.9]) == [True, False, True, False]  # 0.016 ≤ 0.05 / 3, 0.03 > 0.05 / 2
+    assert holm_rejections([0.2, float("nan")]) == [False, False]
 
 
 @pytest.mark.campaign

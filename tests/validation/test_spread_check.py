@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.measurements.reading import read_measurements
 from posture_opt.measurements.repeats import repeat_groups
@@ -87,7 +87,7 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
     problem = arm({**STATED, "sigma": {**STATED["sigma"], "j1.theta": "2 mrad"}}, base="free", tool="free")
     q = rng.uniform(-2.5, 2.5, (24, 2))
     data = read_measurements(table(q, position(q, (1.0, 0.8))), problem)
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     errors = ErrorSources.of(residuals, problem.sources)
     train, left_out = np.arange(20), np.arange(20, 24)
     predicted = nominal_prediction(
@@ -110,17 +110,17 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
 
 @pytest.mark.campaign
 def test_predicted_regions_of_the_calibrated_arm_hold_95_percent_over_300_draws() -> None:
-    from posture_opt.calibration.estimation.fit import estimate
-    from posture_opt.calibration.estimation.identifiability import identify
+    from posture_opt.calibration.estimation.fit import estimate_parameters
+    from posture_opt.calibration.estimation.identifiability import identify_parameters
 
     rng = np.random.default_rng(5)
     problem = arm({})
     q = rng.uniform(-2.5, 2.5, (24, 2))
     data = read_measurements(table(q, position(q, (1.0, 0.8))), problem)
-    residuals, _ = compare(problem, data)
+    residuals, _ = arm_and_data(problem, data)
     zero = np.zeros(len(residuals.parameters))
     names = [p.name for p in residuals.parameters]
-    directions = identify(names, residuals.both(zero)[1], len(data)).directions
+    directions = identify_parameters(names, residuals.residuals_and_jacobian(zero)[1], len(data)).directions
     inside = []
     for _ in range(300):
         noisy = data.take(np.arange(24))
@@ -128,7 +128,7 @@ def test_predicted_regions_of_the_calibrated_arm_hold_95_percent_over_300_draws(
         points = np.column_stack([position(reached, (1.001, 0.799)) + NOISE * rng.normal(size=q.shape), np.zeros(24)])
         object.__setattr__(noisy, "position", points)
         object.__setattr__(residuals, "data", noisy)
-        found = estimate(residuals.take(np.arange(16)), zero, directions, robust=False)
+        found = estimate_parameters(residuals.take(np.arange(16)), zero, directions, robust=False)
         rest = residuals.take(np.arange(16, 24))
         C = calibrated_prediction(rest, found.x, found.covariance, SCATTER, NOISE).covariance
         e = rest.error(found.x)[:, :2]
@@ -314,7 +314,7 @@ def test_rows_are_predicted_with_what_their_own_fold_leaves_uncertain() -> None:
     out = np.array([2, 7])
     scatter = replace(residual_scatter(problem, calibration), measured=False)
     residuals = calibration.residuals
-    J = residuals.both(calibration.x)[1].reshape(12, 2, -1)
+    J = residuals.residuals_and_jacobian(calibration.x)[1].reshape(12, 2, -1)
     s2 = calibration.variance
     A = calibration.covariance / s2
     seen = np.linalg.eigh(A)[1][:, -int(np.linalg.matrix_rank(A, tol=1e-9 * np.abs(A).max())) :]

@@ -8,28 +8,36 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma, rotation_sigma
-from posture_opt.calibration.estimation.fit import Fit, Prior, estimate
-from posture_opt.calibration.estimation.identifiability import identify
-from posture_opt.calibration.estimation.least_squares import noise
-from posture_opt.calibration.estimation.parameters import Parameter, candidates, prior_covariance, tool_unknown
+from posture_opt.calibration.estimation.fit import Fit, Prior, estimate_parameters
+from posture_opt.calibration.estimation.identifiability import identify_parameters
+from posture_opt.calibration.estimation.least_squares import robust_noise
+from posture_opt.calibration.estimation.parameters import (
+    Parameter,
+    candidate_parameters,
+    prior_covariance,
+    tool_unknown,
+)
 from posture_opt.calibration.estimation.residuals import Distance, Residuals
-from posture_opt.calibration.estimation.starting_values import offset_of_tool, start, tool_sigma
+from posture_opt.calibration.estimation.starting_values import offset_of_tool, starting_deviations, tool_sigma
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 from posture_opt.selection.problem_data import ProblemData
 
-SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
+DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
-_TOOL_AWAY, _BASE_AWAY = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
+_MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame can be
 
 
-def compare(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
+def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
     """The arm of a problem against measurements, and sentences on what was assumed.
 
     Raises:
         InputError: measurements of several robots, or distances between points that no row touches.
+
+    The σ of a coordinate is that of the problem's instrument, `DEFAULT_SIGMA_M` where none is stated; it scales the
+    residuals and matters only against a prior. Orientations count only where a σ is stated for them.
     """
     if len(data.robot_names) > 1:
         names = ", ".join(f"'{name}'" for name in data.robot_names)
@@ -38,35 +46,42 @@ def compare(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[
     notes = []
     sigma = position_sigma(problem, data)
     if not sigma:
-        sigma = SIGMA
-        notes.append(f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken")
+        sigma = DEFAULT_SIGMA_M
+        notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken")
     rotation = rotation_sigma(problem)
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
     if data.position is None:
         offset = problem.robot.factors[problem.robot.driven[0]].parameter
         notes.append(
-            f"touched points tell nothing of {offset} and what lies before it: it moves arm and points together"
+            f"touched points say nothing of {offset} and what lies before it: it moves arm and points together"
         )
     used = rotation if data.rotation is not None else 0.0
-    parameters = unknowns(problem, data, orientation=used > 0)
-    distances = _distances(problem, data, sigma)
+    parameters = unknown_parameters(problem, data, orientation=used > 0)
+    distances = _known_distances(problem, data, sigma)
     return Residuals.of(problem.arm, data, parameters, sigma, used, distances), tuple(notes)
 
 
-def unknowns(problem: ProblemData, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
+def unknown_parameters(problem: ProblemData, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
     """The candidates without what the problem file states as known: frames neither free nor given a σ.
 
     Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
+
+    Args:
+        orientation: whether orientations are measured, which the tool's rotation needs.
     """
-    found = candidates(problem.robot, data, orientation=orientation)
+    found = candidate_parameters(problem.robot, data, orientation=orientation)
     stated = prior_covariance(problem, found)[0]
     free = {"base": problem.robot.base_free, "tool": tool_unknown(problem.robot, data)}
     return tuple(p for i, p in enumerate(found) if free.get(p.group, True) or i in stated)
 
 
-def _distances(problem: ProblemData, data: Measurements, sigma: float) -> tuple[Distance, ...]:
-    """Known distances, each as sure as the instrument (the play of the ball in its socket)."""
+def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> tuple[Distance, ...]:
+    """Known distances, each as certain as the instrument (the play of the ball in its socket).
+
+    Raises:
+        InputError: a stated distance names a point that no row touches.
+    """
     if data.position is not None:
         return ()
     found, issues = [], []
@@ -84,7 +99,7 @@ def _distances(problem: ProblemData, data: Measurements, sigma: float) -> tuple[
 
 def fit_frames(residuals: Residuals) -> Array:
     """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
-    x0 = start(residuals)
+    x0 = starting_deviations(residuals)
     found = fit_groups(residuals, x0, residuals.free_groups)
     return x0 if found is None else found.x
 
@@ -93,20 +108,24 @@ def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit 
     """The estimate of the parameters of some groups alone, or ``None`` where there are none.
 
     A tool stays as near to its start as the size of the arm asks: without that, tool and base would run away together
-    where the data hardly tell them apart.
+    where the data hardly distinguish them.
+
+    Args:
+        x0: (k,) deviations [rad, m] where the fit starts; groups: of ``geometry``, ``base``, ``tool``, ``effect``,
+            ``point``.
     """
-    found = _directions(residuals, x0, groups)
+    found = _determined_directions(residuals, x0, groups)
     if found is None:
         return None
     directions, spread = found
     tools = [i for i, p in enumerate(residuals.parameters) if offset_of_tool(p) and np.any(directions[i])]
     if not tools:
-        return estimate(residuals, x0, directions)
+        return estimate_parameters(residuals, x0, directions)
     near = Prior.of(tools, tool_sigma(residuals.robot) ** 2 * np.eye(len(tools)))
-    return estimate(residuals, x0, directions, near, weight=spread)
+    return estimate_parameters(residuals, x0, directions, near, weight=spread)
 
 
-def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tuple[Array, float] | None:
+def _determined_directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tuple[Array, float] | None:
     """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none.
 
     Beside it the standard deviation of what they leave, in units of the instrument's, at least 1.
@@ -115,10 +134,10 @@ def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tup
     if not columns:
         return None
     names = [residuals.parameters[i].name for i in columns]
-    r, J = residuals.both(x0)
+    r, J = residuals.residuals_and_jacobian(x0)
     rows = len(residuals.data) * residuals.block
-    spread = max(noise(r[:rows], J[:rows, columns], residuals.block), 1.0)
-    part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=spread)
+    spread = max(robust_noise(r[:rows], J[:rows, columns], residuals.block), 1.0)
+    part = identify_parameters(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=spread)
     directions = np.zeros((len(x0), part.rank))
     directions[columns] = part.directions
     return directions, spread
@@ -127,32 +146,35 @@ def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tup
 def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     """Base and tool fitted again, though the problem file may state them as known: the wider arm and its deviations.
 
-    Touched points, which nobody knows, are fitted with them.
+    Touched points, which are unknown, are fitted with them.
 
     Raises:
         InputError: the frames would bend to any measurements.
+
+    Args:
+        x: (k,) deviations of ``residuals.parameters`` [rad, m].
     """
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)
     effects = tuple(p for p in residuals.parameters if p.group == "effect")
-    wide = replace(residuals, parameters=(*candidates(robot, data, orientation=residuals.oriented), *effects))
+    wide = replace(residuals, parameters=(*candidate_parameters(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-    told = _directions(wide, start_at, {"base", "tool", "point"})
-    if told is None:
+    determined = _determined_directions(wide, start_at, {"base", "tool", "point"})
+    if determined is None:
         return wide, start_at
-    directions, _ = told
+    directions, _ = determined
     poses = len(np.unique(data.pose))
     if poses * wide.block <= directions.shape[1]:
         counted = "1 pose is" if poses == 1 else f"{poses} poses are"
         message = f"{counted} too few to fit base and tool again and to judge by what is left"
         hint = "test with 20 poses or more, or without --refit-frames"
         raise InputError(Issue(message, hint=hint, file=data.file))
-    return wide, estimate(wide, start_at, directions).x
+    return wide, estimate_parameters(wide, start_at, directions).x
 
 
 def held_length(residuals: Residuals) -> int | None:
-    """The length that is held where an arm touches points and no known distance tells its size.
+    """The length that is held where an arm touches points and no known distance determines its size.
 
     A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
     The longest one between the second and the last joint is held, as what lies before or behind is not the arm's alone;
@@ -172,9 +194,12 @@ def held_length(residuals: Residuals) -> int | None:
 
 
 def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
-    """Free frames that stand where none can, and how far off [m]: data that do not determine them let them run away.
+    """Free frames that are where none can be, and how far off [m]: data that do not determine them let them run away.
 
     A tool is no longer than twice its arm, and no arm reaches points that are three times its reach from its base.
+
+    Args:
+        x: (k,) deviations of the calibrated arm [rad, m].
     """
     robot, data = residuals.robot, residuals.data
     value = {p.name: p.nominal + v for p, v in zip(residuals.parameters, x, strict=True)}
@@ -182,11 +207,11 @@ def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
     tools = {p.name.rpartition(".")[0] for p in residuals.parameters if offset_of_tool(p)}
     for tool in tools:
         length = float(np.linalg.norm([value.get(f"{tool}.{axis}", 0.0) for axis in "xyz"]))
-        if length > _TOOL_AWAY * reach(robot):
+        if length > _MAX_TOOL_REACHES * reach(robot):
             found[tool] = length
     if data.position is not None and robot.base_free:
         base = np.array([value[f"base.{axis}"] for axis in "xyz"])
         away = float(np.linalg.norm((data.position.mean(axis=0) - base)[residuals.axes]))
-        if away > _BASE_AWAY * reach(robot):
+        if away > _MAX_BASE_REACHES * reach(robot):
             found["base"] = away
     return found

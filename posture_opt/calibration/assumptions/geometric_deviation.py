@@ -9,7 +9,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.model.effects import Cause, FittedSizes, Size
 from posture_opt.units import plus_minus
 
-_KINDS = {
+_KIND_OF_PARAMETER = {
     "theta": "joint_offset",
     "yaw": "joint_offset",
     "a": "link_length",
@@ -22,7 +22,7 @@ _KINDS = {
     "pitch": "link_twist",
     "beta": "axis_tilt",
 }
-_WORDS = {
+_PHRASES = {
     "joint_offset": "{target} has a zero offset",
     "link_length": "the length of the link behind {target} differs from the file",
     "link_offset": "the offset along the axis of {target} differs from the file",
@@ -36,23 +36,32 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class GeometricDeviation(Cause):
-    """A wrong geometric parameter of a joint or link, a wrong frame, or many of them together."""
+    """A wrong geometric parameter of a joint or link, a wrong frame, or many of them together.
+
+    Args:
+        kind: ``joint_offset``, ``link_length``, ``link_offset``, ``link_twist``, ``axis_tilt``, ``base_frame``,
+            ``tool_frame`` or ``geometry``.
+        target: the joint or frame; ``all`` of ``geometry``.
+    """
 
     kind: str
     target: str
 
     @classmethod
     def of(cls, parameter: Parameter) -> GeometricDeviation:
-        """The deviation of one parameter."""
+        """The deviation of one parameter.
+
+        The kind follows from the last part of its name: ``theta`` is an offset of the joint, ``a`` a length, and so on.
+        """
         prefix, _, last = parameter.name.rpartition(".")
         if parameter.group in ("base", "tool"):
             return cls(f"{parameter.group}_frame", parameter.group)
         prismatic_value = last == "d" and parameter.unit == "rad"
-        return cls("joint_offset" if prismatic_value else _KINDS[last], prefix)
+        return cls("joint_offset" if prismatic_value else _KIND_OF_PARAMETER[last], prefix)
 
     @classmethod
     def of_all(cls) -> GeometricDeviation:
-        """Many parameters together, none of which stands out."""
+        """Many parameters together, none of which is prominent."""
         return cls("geometry", "all")
 
     @property
@@ -62,13 +71,16 @@ class GeometricDeviation(Cause):
 
     @property
     def words(self) -> str:
-        return _WORDS[self.kind].format(target=self.target)
+        """The cause in a sentence of a report."""
+        return _PHRASES[self.kind].format(target=self.target)
 
     @property
     def moved_joint(self) -> str:
+        """The joint whose zero is off; empty for all other kinds."""
         return self.target if self.kind == "joint_offset" else ""
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """Estimates in mm and degrees with their standard errors, for a report."""
         units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
         one = len(estimate.values) == 1
         return tuple(

@@ -10,56 +10,67 @@ from posture_opt.numerics import Array
 from posture_opt.selection.problem_data import ProblemData
 
 
-def readings(problem: ProblemData, points: Array) -> Array:
+def reading_sigmas(problem: ProblemData, points: Array) -> Array:
     """(N,) standard deviations of a measured coordinate at points (N, 3) of the world [m]; 0 where none is stated.
 
-    The instrument stands at the origin of the world, in which it measures.
+    The instrument is at the origin of the world, in which it measures.
+
+    Noise effects of the problem change the stated σ with the range r = |point| [m].
     """
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     sigma, ranges = np.full(len(points), float(stated or 0.0)), np.linalg.norm(points, axis=1)
-    for effect in _noises(problem):
+    for effect in _noise_effects(problem):
         sigma = effect.reading(sigma, ranges)
     return sigma
 
 
 def position_sigma(problem: ProblemData, data: Measurements) -> float:
-    """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated."""
-    return _overall(readings(problem, _points(data)))
+    """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated.
+
+    ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
+    """
+    return _rms_sigma(reading_sigmas(problem, _measured_points(data)))
 
 
 def planned_sigma(problem: ProblemData, points: Array) -> float:
-    """The same over points (N, 3) of the world that the tool can reach [m]."""
-    return _overall(readings(problem, points))
+    """σ of a measured coordinate over points (N, 3) of the world that the tool can reach, root mean square [m]."""
+    return _rms_sigma(reading_sigmas(problem, points))
 
 
 def rotation_sigma(problem: ProblemData) -> float:
     """σ of a component of a measured rotation [rad]; 0 where none is stated."""
     sigma = float((problem.measurement.orientation or 0.0) if problem.measurement is not None else 0.0)
-    for effect in _noises(problem):
+    for effect in _noise_effects(problem):
         sigma = effect.turning(sigma)
     return sigma
 
 
-def usable(problem: ProblemData) -> float:
-    """The share of measurements that are expected to be no gross errors."""
-    return float(np.prod([effect.usable for effect in _noises(problem)]))
+def usable_share(problem: ProblemData) -> float:
+    """The share of measurements that are expected to be no gross errors.
+
+    The product over all outlier effects of the problem; 1 without any.
+    """
+    return float(np.prod([effect.usable for effect in _noise_effects(problem)]))
 
 
-def relative(problem: ProblemData, data: Measurements) -> Array:
+def relative_sigma(problem: ProblemData, data: Measurements) -> Array:
     """(N,) σ of a measured coordinate of each row over that of all; ones where it is the same everywhere."""
-    sigma = readings(problem, _points(data))
-    overall = _overall(sigma)
+    sigma = reading_sigmas(problem, _measured_points(data))
+    overall = _rms_sigma(sigma)
     return sigma / overall if overall else np.ones(len(data))
 
 
-def _points(data: Measurements) -> Array:
+def _measured_points(data: Measurements) -> Array:
+    """Measured positions (N, 3) [m], world; zeros where points were touched, so that ranges are zero."""
     return np.zeros((len(data), 3)) if data.position is None else data.position
 
 
-def _overall(sigma: Array) -> float:
+def _rms_sigma(sigma: Array) -> float:
+    """Root mean square of σ's (N,), which keeps the last digit of a constant; 0 of none."""
     # One number for all rows is to come out as it was stated, to the last digit.
     return float(sigma[0] if np.ptp(sigma) == 0 else np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0
 
 
-def _noises(problem: ProblemData) -> list[NoiseEffect]:
+def _noise_effects(problem: ProblemData) -> list[NoiseEffect]:
+    """The effects of the problem that only add scatter."""
     return [effect for effect in problem.effects if isinstance(effect, NoiseEffect)]

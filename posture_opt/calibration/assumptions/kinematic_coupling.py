@@ -14,9 +14,9 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.effects import JointCoupling
 from posture_opt.numerics import Array
 
-_POOR = 0.03  # unexplained share of the motion from which a coupling is tried; joint errors of 2 deg leave it
-_BETTER = 5.0  # times less must a coupling leave
-_RATIOS = (-1.0, 1.0)
+_POOR_MISFIT = 0.03  # unexplained share of the motion from which a coupling is tried; joint errors of 2 deg leave it
+_MISFIT_RATIO = 5.0  # times less must a coupling leave
+_COUPLING_RATIOS = (-1.0, 1.0)
 
 
 def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
@@ -24,6 +24,13 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
 
     The controller counts the angle of a joint from the horizon or from another link, so that its value is off by all
     of another joint's: no small effect, and none that a linear search could find.
+
+    All ordered pairs of turning joints are tried, ratio +1 and −1, against an affine fit of the nominal tool points to
+    the measured ones: it needs neither base nor tool.
+
+    Returns:
+        The coupling ``q_b ← q_b + ratio · q_a``; None unless it leaves a fifth of the misfit, or the arm has it
+            already.
     """
     robot, rows = arm.robot, sample_rows(data)
     q = carried_joint_values(arm, data.q[rows])
@@ -34,17 +41,17 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
         return affine_fit(robot, values, data.position[rows][:, data.measured_axes]).misfit
 
     now = misfit(q)
-    if not now > _POOR:
+    if not now > _POOR_MISFIT:
         return None
     turning = [i for i, joint in enumerate(robot.joints) if joint.type == "revolute" and np.ptp(q[:, i]) > 0]
     tried = []
     for a, b in permutations(turning, 2):
-        for ratio in _RATIOS:
+        for ratio in _COUPLING_RATIOS:
             other = q.copy()
             other[:, b] += ratio * q[:, a]
             tried.append((misfit(other), a, b, ratio))
     left, a, b, ratio = min(tried, default=(np.inf, 0, 0, 0.0))
-    if not left < now / _BETTER:
+    if not left < now / _MISFIT_RATIO:
         return None
     names = robot.joint_names
     found = JointCoupling(joint=names[b], follows=names[a], estimate={"ratio": ratio})
@@ -52,9 +59,13 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
 
 
 def fitted_ratio(coupling: JointCoupling, fit: Fit) -> tuple[float, float]:
-    """The ratio of a coupling that the arm of a fit has, and its standard error, to first order about the fit."""
+    """The ratio of a coupling that the arm of a fit has, and its standard error, to first order about the fit.
+
+    The step is that of linear regression, ``− zᵀr / zᵀz``, with the column z of the coupling projected off all that was
+    fitted.
+    """
     used = fit.residuals.take(np.flatnonzero(fit.kept))
-    r, J = used.both(fit.x)
+    r, J = used.residuals_and_jacobian(fit.x)
     A = np.linalg.qr(J @ fit.directions)[0]
     (z,) = EffectSensitivities(used, fit.x).columns(coupling).T
     z, r = (v - A @ (A.T @ v) for v in (z, r))

@@ -10,12 +10,12 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from posture_opt.calibration.assumptions.frame_chart import Chart
-from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.calibration.assumptions.kinematic_coupling import fitted_ratio, full_coupling
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.estimation.fit import Fit, minimum_of
-from posture_opt.calibration.estimation.fit_setup import full_prior, tolerances
+from posture_opt.calibration.estimation.fit_setup import full_prior, prior_tolerances
 from posture_opt.calibration.estimation.parameters import prior_covariance, tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
@@ -26,17 +26,20 @@ from posture_opt.selection.fitted_arm import NEGLIGIBLE
 from posture_opt.selection.problem_data import ProblemData
 
 FRAMES = ("base", "tool")
-_LARGE = 0.1  # evidence per residual: errors a tenth larger than without what is stated
-_SURE = 20.0  # evidence in all: probability of e²⁰
-_PRICE = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
-_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
-_FAR = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
-_LEANS = {"m": 1e-3, "rad": 5e-3}  # farther off its drawing, a parameter of the first or last link stands for a frame
-_TOGETHER = 2  # so many of them: one alone is more likely wrong itself
-_CLEAR = 5.0  # standard errors that each of them is off
-_TOLD = 2.0  # σ of the data that a tolerance moves: more than a prior tells
-_SPARE = 6  # residuals beyond the unknowns: with fewer, anything would fit
-_ROWS = 400  # that decide whether an effect explains as much
+_EVIDENCE_PER_RESIDUAL = 0.1  # evidence per residual: errors a tenth larger than without what is stated
+_MIN_EVIDENCE = 20.0  # evidence in all: probability of e²⁰
+_STATEMENT_PENALTY = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
+_STUDENT_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
+_LINEAR_ERROR_SHARE = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
+_SUSPICIOUS_DEVIATION = {
+    "m": 1e-3,
+    "rad": 5e-3,
+}  # farther off its drawing, a parameter of the first or last link is due to a frame
+_MIN_DEVIATING_PARAMETERS = 2  # so many of them: one alone is more likely wrong itself
+_CLEAR_STD_ERRORS = 5.0  # standard errors that each of them is off
+_DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior does
+_SPARE_RESIDUALS = 6  # residuals beyond the unknowns: with fewer, anything would fit
+_MAX_EFFECT_ROWS = 400  # that decide whether an effect explains as much
 
 _P = TypeVar("_P", bound=ProblemData)
 
@@ -82,6 +85,8 @@ class Refuted:
         freedom: how many parameters they hold.
         rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
         coupling: of two joints, which the file does not state and without which the data make no sense.
+
+    The p-value of all of them together is that of Wilks (1938): ``P(χ²_f > 2 · evidence)`` with f = ``freedom``.
     """
 
     names: tuple[str, ...] = ()
@@ -92,8 +97,8 @@ class Refuted:
     rms: float = 0.0
     coupling: JointCoupling | None = None
 
-    def told(self, fit: Fit) -> tuple[Contradiction, ...]:
-        """The contradictions with the sizes that the fit without them found."""
+    def contradictions(self, fit: Fit) -> tuple[Contradiction, ...]:
+        """The contradictions with the sizes that the fit without them found, ``fit`` of all rows."""
         from scipy.special import gammaincc
 
         p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))
@@ -117,8 +122,11 @@ class Refuted:
         return tuple(found)
 
 
-def consistent(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P, Refuted]:
+def consistent_problem(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P, Refuted]:
     """The problem without the statements that the data refute, and which those are.
+
+    A statement is set aside where minus the log-likelihood falls by `_MIN_EVIDENCE` and by `_EVIDENCE_PER_RESIDUAL` for
+    each residual, parameters and statements charged. Each combination that is tried costs one fit.
 
     Frames that are stated, and σ's of parameters, are set aside as long as that makes the errors of the calibrated arm
     much smaller, and smaller than any single effect of the catalogue would. Where no base and no tool make sense of
@@ -126,6 +134,9 @@ def consistent(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P
     every comparison: what a joint's zero explains as well is no error of a frame.
 
     Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
+
+    Returns:
+        The problem, with the refuted frames free and the refuted σ's gone, and what was refuted.
     """
     before = _Statements(problem, data, priors)
     coupling = full_coupling(problem.arm, data)
@@ -138,12 +149,12 @@ def consistent(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P
     found, first = found or stated.trial(()), before.trial(())
     evidence = stated.cost(first) - stated.cost(found)
     more = max(found.count - first.count, 0) + (coupling is not None)
-    return _released(stated.problem, found.released), Refuted(
+    return _released_problem(stated.problem, found.released), Refuted(
         found.released, stated.sigma, evidence, max(more, 1), first.rms, found.rms, coupling
     )
 
 
-def _released(problem: _P, names: Sequence[str]) -> _P:
+def _released_problem(problem: _P, names: Sequence[str]) -> _P:
     """The problem without some statements."""
     return (
         problem.released([n for n in names if n in FRAMES], [n for n in names if n not in FRAMES]) if names else problem
@@ -179,6 +190,9 @@ class _Trial:
 
 
 def _scale_of(e: Array, count: int) -> float:
+    """The standard deviation of residuals e (N, block) from their median length, at least 1; ``count`` parameters were
+    fitted.
+    """
     from scipy.special import gammaincinv
 
     N, block = e.shape
@@ -186,18 +200,23 @@ def _scale_of(e: Array, count: int) -> float:
     return max(float(np.sqrt(squared * N * block / max(N * block - count, 1))), 1.0)
 
 
-def _cost(e: Array, known: Array, scale: float) -> float:
+def _negative_log_likelihood(e: Array, known: Array, scale: float) -> float:
     """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``.
 
     And of ``known`` (p,), how far what the prior holds is from it in units of the same scale, under a Gaussian.
     """
     squared = np.sum(e**2, axis=1) / scale**2
-    data = float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
+    data = float(np.sum(np.log1p(squared / _STUDENT_FREEDOM)) * (_STUDENT_FREEDOM + e.shape[1]) / 2)
     return data + float(known @ known) / (2 * scale**2)
 
 
 class _Statements(Generic[_P]):
-    """The statements of one problem against one file, each combination of them fitted once."""
+    """The statements of one problem against one file, each combination of them fitted once.
+
+    Attributes:
+        statements: names of frames that are stated as exact, then of parameters with a stated σ.
+        sigma: of the latter [rad or m].
+    """
 
     def __init__(self, problem: _P, data: Measurements, priors: bool) -> None:
         self.problem, self.data, self.priors = problem, data, priors
@@ -205,7 +224,7 @@ class _Statements(Generic[_P]):
         robot = problem.robot
         free = {"base": robot.base_free or data.position is None, "tool": tool_unknown(robot, data)}
         frames = tuple(name for name in FRAMES if not free[name])
-        residuals = compare(problem, data)[0]
+        residuals = arm_and_data(problem, data)[0]
         rows, covariance = prior_covariance(problem, residuals.parameters) if priors else ([], np.zeros((0, 0)))
         names = [residuals.parameters[i] for i in rows]
         self.sigma = {p.name: float(np.sqrt(covariance[k, k])) for k, p in enumerate(names) if p.group == "geometry"}
@@ -216,7 +235,7 @@ class _Statements(Generic[_P]):
         """The arm calibrated without some of the statements."""
         key = tuple(name for name in self.statements if name in released)
         if key not in self._trials:
-            self._trials[key] = self._fitted(key, self._weight)
+            self._trials[key] = self._fitted_trial(key, self._weight)
         return self._trials[key]
 
     @cached_property
@@ -225,47 +244,49 @@ class _Statements(Generic[_P]):
 
         To first order about the arm as stated, unless that is too far off for tangents.
         """
-        residuals = compare(self.problem, self.data)[0]
+        residuals = arm_and_data(self.problem, self.data)[0]
         e, _, count = self._without_all(residuals, fit_frames(residuals), 1.0)
-        return self._fitted(self.statements, 1.0).scale if self._gross(e, residuals) else _scale_of(e, count)
+        return self._fitted_trial(self.statements, 1.0).scale if self._far_off(e, residuals) else _scale_of(e, count)
 
-    def _gross(self, e: Array, residuals: Residuals) -> bool:
+    def _far_off(self, e: Array, residuals: Residuals) -> bool:
         """Whether residuals (N, block) are so far off that a tangent says little of them."""
         axes = len(residuals.axes)
         left = float(np.sqrt(np.mean(np.sum(e[:, :axes] ** 2, axis=1)))) * residuals.sigma
-        return left > _FAR * reach(self.problem.robot)
+        return left > _LINEAR_ERROR_SHARE * reach(self.problem.robot)
 
-    def _fitted(self, released: tuple[str, ...], weight: float) -> _Trial:
-        problem = _released(self.problem, released)
-        residuals = Chart.of(compare(problem, self.data)[0]).fitted
-        return _trial(problem, residuals, released, self.priors, weight)
+    def _fitted_trial(self, released: tuple[str, ...], weight: float) -> _Trial:
+        problem = _released_problem(self.problem, released)
+        residuals = Chart.of(arm_and_data(problem, self.data)[0]).fitted
+        return _calibrated_trial(problem, residuals, released, self.priors, weight)
 
     def _without_all(self, residuals: Residuals, x: Array, weight: float) -> tuple[Array, Array, int]:
         """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order."""
-        wide = compare(_released(self.problem, self.statements), self.data)[0]
+        wide = arm_and_data(_released_problem(self.problem, self.statements), self.data)[0]
         value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
         at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-        r, J = wide.both(at)
+        r, J = wide.residuals_and_jacobian(at)
         known = weight * _prior_rows(self.problem, wide, [])
         columns = np.concatenate([J, known])
         step = np.linalg.lstsq(columns, -np.concatenate([r, known @ at]), rcond=1e-12)[0]
-        strength = np.linalg.svd(J * tolerances(wide.parameters, []), compute_uv=False)
+        strength = np.linalg.svd(J * prior_tolerances(wide.parameters, []), compute_uv=False)
         e = (r + J @ step)[: wide.measured].reshape(len(self.data), -1)
-        return e, known @ (at + step), int(np.sum(strength > _TOLD * weight))
+        return e, known @ (at + step), int(np.sum(strength > _DETERMINED_STRENGTH * weight))
 
     @cached_property
     def worthwhile(self) -> bool:
         """Whether setting everything aside could bring much, to first order; or the arm is far off."""
         stated = self.trial(())
         e, known, count = self._without_all(stated.residuals, stated.x, self._weight)
-        if stated.scale <= 1.0 or e.size < count + _SPARE:
+        if stated.scale <= 1.0 or e.size < count + _SPARE_RESIDUALS:
             return False
         scale = _scale_of(e, count)
-        gain = _cost(stated.e, stated.known @ stated.x, scale) - _cost(e, known, scale)
+        gain = _negative_log_likelihood(stated.e, stated.known @ stated.x, scale) - _negative_log_likelihood(
+            e, known, scale
+        )
         return (
-            self._gross(e, stated.residuals)
-            or gain > _enough(e)
-            or any(self._imitated(stated, frame) for frame in self._frames)
+            self._far_off(e, stated.residuals)
+            or gain > _required_evidence(e)
+            or any(self._is_imitated(stated, frame) for frame in self._frames)
         )
 
     @cached_property
@@ -274,41 +295,41 @@ class _Statements(Generic[_P]):
 
     def cost(self, trial: _Trial) -> float:
         """Minus the log-likelihood of a trial at the scale of the widest."""
-        return _cost(trial.e, trial.known @ trial.x, self._scale)
+        return _negative_log_likelihood(trial.e, trial.known @ trial.x, self._scale)
 
     def explains(self, other: _Statements[Any]) -> bool:
         """Whether this problem's arm, calibrated, explains what the other's does not."""
-        return self._better(other.trial(()), self.trial(()))
+        return self._clearly_better(other.trial(()), self.trial(()))
 
-    def _better(self, one: _Trial, other: _Trial) -> bool:
-        """Whether the other explains much more, and surely so."""
+    def _clearly_better(self, one: _Trial, other: _Trial) -> bool:
+        """Whether the other trial explains so much more that chance is no explanation (`_required_evidence`)."""
         gain = self.cost(one) - self.cost(other) - (other.count - one.count)
-        return gain > _enough(one.e)
+        return gain > _required_evidence(one.e)
 
     @cached_property
     def found(self) -> _Trial:
         """The arm without the statements that are refuted: one after the other, and none that is not needed."""
         now = self.trial(())
         while True:
-            options = [self.trial((*now.released, *more)) for more in self._options(now)]
-            priced = {self.cost(o) + o.count + _PRICE * len(o.released): o for o in options}
+            options = [self.trial((*now.released, *more)) for more in self._next_releases(now)]
+            priced = {self.cost(o) + o.count + _STATEMENT_PENALTY * len(o.released): o for o in options}
             if not priced:
                 return now
             best = priced[min(priced)]
-            imitated = tuple(frame for frame in self._frames if self._imitated(now, frame))
-            if imitated and not self._better(now, best):
+            imitated = tuple(frame for frame in self._frames if self._is_imitated(now, frame))
+            if imitated and not self._clearly_better(now, best):
                 return self.trial((*now.released, *imitated))
-            if not self._better(now, best) or self._explained(now, best):
+            if not self._clearly_better(now, best) or self._effect_explains(now, best):
                 return now
             for name in best.released:
                 less = self.trial([n for n in best.released if n != name])
-                best = best if self._better(less, best) else less
+                best = best if self._clearly_better(less, best) else less
             if len(best.released) <= len(now.released):
                 return now
             now = best
 
-    def _imitated(self, now: _Trial, frame: str) -> bool:
-        """Whether parameters of the link beside a frame, which move the tool as it does, are off in its place.
+    def _is_imitated(self, now: _Trial, frame: str) -> bool:
+        """Whether parameters of the link next to a frame, which move the tool as it does, are off in its place.
 
         What lies before the first joint moves all as the base does, and what lies behind the last as the tool: the fit
         cannot choose, and one wrong frame is likelier than several errors of one link.
@@ -316,21 +337,21 @@ class _Statements(Generic[_P]):
         robot, parameters = now.residuals.robot, now.residuals.parameters
         place = {factor.parameter: i for i, factor in enumerate(robot.factors)}
         first, last = robot.driven[0], robot.driven[-1]
-        beside = [
+        adjacent = [
             i
             for i, p in enumerate(parameters)
             if p.group == "geometry"
             and p.name not in self.sigma
             and (place[p.source] < first if frame == "base" else place[p.source] > last)
-            and abs(now.x[i]) > _LEANS[p.unit]
+            and abs(now.x[i]) > _SUSPICIOUS_DEVIATION[p.unit]
         ]
-        if frame in now.released or len(beside) < _TOGETHER:
+        if frame in now.released or len(adjacent) < _MIN_DEVIATING_PARAMETERS:
             return False
-        J = np.concatenate([now.residuals.both(now.x)[1], now.known])
+        J = np.concatenate([now.residuals.residuals_and_jacobian(now.x)[1], now.known])
         std = now.scale * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-15, hermitian=True)))
-        return int(np.sum(np.abs(now.x[beside]) > _CLEAR * std[beside])) >= _TOGETHER
+        return int(np.sum(np.abs(now.x[adjacent]) > _CLEAR_STD_ERRORS * std[adjacent])) >= _MIN_DEVIATING_PARAMETERS
 
-    def _options(self, now: _Trial) -> list[tuple[str, ...]]:
+    def _next_releases(self, now: _Trial) -> list[tuple[str, ...]]:
         """Statements to set aside next: each frame, both, and the σ that is farthest off."""
         frames = [name for name in self._frames if name not in now.released]
         found: list[tuple[str, ...]] = [(name,) for name in frames]
@@ -338,24 +359,26 @@ class _Statements(Generic[_P]):
         sigmas = [name for name in self.sigma if name not in now.released]
         if sigmas:
             at = {p.name: i for i, p in enumerate(now.residuals.parameters)}
-            found.append((max(sigmas, key=lambda name: self._pulled(now, at[name])),))
+            found.append((max(sigmas, key=lambda name: self._sigmas_off(now, at[name])),))
         return found
 
-    def _pulled(self, now: _Trial, i: int) -> float:
+    def _sigmas_off(self, now: _Trial, i: int) -> float:
         """How many of its stated σ's a parameter is off where the others share what it cannot take."""
         return abs(float(now.x[i])) / self.sigma[now.residuals.parameters[i].name]
 
-    def _explained(self, now: _Trial, best: _Trial) -> bool:
+    def _effect_explains(self, now: _Trial, best: _Trial) -> bool:
         """Whether one effect of the catalogue, at what is stated, explains as much as setting it aside."""
-        rows = np.unique(np.linspace(0, len(self.data) - 1, min(len(self.data), _ROWS)).round().astype(np.intp))
+        rows = np.unique(
+            np.linspace(0, len(self.data) - 1, min(len(self.data), _MAX_EFFECT_ROWS)).round().astype(np.intp)
+        )
         some = now.residuals.take(rows)
-        r, J = some.both(now.x)
+        r, J = some.residuals_and_jacobian(now.x)
         columns = np.concatenate([J, now.known])
         Q = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))[0]
         r = np.concatenate([r, now.known @ now.x])
         r = r - Q @ (Q.T @ r)
         sensitivities, share = EffectSensitivities(some, now.x), np.sqrt(len(rows) / len(self.data))
-        wanted = _cost(best.e[rows], share * (best.known @ best.x), self._scale) + best.count
+        wanted = _negative_log_likelihood(best.e[rows], share * (best.known @ best.x), self._scale) + best.count
         below = np.zeros((len(now.known), 1))
         for effect in (e for kind in EFFECTS for e in kind.candidates(case_of(some.data, some.robot))):
             Z = sensitivities.columns(effect)
@@ -363,23 +386,26 @@ class _Statements(Generic[_P]):
             Z = Z - Q @ (Q.T @ Z)
             e = r - Z @ np.linalg.lstsq(Z, r, rcond=1e-9)[0]
             rest, e = share * e[len(J) :], e[: some.measured].reshape(len(rows), -1)
-            if _cost(e, rest, self._scale) + now.count + Z.shape[1] <= wanted:
+            if _negative_log_likelihood(e, rest, self._scale) + now.count + Z.shape[1] <= wanted:
                 return True
         return False
 
 
-def _enough(e: Array) -> float:
-    """The evidence at which residuals (N, block) are much smaller, and surely so."""
-    return max(_SURE, _LARGE * e.size)
+def _required_evidence(e: Array) -> float:
+    """The evidence at which residuals (N, block) are much smaller, with certainty."""
+    return max(_MIN_EVIDENCE, _EVIDENCE_PER_RESIDUAL * e.size)
 
 
-def _trial(
+def _calibrated_trial(
     problem: ProblemData, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
 ) -> _Trial:
+    """The arm fitted without the ``released`` statements, prior rows weighed by ``weight`` (in units of the
+    instrument's σ).
+    """
     parameters = residuals.parameters
     known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
-    x, found = minimum_of(residuals, fit_frames(residuals), np.diag(tolerances(parameters, [])), known)
-    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _TOLD * weight))
+    x, found = minimum_of(residuals, fit_frames(residuals), np.diag(prior_tolerances(parameters, [])), known)
+    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _DETERMINED_STRENGTH * weight))
     e = found.residuals[: residuals.measured].reshape(len(residuals.data), -1)
     return _Trial(released, residuals, x, e, known, count)
 
@@ -388,5 +414,5 @@ def _prior_rows(problem: ProblemData, residuals: Residuals, stated: list[int]) -
     """Stated σ's and tolerances as further rows (p, k) of the Jacobian."""
     parameters = residuals.parameters
     covariance = prior_covariance(problem, parameters)[1] if stated else np.zeros((0, 0))
-    prior = full_prior(parameters, problem.robot, tolerances(parameters, stated), stated, covariance)
+    prior = full_prior(parameters, problem.robot, prior_tolerances(parameters, stated), stated, covariance)
     return prior.matrix(len(parameters))

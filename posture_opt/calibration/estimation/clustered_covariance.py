@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.calibration.estimation.error_statistics import blocks
-from posture_opt.calibration.estimation.least_squares import reduced, triangular
+from posture_opt.calibration.estimation.error_statistics import median_blocks
+from posture_opt.calibration.estimation.least_squares import reduced_jacobian, triangular_factor
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes
 
-BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more cut apart what hangs together
-CHANCE = 1.5  # a smaller effect of the blocks is what independent rows show too
+POSTURE_BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more separate what is correlated
+MIN_DESIGN_EFFECT = 1.5  # a smaller effect of the blocks is what independent rows show too
 
 
-def neighbours(residuals: Residuals) -> Codes:
-    """The block (N,) of neighbouring postures that each row lies in."""
+def neighbour_blocks(residuals: Residuals) -> Codes:
+    """The block (N,) of neighbouring postures that each row lies in, `POSTURE_BLOCKS` of about equal size.
+
+    Joints are scaled by their standard deviation and cut at medians, the longest side first.
+    """
     q = residuals.data.q
     spans = np.std(q, axis=0)
-    return blocks(q / np.where(spans > 0, spans, 1.0), BLOCKS)
+    return median_blocks(q / np.where(spans > 0, spans, 1.0), POSTURE_BLOCKS)
 
 
 def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
@@ -29,21 +32,24 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
 
     With ``J = U S Vᵀ`` the estimate errs by ``Uᵀ r`` in units of S: the squared sums of ``U r`` over the rows of each
     block, over those of single coordinates (Kish 1965). ``rest`` (m,) is what a step of all unknowns leaves.
+
+    Args:
+        rest: (m,) residuals of the rows; J: (m, k) their Jacobian.
     """
-    R = triangular(J)
+    R = triangular_factor(J)
     left, singular, _ = np.linalg.svd(R)
     kept = singular > 1e-12 * singular.max(initial=0.0)
-    U = reduced(J, np.asarray(np.linalg.pinv(R, rcond=1e-12) @ left[:, kept], dtype=float))
-    together = np.sum(_sums(U * rest[:, None], residuals) ** 2, axis=0)
+    U = reduced_jacobian(J, np.asarray(np.linalg.pinv(R, rcond=1e-12) @ left[:, kept], dtype=float))
+    together = np.sum(_block_sums(U * rest[:, None], residuals) ** 2, axis=0)
     single = np.sum((U * rest[:, None]) ** 2, axis=0)
     effect = float(np.mean(together / np.maximum(single, 1e-300))) if kept.any() else 1.0
-    return effect if effect > CHANCE else 1.0
+    return effect if effect > MIN_DESIGN_EFFECT else 1.0
 
 
 def clustered_covariance(
     residuals: Residuals, r: Array, A: Array, R: Array, variance: float, known: Array, weight: float
 ) -> Array:  # fmt: skip
-    """Covariance (p, p) of an estimate whose residuals hang together within blocks: ``(AᵀA)⁻¹ Σ sᵢsᵢᵀ (AᵀA)⁻¹``.
+    """Covariance (p, p) of an estimate whose residuals are correlated within blocks: ``(AᵀA)⁻¹ Σ sᵢsᵢᵀ (AᵀA)⁻¹``.
 
     ``sᵢ`` is the sum of ``Aᵀ r`` over block i. No direction is taken as better known than by independent rows.
 
@@ -56,8 +62,8 @@ def clustered_covariance(
     scale = np.linalg.norm(R, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     P = np.asarray(np.linalg.pinv(R / scale, rcond=1e-14) / scale[:, None], dtype=float)
-    sums = _sums(reduced(A, P) * r[:, None], residuals)
-    G = len(np.unique(neighbours(residuals)))
+    sums = _block_sums(reduced_jacobian(A, P) * r[:, None], residuals)
+    G = len(np.unique(neighbour_blocks(residuals)))
     M = sums.T @ sums * G / (G - 1) if G > 1 else np.zeros((len(P),) * 2)
     KP = known @ P
     M = M + weight**2 * KP.T @ KP
@@ -66,9 +72,9 @@ def clustered_covariance(
     return np.asarray(P @ M @ P.T)
 
 
-def _sums(scores: Array, residuals: Residuals) -> Array:
-    """(G, p) sums over the blocks of rows; a known distance, behind them, is a block of its own."""
-    block = np.repeat(neighbours(residuals), residuals.block)
+def _block_sums(scores: Array, residuals: Residuals) -> Array:
+    """Sums (G, p) of scores (m, p) over the blocks of rows; a known distance, behind them, is a block of its own."""
+    block = np.repeat(neighbour_blocks(residuals), residuals.block)
     apart = int(block.max(initial=-1)) + 1 + np.arange(len(scores) - len(block))
     block = np.concatenate([block, apart])
     sums = np.zeros((int(block.max(initial=0)) + 1, scores.shape[1]))

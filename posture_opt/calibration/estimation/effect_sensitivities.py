@@ -15,19 +15,22 @@ from posture_opt.model.effects import Effect, Excitation
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
-_VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
-_SIDED = 0.5  # of the rows must know the side from which their joints arrived
+_MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less shows nothing
+_MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints arrived
 
 
 def case_of(data: Measurements, robot: Robot) -> Excitation:
-    """What these measurements can show of effects."""
+    """What these measurements can show of effects.
+
+    An input counts as varied from `_MIN_INPUT_RANGE` on; the side of arrival where most rows state it and both occur.
+    """
     state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
     known = {"time"} if len(data) > 1 else set()
-    for name, least in _VARIES.items():
+    for name, least in _MIN_INPUT_RANGE.items():
         values = getattr(data, name)
         if values is not None and float(np.ptp(values)) > least:
             known.add(name)
-    if np.mean(np.any(data.approach != 0, axis=1)) > _SIDED and len(np.unique(np.sign(data.approach))) > 1:
+    if np.mean(np.any(data.approach != 0, axis=1)) > _MIN_SIDED_SHARE and len(np.unique(np.sign(data.approach))) > 1:
         known.add("approach")
     known |= {"masses"} if state.weighed else set()
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))
@@ -37,7 +40,11 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
 
 @dataclass(frozen=True, eq=False)
 class EffectSensitivities:
-    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian.
+
+    Args:
+        residuals: the arm against N rows; x: (k,) its deviations from nominal [rad, m].
+    """
 
     residuals: Residuals
     x: Array
@@ -67,7 +74,11 @@ class EffectSensitivities:
         return np.moveaxis(self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk), -1, 0)
 
     def columns(self, effect: Effect) -> Array:
-        """(rows, parameters) whitened residual per unit of each parameter of an effect."""
+        """(rows, parameters) whitened residual per unit of each parameter of an effect.
+
+        ``∂r/∂θ = (1/σ) J_point ∂(joints, frames)/∂θ``: an effect moves joints or frames, the chain carries that to the
+        point.
+        """
         twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.sensitivities(self.state)]
         return self._flat(self.residuals.whiten(twists))
 
@@ -79,12 +90,12 @@ class EffectSensitivities:
         return self._flat(wide.sensitivities([p.source for p in own], x))
 
     def of_joint(self, joint: int, features: Array) -> Array:
-        """(rows, k) of features (N, k) that add to one joint."""
+        """Columns (rows, k) of features (N, k) [rad or m] that add to the value of one joint."""
         columns: Array = self.joints[joint][:, :, None] * features[:, None, :]
         return self._flat(columns)
 
     def of_point(self, features: Array) -> Array:
-        """(rows, axes·k) of features (N, k) that shift the measured point along each axis."""
+        """Columns (rows, axes·k) of features (N, k) [m] that shift the measured point along each measured axis."""
         residuals = self.residuals
         N, axes = len(residuals.data), len(residuals.axes)
         columns = np.zeros((N, residuals.block, axes, features.shape[1]))

@@ -13,8 +13,10 @@ from posture_opt.numerics import Array, Codes
 
 By = Literal["pose", "block", "place"]
 
-_MOST_GROUPS = 10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
-_ALIKE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
+_MAX_BOOTSTRAP_GROUPS = (
+    10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
+)
+_SAME_POSE_TOLERANCE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,10 @@ class Statistics:
 
     @classmethod
     def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
-        """Of errors (N, d) [m] whose rows hang together in ``groups`` (N,)."""
+        """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,)."""
         lengths = np.linalg.norm(errors, axis=1)
         rms = float(np.sqrt(np.mean(lengths**2)))
-        interval = _bootstrap(lengths**2, groups, draws)
+        interval = _bootstrap_interval(lengths**2, groups, draws)
         return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
 
     def to_json(self) -> dict[str, object]:
@@ -42,7 +44,12 @@ class Statistics:
         }  # fmt: skip
 
 
-def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
+def _bootstrap_interval(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
+    """The 95 % percentile interval of the RMS [m] over resampled groups (Efron 1979), seeded.
+
+    Args:
+        squares: (N,) squared lengths [m²]; groups: (N,) codes.
+    """
     group = resampled_groups(groups)
     total, count = np.bincount(group, squares), np.bincount(group)
     rng = np.random.default_rng(0)
@@ -58,7 +65,9 @@ def resampled_groups(groups: Codes) -> Codes:
     """Codes (N,) from 0 on of groups (N,) that a bootstrap draws from; of very many, neighbours are one."""
     names, code = np.unique(groups, return_inverse=True)
     code = code.ravel()
-    return np.asarray(code if len(names) <= _MOST_GROUPS else code * _MOST_GROUPS // len(names), dtype=np.intp)
+    return np.asarray(
+        code if len(names) <= _MAX_BOOTSTRAP_GROUPS else code * _MAX_BOOTSTRAP_GROUPS // len(names), dtype=np.intp
+    )
 
 
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:
@@ -80,25 +89,30 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
         return np.asarray(codes[data.point], dtype=np.intp)
     if by == "block":
         assert data.position is not None  # refused above
-        return blocks(data.position, 4 * folds)
-    return alike(data.q, data.pose)
+        return median_blocks(data.position, 4 * folds)
+    return equal_poses(data.q, data.pose)
 
 
-def alike(q: Array, pose: Codes) -> Codes:
-    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one."""
+def equal_poses(q: Array, pose: Codes) -> Codes:
+    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one.
+
+    Connected components of pairs that are within `_SAME_POSE_TOLERANCE` in every joint.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     _, first, inverse = np.unique(pose, return_index=True, return_inverse=True)
-    cells, start, cell = np.unique(np.round(q[first] / _ALIKE), axis=0, return_index=True, return_inverse=True)
-    pairs = cKDTree(q[first[start]]).query_pairs(_ALIKE, p=np.inf, output_type="ndarray")
+    cells, start, cell = np.unique(
+        np.round(q[first] / _SAME_POSE_TOLERANCE), axis=0, return_index=True, return_inverse=True
+    )
+    pairs = cKDTree(q[first[start]]).query_pairs(_SAME_POSE_TOLERANCE, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
     together = connected_components(links, directed=False)[1]
     return np.asarray(together[cell.ravel()][inverse.ravel()], dtype=np.intp)
 
 
-def blocks(points: Array, count: int) -> Codes:
+def median_blocks(points: Array, count: int) -> Codes:
     """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again."""
     parts = [np.arange(len(points))]
     while len(parts) < count:
@@ -116,7 +130,13 @@ def blocks(points: Array, count: int) -> Codes:
 
 
 def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
-    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own."""
+    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own.
+
+    Example:
+        >>> import numpy as np
+        >>> [rows.tolist() for rows in folds_of(np.array([0, 0, 1, 1]), 2, "pose")]
+        [[0, 1], [2, 3]]
+    """
     names = np.unique(groups)
     if by == "place":
         return [np.flatnonzero(groups == name) for name in names]

@@ -10,24 +10,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance, design_effect
-from posture_opt.calibration.estimation.least_squares import Minimum, least_squares, outlying, reduced
+from posture_opt.calibration.estimation.least_squares import Minimum, find_outliers, least_squares, reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
-FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
-_HELD = 1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
-_SURE = 1e-10  # rad, m: nothing is known better
-_CLOSE = 1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
-_OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
+MAX_OUTLIER_ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
+PRIOR_WEIGHT_TOLERANCE = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
+_MIN_CORRELATION_EIGENVALUE = (
+    1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
+)
+_MIN_PRIOR_SIGMA = 1e-10  # rad, m: nothing is known better
+_EFFECT_OFFSET_TOLERANCE = (
+    1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
+)
+_OFFSET_TOLERANCE = 1e-3  # of a standard error: how near to the minimum is near enough
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector."""
+    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector.
+
+    It adds the rows ``w W`` to the Jacobian, w the standard deviation of the residuals: data that the model explains
+    badly weigh less against it.
+    """
 
     rows: tuple[int, ...] = ()
     W: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -37,14 +45,17 @@ class Prior:
         """From the covariance of the deviations ``rows``; what has no variance in it, as after a calibration, is held.
 
         ``W = Λ^(−½) Vᵀ D⁻¹`` with the correlations ``V Λ Vᵀ`` and the standard deviations D.
+
+        Args:
+            rows: indices of the deviations; covariance: (p, p) [rad², m²].
         """
         if not rows:
             return cls()
         # A variance that is rounding would weigh so much that all else drowned in it.
-        covariance = covariance + np.diag(np.maximum(_SURE**2 - np.diag(covariance), 0.0))
+        covariance = covariance + np.diag(np.maximum(_MIN_PRIOR_SIGMA**2 - np.diag(covariance), 0.0))
         sigma = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
-        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _HELD))).T / sigma)
+        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _MIN_CORRELATION_EIGENVALUE))).T / sigma)
 
     def matrix(self, k: int) -> Array:
         """``W`` in the columns of all k unknowns."""
@@ -67,7 +78,7 @@ class Fit:
         minimum: of the sum of squares in the steps.
         prior, weight: what was known beforehand, and the standard deviation that weighs it, in units of the
             instrument's.
-        design: design effect (Kish 1965): so many rows tell as much as one alone would.
+        design: design effect (Kish 1965): so many rows say as much as one alone would.
         settled: whether leaving out outliers came to an end.
         effects: those that were fitted, with estimates and shapes; parameters of the group ``effect`` in this order.
     """
@@ -104,7 +115,7 @@ class Fit:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where in ``x`` the linear parameters of each effect stand; its shape comes behind them."""
+        """Where in ``x`` the linear parameters of each effect are; its shape follows."""
         first = sum(p.group != "effect" for p in self.residuals.parameters)
         found = []
         for effect in self.effects:
@@ -114,12 +125,12 @@ class Fit:
 
     @property
     def shapes(self) -> dict[int, int]:
-        """Effect -> where in ``x`` its smooth shape stands."""
+        """Effect -> index in ``x`` of its smooth shape."""
         return {i: part.stop for i, part in enumerate(self.slices) if self.effects[i].smooth_shape}
 
     @property
     def sizes(self) -> Codes:
-        """Where in ``x`` the linear parameters of all effects stand."""
+        """Where in ``x`` the linear parameters of all effects are."""
         return np.array([k for part in self.slices for k in range(part.start, part.stop)], dtype=np.intp)
 
     @property
@@ -130,12 +141,12 @@ class Fit:
     @cached_property
     def jacobian(self) -> Array:
         """(m, k) of the whitened residuals of all rows by the parameters."""
-        return self.residuals.both(self.x)[1][: self.residuals.measured]
+        return self.residuals.residuals_and_jacobian(self.x)[1][: self.residuals.measured]
 
     @cached_property
     def residuals_and_jacobian(self) -> tuple[Array, Array]:
         """Whitened residuals (m + d + p,) and their Jacobian: of rows, known distances, and the prior."""
-        r, J = self.residuals.both(self.x)
+        r, J = self.residuals.residuals_and_jacobian(self.x)
         if self.prior is None:
             return r, J
         known = self.weight * self.prior.matrix(len(self.x))
@@ -174,46 +185,58 @@ class Fit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what did not come to rest."""
+        """Sentences on what did not converge."""
         stopped = f"the fit had not converged after {self.minimum.steps} steps: estimates and errors are provisional"
-        changing = f"which rows are outliers still changed after {ROUNDS} rounds: look at those that are listed"
+        changing = (
+            f"which rows are outliers still changed after {MAX_OUTLIER_ROUNDS} rounds: look at those that are listed"
+        )
         listed = not self.settled and not self.kept.all()  # where none is left out, there is nothing to look at
         return (stopped,) * (not self.minimum.converged) + (changing,) * listed
 
 
-def estimate(
+def estimate_parameters(
     residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
-    near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET,
+    near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET_TOLERANCE,
 ) -> Fit:  # fmt: skip
     """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
+
+    ``min |r(x0 + D z)|² + |w W (x0 + D z)|²`` over z; the covariance of z is ``design · s² (RᵀR)⁻¹`` with the residual
+    variance s² and the triangular factor R of both blocks of rows.
 
     In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
     the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
     ``near`` is a first guess of ``z``, ``weight`` one of the standard deviation that weighs the prior; the minimum
-    does not depend on them. ``design`` is the number of rows that tell as much as one alone would: neighbours that err
+    does not depend on them. ``design`` is the number of rows that say as much as one alone would: neighbours that err
     alike.
+
+    Args:
+        x0: (k,) [rad, m]; directions: D (k, r), the steps that are fitted.
+        robust: whether gross outliers are left out, `find_outliers`.
+        tolerance: relative offset at which a fit ends.
     """
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
     studentised, settled = np.zeros(n), False
-    for _ in range(ROUNDS):
+    for _ in range(MAX_OUTLIER_ROUNDS):
         used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
-        found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100)
+        found = least_squares(
+            _prior_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100
+        )
         z = found.x
         x = x0 + directions @ z
         variance = found.variance
         if not robust and prior is None:
             settled = True
             break
-        r, J = residuals.both(x)
+        r, J = residuals.residuals_and_jacobian(x)
         rows = n * residuals.block
         known = known_rows(prior, weight, directions)
-        gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block, known)
+        gross, studentised = find_outliers(r[:rows], reduced_jacobian(J[:rows], directions), residuals.block, known)
         gross = gross if robust else np.zeros(n, dtype=bool)
         variance = variance_of(found, known)
-        # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
+        # A prior that was weighed with the variance of a fit to outliers would have many times too much weight.
         fair = np.sqrt(design * variance) if prior is not None else 0.0
-        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= FAIR * fair
+        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= PRIOR_WEIGHT_TOLERANCE * fair
         kept, weight = ~gross, fair
         if settled:
             break
@@ -228,21 +251,24 @@ def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array)
     """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the minimum in z.
 
     Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
+
+    Args:
+        directions: D (k, r).
     """
     function = _with_known(residuals, x0, directions, known)
-    found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET, max_steps=30)
+    found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET_TOLERANCE, max_steps=30)
     return x0 + directions @ found.x, found
 
 
-def clustered(fit: Fit) -> Fit:
-    """The same estimate with the covariance that its residuals ask for where they hang together within blocks.
+def with_clustered_errors(fit: Fit) -> Fit:
+    """The same estimate with the covariance that its residuals ask for where they are correlated within blocks.
 
     Source: Liang, Zeger (1986), see `clustered_covariance`.
     """
     used = fit.residuals.take(np.flatnonzero(fit.kept))
-    r, J = used.both(fit.x)
+    r, J = used.residuals_and_jacobian(fit.x)
     known = known_rows(fit.prior, fit.weight, fit.directions)
-    A = reduced(J[: used.measured], fit.directions)
+    A = reduced_jacobian(J[: used.measured], fit.directions)
     C = clustered_covariance(used, r[: used.measured], A, fit.minimum.R, fit.variance, known, fit.weight)
     return replace(fit, C=C)
 
@@ -265,30 +291,38 @@ def fit_with_effects(
     steps = np.zeros((len(wide.parameters), directions.shape[1] + more))
     steps[: len(x0), : directions.shape[1]] = directions
     start = np.r_[x0, wide.start_of(effects)]
-    steps[len(x0) :, directions.shape[1] :] = np.diag(_units(wide, start, len(x0)))
+    steps[len(x0) :, directions.shape[1] :] = np.diag(_unit_steps(wide, start, len(x0)))
     if not shapes:
         held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
         steps = steps[:, ~np.any(steps[held], axis=0)]
     design, near = 1.0, None
-    for _ in range(ROUNDS):
-        found = estimate(
-            wide, start, steps, prior, robust=False, near=near, weight=weight, design=design, tolerance=_CLOSE
+    for _ in range(MAX_OUTLIER_ROUNDS):
+        found = estimate_parameters(
+            wide,
+            start,
+            steps,
+            prior,
+            robust=False,
+            near=near,
+            weight=weight,
+            design=design,
+            tolerance=_EFFECT_OFFSET_TOLERANCE,
         )
-        again = _design(found)
-        if prior is None or abs(again - design) <= FAIR * design:
+        again = _design_of_fit(found)
+        if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:
             break
         design, weight, near = again, found.weight, found.minimum.x
     found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
-    return clustered(found) if again > 1 else found
+    return with_clustered_errors(found) if again > 1 else found
 
 
-def _units(wide: Residuals, start: Array, first: int) -> Array:
-    """(e,) steps of the effects' parameters whose columns have length one, as those of any other unit would drown."""
-    norms = np.linalg.norm(wide.both(start)[1][:, first:], axis=0)
+def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
+    """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates."""
+    norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
     return np.asarray(np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0))
 
 
-def _design(fit: Fit) -> float:
+def _design_of_fit(fit: Fit) -> float:
     """The design effect of what a fit leaves; 1 where there are hardly more residuals than unknowns."""
     if not fit.directions.shape[1]:
         return 1.0
@@ -298,7 +332,7 @@ def _design(fit: Fit) -> float:
 
 
 def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
-    """The prior as further rows of the Jacobian."""
+    """The prior as further rows (p, r) of the Jacobian by the steps ``directions`` (k, r)."""
     rows = np.zeros((0, directions.shape[1]))
     return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
 
@@ -310,15 +344,20 @@ def variance_of(found: Minimum, known: Array) -> float:
     return float(measured @ measured) / max(len(measured) - len(found.x) + by_prior, 1.0)
 
 
-def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
+def _prior_function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
+    """Residuals and Jacobian by z (r,), with the rows of a prior."""
     known = weight * prior.matrix(len(x0)) if prior is not None else np.zeros((0, len(x0)))
     return _with_known(residuals, x0, directions, known)
 
 
 def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
+    """Residuals (m + p,) and Jacobian (m + p, r) as a function of z (r,), rows ``known`` (p, k) behind those of the
+    data.
+    """
+
     def function(z: Array) -> tuple[Array, Array]:
         x = x0 + directions @ z
-        r, J = residuals.both(x)
-        return np.concatenate([r, known @ x]), reduced(np.concatenate([J, known]), directions)
+        r, J = residuals.residuals_and_jacobian(x)
+        return np.concatenate([r, known @ x]), reduced_jacobian(np.concatenate([J, known]), directions)
 
     return function

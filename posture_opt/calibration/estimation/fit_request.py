@@ -37,7 +37,11 @@ class FitRequest:
 
 
 def places_in_robot(parameters: Sequence[Parameter]) -> dict[str, int]:
-    """Name in the robot -> place among the parameters of a fit; of several targets the first is the tool point."""
+    """Name in the robot -> place among the parameters of a fit; of several targets the first is the tool point.
+
+    Args:
+        parameters: of a fit; those of effects and touched points are left out.
+    """
     return {
         f"tool.{p.name.rpartition('.')[2]}" if p.group == "tool" else p.name: i
         for i, p in enumerate(parameters)
@@ -51,11 +55,14 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
     Args:
         stated: the sources of the problem.
         names: (k,) of the parameters that were fitted; covariance: (k, k) of their estimates, SI.
+
+    Returns:
+        Sources that stay from repeat to repeat, with their covariance [rad², m², rad m].
     """
     parameters = robot.parameters
     least = np.array([NEGLIGIBLE["rad" if parameters[name].kind == "rotate" else "m"] for name in names])
     kept = [i for i in range(len(names)) if covariance[i, i] > least[i] ** 2]
-    found = Sources(tuple(names[i] for i in kept), semidefinite(covariance[np.ix_(kept, kept)]))
+    found = Sources(tuple(names[i] for i in kept), nearest_semidefinite(covariance[np.ix_(kept, kept)]))
     moved = {name.rpartition(".")[0] for name in names if name.endswith(".roll")}
     others = [
         i
@@ -68,8 +75,12 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
     return found.plus(Sources(tuple(stated.names[i] for i in others), stated.constant[np.ix_(others, others)]))
 
 
-def semidefinite(covariance: Array) -> Array:
-    """The covariance (k, k) without the rounding of its zeros; in correlations, which have no units."""
+def nearest_semidefinite(covariance: Array) -> Array:
+    """The covariance (k, k) with negative eigenvalues set to zero, which are rounding; in correlations, which have no
+    units.
+
+    Source: Higham (1988), the nearest positive semidefinite matrix in the Frobenius norm, of the correlations.
+    """
     sigma = np.sqrt(np.diag(covariance))
     scale = np.where(sigma > 0, sigma, 1.0)  # what moves nothing that was measured has no variance at all
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))

@@ -8,17 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.estimation.least_squares import triangular
+from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.numerics import Array, Mask
 
-VAGUE = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
-LENGTH, ANGLE = 0.01, math.radians(1.0)  # m, rad: farther than that no part comes off its drawing
-_HARDLY = 1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
-_IDLE = 1e-6  # of σ per tolerance: a parameter that moves nothing
-_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nobody sees, is not known
-_ROUNDING = 1e-13  # of the largest strength
-_FELT = 1e-9  # of the Jacobian: less is rounding
-_PART = 0.02  # of an undetermined combination: smaller parts need no words
+MAX_STANDARD_ERROR = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
+LENGTH_TOLERANCE_M, ANGLE_TOLERANCE_RAD = (
+    0.01,
+    math.radians(1.0),
+)  # m, rad: farther than that no part is from its nominal value
+_FELT_STRENGTH = (
+    1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
+)
+_IDLE_STRENGTH = 1e-6  # of σ per tolerance: a parameter that moves nothing
+_MAX_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nothing shows, is not known
+_STRENGTH_TOLERANCE = 1e-13  # of the largest strength
+_JACOBIAN_TOLERANCE = 1e-9  # of the Jacobian: less is rounding
+_NAMED_SHARE = 0.02  # of an undetermined combination: smaller parts need no words
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +37,8 @@ class Identifiability:
         vectors: (k, k) those directions, orthonormal in units of ``scale``.
         singular_values: (k,) of the Jacobian with columns of unit norm, descending.
         rank: how many directions the data determine to within a tolerance.
-        alone: (k,) standard error of each parameter from the data alone [rad or m]; infinite where they do not tell it.
+        alone: (k,) standard error of each parameter from the data alone [rad or m]; infinite where they do not
+            determine it.
         condition: largest over smallest singular value of what is determined, columns of unit norm.
         observability: O1 … O5 of that.
         words: one sentence for each undetermined combination.
@@ -64,7 +70,7 @@ class Identifiability:
     @property
     def determined(self) -> Mask:
         """(k,) whether the data alone leave each parameter less uncertain than its tolerance, and than 50 mm, rad."""
-        return np.asarray(self.alone < np.minimum(self.scale, VAGUE))
+        return np.asarray(self.alone < np.minimum(self.scale, MAX_STANDARD_ERROR))
 
     @property
     def directions(self) -> Array:
@@ -73,12 +79,12 @@ class Identifiability:
 
     @property
     def hardly(self) -> Array:
-        """(k, w) further steps that the data feel, but tell less well than the tolerances do."""
-        felt = int(np.sum(self.strength > _HARDLY))
+        """(k, w) further steps that the data feel, but determine less well than the tolerances do."""
+        felt = int(np.sum(self.strength > _FELT_STRENGTH))
         return self.scale[:, None] * self.vectors[:, self.rank : felt]
 
 
-def identify(
+def identify_parameters(
     names: Sequence[str], J: Array, rows: int, held: int | None = None, *, scale: Array | None = None,
     noise: float = 1.0,
 ) -> Identifiability:  # fmt: skip
@@ -86,7 +92,7 @@ def identify(
 
     With the unknowns in units of their tolerances, ``noise⁻¹ J diag(scale) = U S Vᵀ``: a direction counts as
     determined where one tolerance moves the data by more than one σ of noise, so that its standard error is less than
-    the tolerance. What cannot be told apart is shared out by the same units: to the free frame rather than to the
+    the tolerance. What cannot be distinguished is shared out by the same units: to the free frame rather than to the
     link. ``rows`` counts the measurements; the parameter ``held`` counts as not determined whatever the Jacobian says.
 
     The indices, of the Jacobian with columns of unit norm (van der Sluis 1969) in the determined directions, with
@@ -97,37 +103,48 @@ def identify(
     Args:
         scale: (k,) tolerances [rad or m]; 50 mm and 0.05 rad where not given.
         noise: residuals' standard deviation in units of the instrument's.
+
+    Example:
+        >>> import numpy as np
+        >>> J = np.array([[1e3, 1e3], [1e3, 1e3]])  # both parameters do the same
+        >>> found = identify_parameters(["a", "b"], J, rows=2)
+        >>> found.rank, found.words
+        (1, ('a and b move what was measured the same way',))
     """
     k = len(names)
-    scale = np.full(k, VAGUE) if scale is None else scale
-    R = triangular(J) if k else np.zeros((0, 0))
+    scale = np.full(k, MAX_STANDARD_ERROR) if scale is None else scale
+    R = triangular_factor(J) if k else np.zeros((0, 0))
     norms = np.linalg.norm(R, axis=0)
-    idle = norms * scale <= _IDLE * noise
+    idle = norms * scale <= _IDLE_STRENGTH * noise
     R = np.where(idle, 0.0, R)
     if held is not None:
         R[:, held] = 0.0
     _, s, Vt = np.linalg.svd(R * scale / noise)
-    rank = int(np.sum(s > max(1.0, _ROUNDING * s.max(initial=0.0))))
-    felt = s > _HARDLY
+    rank = int(np.sum(s > max(1.0, _STRENGTH_TOLERANCE * s.max(initial=0.0))))
+    felt = s > _FELT_STRENGTH
     alone = scale * np.linalg.norm(Vt[felt].T / s[felt], axis=1)
     unseen = scale * np.linalg.norm(Vt[~felt].T, axis=1)
-    alone = np.where(unseen > _UNSEEN, np.inf, np.hypot(alone, unseen))
+    alone = np.where(unseen > _MAX_UNSEEN, np.inf, np.hypot(alone, unseen))
     unit = np.where(norms > 0, norms, 1.0)
     values = np.asarray(np.linalg.svd(R / unit, compute_uv=False), dtype=float)
-    determined = R / unit @ _orthonormal((scale * unit)[:, None] * Vt[:rank].T)
+    determined = R / unit @ _orthonormal_columns((scale * unit)[:, None] * Vt[:rank].T)
     kept = np.asarray(np.linalg.svd(determined, compute_uv=False)[:rank], dtype=float)
-    words = explain(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
+    words = explain_undetermined(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
     condition = float(kept[0] / kept[-1]) if rank else float("inf")
-    indices = observability(kept, rows)
+    indices = observability_indices(kept, rows)
     return Identifiability(tuple(names), scale, s, Vt.T, values, rank, alone, condition, indices, words, unseen)
 
 
-def _orthonormal(columns: Array) -> Array:
+def _orthonormal_columns(columns: Array) -> Array:
+    """An orthonormal basis of columns (k, r) of full rank."""
     return np.asarray(np.linalg.qr(columns)[0]) if columns.shape[1] else columns
 
 
-def observability(s: Array, rows: int) -> dict[str, float]:
-    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify` says what they are."""
+def observability_indices(s: Array, rows: int) -> dict[str, float]:
+    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify_parameters` says what they are.
+
+    All are larger for better conditioned data; zeros without any direction.
+    """
     if not len(s):
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     values = {
@@ -140,24 +157,26 @@ def observability(s: Array, rows: int) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-def explain(names: Sequence[str], null: Array, idle: Mask, R: Array) -> tuple[str, ...]:
+def explain_undetermined(names: Sequence[str], null: Array, idle: Mask, R: Array) -> tuple[str, ...]:
     """A sentence for each undetermined combination, written with as few parameters as can be.
 
     ``null`` (k, d) spans the combinations with columns of unit norm, ``R`` (k, k) says how the data feel them.
+
+    Combinations that the data feel, but not enough, are called hardly distinguishable; others indistinguishable.
     """
     sentences = [f"{name} moves nothing that was measured" for name, still in zip(names, idle, strict=True) if still]
     left = [name for name, still in zip(names, idle, strict=True) if not still]
     lengths = np.linalg.norm(null, axis=0)
     for vector in sparse_basis((null / np.where(lengths > 0, lengths, 1.0))[~idle]).T:
-        parts = np.flatnonzero(np.abs(vector) > _PART * np.abs(vector).max(initial=0.0))
+        parts = np.flatnonzero(np.abs(vector) > _NAMED_SHARE * np.abs(vector).max(initial=0.0))
         labels = [left[int(i)] for i in parts]
-        felt = np.linalg.norm(R[:, ~idle] @ vector) > _FELT * np.linalg.norm(R[:, ~idle])
+        felt = np.linalg.norm(R[:, ~idle] @ vector) > _JACOBIAN_TOLERANCE * np.linalg.norm(R[:, ~idle])
         if len(labels) == 2:
             how = "nearly the same way" if felt else "the same way"
             sentences.append(f"{labels[0]} and {labels[1]} move what was measured {how}")
         elif len(labels) > 2:
             shown = ", ".join(labels[1:6]) + (f" and {len(labels) - 6} more" if len(labels) > 6 else "")
-            how = "can hardly be told" if felt else "cannot be told"
+            how = "can hardly be distinguished" if felt else "cannot be distinguished"
             sentences.append(f"{labels[0]} {how} from a combination of {shown}")
         elif felt:
             sentences.append(f"{labels[0]} hardly moves what was measured")
@@ -165,7 +184,10 @@ def explain(names: Sequence[str], null: Array, idle: Mask, R: Array) -> tuple[st
 
 
 def sparse_basis(null: Array) -> Array:
-    """The same null space (k, d) in reduced echelon form, on the d parameters that span it best."""
+    """The same null space (k, d) in reduced echelon form, on the d parameters that span it best.
+
+    Pivots are chosen as in a QR decomposition with column pivoting, so that few parameters appear in each column.
+    """
     k = len(null)
     null = null[:, np.linalg.norm(null, axis=0) > 1e-6] if k else null
     U, s, _ = np.linalg.svd(null, full_matrices=False) if null.size else (np.zeros((k, 0)), np.zeros(0), None)

@@ -11,9 +11,11 @@ from posture_opt.numerics import Array, Mask
 
 Function = Callable[[Array], tuple[Array, Array]]
 
-MAX_STEPS = 500
-_TOLERANCE = 1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
-_STEP = 1e-14  # relative step at which floating point has nothing left to improve
+MAX_ITERATIONS = 500
+_RELATIVE_OFFSET_TOLERANCE = (
+    1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
+)
+_RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,7 @@ class Minimum:
     def _inverse(self) -> tuple[Array, Array]:
         """``R⁺`` and the part (k,) of each unknown outside it.
 
-        By columns of length one: whether a direction is seen does not hang on the units of the unknowns.
+        By columns of length one: whether a direction is seen does not depend on the units of the unknowns.
         """
         D = np.linalg.norm(self.R, axis=0)
         D = np.where(D > 0, D, 1.0)
@@ -62,49 +64,59 @@ class Minimum:
 
 
 def least_squares(
-    function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE
+    function: Function, x0: Array, *, max_steps: int = MAX_ITERATIONS, tolerance: float = _RELATIVE_OFFSET_TOLERANCE
 ) -> Minimum:
     """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
 
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
     damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``.
     Where the first step fails, the next is no longer than ``x0`` itself, lest it end on a plateau far away.
+
+    Args:
+        function: x (k,) -> residuals (m,) and Jacobian (m, k).
+
+    Example:
+        >>> import numpy as np
+        >>> t, y = np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.9, 5.1])
+        >>> line = lambda x: (x[0] + x[1] * t - y, np.stack([np.ones(3), t], axis=1))
+        >>> np.round(least_squares(line, np.zeros(2)).x, 3).tolist()
+        [0.95, 2.05]
     """
     x = np.array(x0, dtype=float)
     r, J = function(x)
     D = np.zeros(len(x))
     damping = 1e-3
     for step in range(max_steps):
-        R = triangular(np.concatenate([J, r[:, None]], axis=1))
+        R = triangular_factor(np.concatenate([J, r[:, None]], axis=1))
         R, projected = R[: len(x), :-1], R[: len(x), -1]
         D = np.maximum(D, np.linalg.norm(J, axis=0))
         D = np.where(D > 0, D, 1.0)
         if _at_rest(projected, r, tolerance):
-            return _minimum(x, r, R, step, True)
-        lower = _lower(function, x, r, R, projected, D, damping, step == 0)
+            return _minimum_at(x, r, R, step, True)
+        lower = _descent_step(function, x, r, R, projected, D, damping, step == 0)
         if lower is None:
-            return _minimum(x, r, R, step, True)
+            return _minimum_at(x, r, R, step, True)
         move, r_new, J_new, damping = lower
         expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
         gained = float(r @ r - r_new @ r_new)
         ratio = 1.0 if gained >= expected else gained / float(expected)
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
-    return _minimum(x, r, triangular(J), max_steps, False)
+    return _minimum_at(x, r, triangular_factor(J), max_steps, False)
 
 
-def _lower(
+def _descent_step(
     function: Function, x: Array, r: Array, R: Array, projected: Array, D: Array, damping: float, first: bool
 ) -> tuple[Array, Array, Array, float] | None:
     """A step to smaller residuals: itself, residuals and Jacobian there, damping; None where rounding leaves none."""
     reach, growth = np.inf, 2.0
     while True:
-        move = _damped(R, projected, D, damping)
+        move = _damped_step(R, projected, D, damping)
         length = np.linalg.norm(D * move)
         if length > reach:
             damping *= 2
             continue
-        if length <= _STEP * (np.linalg.norm(D * x) + _STEP):
+        if length <= _RELATIVE_STEP_TOLERANCE * (np.linalg.norm(D * x) + _RELATIVE_STEP_TOLERANCE):
             return None
         with np.errstate(all="ignore"):
             r_new, J_new = function(x + move)
@@ -116,7 +128,7 @@ def _lower(
             reach = float(np.linalg.norm(D * x))
 
 
-def triangular(A: Array) -> Array:
+def triangular_factor(A: Array) -> Array:
     """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012).
 
     Blocks that fit the cache are faster than one long matrix, and too small for threads to fight over.
@@ -127,20 +139,24 @@ def triangular(A: Array) -> Array:
     size = 4 * k
     while len(A) > 2 * size:
         whole = len(A) // size * size
-        heads = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
-        A = np.concatenate([heads.reshape(-1, k), A[whole:]])
+        factors = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
+        A = np.concatenate([factors.reshape(-1, k), A[whole:]])
     R = np.linalg.qr(A, mode="r")
     return np.asarray(np.concatenate([R, np.zeros((max(k - m, 0), k))]))
 
 
-def reduced(J: Array, directions: Array) -> Array:
-    """``J @ directions`` by blocks of rows."""
+def reduced_jacobian(J: Array, directions: Array) -> Array:
+    """``J @ directions`` (m, r), by blocks of 64 rows."""
     whole = len(J) // 64 * 64
     blocks = J[:whole].reshape(whole // 64, 64, J.shape[1]) @ directions
     return np.concatenate([blocks.reshape(whole, directions.shape[1]), J[whole:] @ directions])
 
 
 def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
+    """Whether the residuals (m,) are orthogonal to the tangent plane: ``projected`` (k,) is ``Qᵀ r``.
+
+    Source: Bates, Watts (1981), the relative offset criterion.
+    """
     m, k = len(r), len(projected)
     if not k:
         return True  # nothing is free
@@ -151,18 +167,20 @@ def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
     return inside / k <= tolerance**2 * outside / (m - k)
 
 
-def _damped(R: Array, projected: Array, D: Array, damping: float) -> Array:
+def _damped_step(R: Array, projected: Array, D: Array, damping: float) -> Array:
+    """The step (k,) that minimises ``|R s + Qᵀr|² + λ |D s|²``, λ the damping."""
     stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
     target = np.concatenate([-projected, np.zeros(len(D))])
     return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
 
 
-def _minimum(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
+def _minimum_at(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
+    """The estimate at x with its residual variance."""
     freedom = max(len(r) - len(x), 1)
     return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
 
 
-def outlying(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:
+def find_outliers(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:
     """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
 
     The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
@@ -177,26 +195,30 @@ def outlying(residuals: Array, J: Array, block: int, known: Array | None = None)
     return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
 
 
-def unexplained(residuals: Array, J: Array) -> Array:
-    """What is left of the residuals (m,) after the best step of the unknowns, to first order."""
+def unexplained_residuals(residuals: Array, J: Array) -> Array:
+    """What is left of the residuals (m,) after the best step of the unknowns, to first order.
+
+    Args:
+        J: (m, k) Jacobian.
+    """
     k = J.shape[1]
-    R = triangular(np.concatenate([J, residuals[:, None]], axis=1))
+    R = triangular_factor(np.concatenate([J, residuals[:, None]], axis=1))
     return np.asarray(residuals - J @ np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0])
 
 
-def noise(residuals: Array, J: Array, block: int) -> float:
+def robust_noise(residuals: Array, J: Array, block: int) -> float:
     """Standard deviation of what no step of the unknowns explains, whatever a few outliers say; 0 where too few."""
     if len(J) <= J.shape[1]:
         return 0.0
-    return float(np.sqrt(_robust_variance(_inflated_squares(unexplained(residuals, J), J, block), block)))
+    return float(np.sqrt(_robust_variance(_inflated_squares(unexplained_residuals(residuals, J), J, block), block)))
 
 
 def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | None = None) -> Array:
     """``r_iᵀ (I − H_ii)⁻¹ r_i`` (N,) of rows of ``block`` residuals."""
     n = len(residuals) // block
-    R = triangular(J if known is None else np.concatenate([J, known]))
+    R = triangular_factor(J if known is None else np.concatenate([J, known]))
     inverse = np.asarray(np.linalg.pinv(R, rcond=1e-14), dtype=float)
-    Q = reduced(J, inverse).reshape(n, block, J.shape[1])
+    Q = reduced_jacobian(J, inverse).reshape(n, block, J.shape[1])
     r = residuals.reshape(n, block)
     leverage = Q @ np.swapaxes(Q, -1, -2)
     inflated = np.linalg.solve(np.eye(block) * (1 + 1e-9) - leverage, r[..., None])[..., 0]
@@ -204,6 +226,7 @@ def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | Non
 
 
 def _robust_variance(squared: Array, block: int) -> float:
+    """The variance of Gaussian residuals with this median of squared lengths (N,), ``block`` coordinates each."""
     from scipy.special import gammaincinv
 
     return max(float(np.median(squared)) / (2 * float(gammaincinv(block / 2, 0.5))), 1e-300)

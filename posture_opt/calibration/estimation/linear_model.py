@@ -9,7 +9,7 @@ import numpy as np
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.numerics import Array, Codes
 
-_LEAST = 1e-10  # of the largest singular value: what is smaller is not determined
+_RANK_TOLERANCE = 1e-10  # of the largest singular value: what is smaller is not determined
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class LinearModel:
 
     @classmethod
     def of(cls, fit: Fit) -> LinearModel:
-        """Of a fit at its estimate."""
+        """The linear model of a fit at its estimate: geometry in the fitted steps, then the sizes of all effects."""
         r, J = fit.residuals_and_jacobian
         geometry = fit.directions[:, fit.geometry]
         own = fit.sizes
@@ -45,19 +45,19 @@ class LinearModel:
         sizes = [s.stop - s.start for s in fit.slices]
         owner = np.r_[np.full(geometry.shape[1], -1), np.repeat(np.arange(len(sizes)), sizes)].astype(np.intp)
         U, s, V = np.linalg.svd(J @ basis, full_matrices=False)
-        kept = s > _LEAST * s.max(initial=0.0)
+        kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
         z = np.r_[np.zeros(geometry.shape[1]), fit.x[own] * scale]
         return cls(r, U[:, kept], s[kept, None] * V[kept], basis, owner, z)
 
     @classmethod
-    def beside(cls, fit: Fit, columns: Array) -> LinearModel:
+    def with_columns(cls, fit: Fit, columns: Array) -> LinearModel:
         """Of the geometry of a fit and columns (m, c) that it was not fitted with, each of unit length."""
         r, J = fit.residuals_and_jacobian
         geometry = fit.directions[:, fit.geometry]
         further = np.zeros((len(r), columns.shape[1]))  # a prior of the geometry knows nothing of them
         further[: len(columns)] = columns
         U, s, V = np.linalg.svd(np.concatenate([J @ geometry, further], axis=1), full_matrices=False)
-        kept = s > _LEAST * s.max(initial=0.0)
+        kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
         count = geometry.shape[1] + columns.shape[1]
         basis = np.concatenate([geometry, np.zeros((len(fit.x), columns.shape[1]))], axis=1)
         return cls(r, U[:, kept], s[kept, None] * V[kept], basis, np.full(count, -1), np.zeros(count))
@@ -72,5 +72,5 @@ class LinearModel:
         """(k,) deviations after which the rest explains what an effect leaves when it is taken out."""
         r, kept = self.without(effect)
         step = np.zeros(len(self.owner))
-        step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_LEAST)[0]
+        step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_RANK_TOLERANCE)[0]
         return np.asarray(self.basis @ step)

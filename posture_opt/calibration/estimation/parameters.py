@@ -18,7 +18,7 @@ from posture_opt.units import DIMENSIONS
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-PARALLEL = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
+PARALLEL_AXES_RAD = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
 _AXES = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 
@@ -50,28 +50,31 @@ def tool_unknown(robot: Robot, data: Measurements) -> bool:
     return robot.tool_free or len(data.target_names) > 1
 
 
-def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
-    """Every parameter that measurements of this kind could tell something about, from base to tool.
+def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
+    """Every parameter that measurements of this kind could say something about, from base to tool.
 
-    Touched points stand in the frame of the base, which is then no unknown, nor is what moves arm and points
+    Touched points are in the frame of the base, which is then no unknown, nor is what moves arm and points
     together: all before the first joint, and its own offset. ``beta`` is a candidate only between
     nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
+
+    Args:
+        orientation: whether orientations are measured: they show a tool's rotation too.
     """
     at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
     found = []
     for name, index in at.items():
         prefix, _, last = name.rpartition(".")
         group = prefix if prefix in ("base", "tool") else "geometry"
-        if group == "geometry" and not _fitted(robot, prefix, last):
+        if group == "geometry" and not _is_fitted(robot, prefix, last):
             continue
         if data.position is None and (group == "base" or index <= robot.driven[0]):
             continue
         if group == "tool":
             if orientation or last in _AXES:
-                found += _tools(robot, data, name, index)
+                found += _tool_parameters(robot, data, name, index)
             continue
         found.append(_of_factor(robot, name, group, index))
-    return (*found, *_points(data))
+    return (*found, *_point_parameters(data))
 
 
 def effect_parameters(effect: Effect) -> list[Parameter]:
@@ -85,11 +88,13 @@ def effect_parameters(effect: Effect) -> list[Parameter]:
 
 
 def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:
+    """The unknown that deviates one factor of the chain, in all rows or in those of the target ``code``."""
     factor = robot.factors[index]
     return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
 
 
-def _tools(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
+def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
+    """The unknown of the tool, or one for each target where there are several."""
     if len(data.target_names) < 2:
         return [_of_factor(robot, name, "tool", index)]
     last = name.rpartition(".")[2]
@@ -97,7 +102,8 @@ def _tools(robot: Robot, data: Measurements, name: str, index: int) -> list[Para
     return [_of_factor(robot, name, "tool", index, code) for code, name in enumerate(names)]
 
 
-def _points(data: Measurements) -> list[Parameter]:
+def _point_parameters(data: Measurements) -> list[Parameter]:
+    """Coordinates of all touched points; none where positions were measured."""
     if data.position is not None:
         return []
     names = data.point_names
@@ -108,12 +114,13 @@ def _points(data: Measurements) -> list[Parameter]:
     ]
 
 
-def _fitted(robot: Robot, joint: str, last: str) -> bool:
+def _is_fitted(robot: Robot, joint: str, last: str) -> bool:
+    """Whether a parameter ``joint.last`` of the geometry is a candidate: not where another one does the same."""
     parameters = robot.parameters
     index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
     if last == "beta":
         alpha = parameters[f"{joint}.alpha"].nominal
-        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL)
+        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL_AXES_RAD)
     # The joint value of a URDF joint moves the tool as its origin does.
     return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
 

@@ -1,4 +1,4 @@
-"""How far along a work of several stages is, told in parts of a hundred."""
+"""How far along a work of several stages is, in parts of a hundred."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 from posture_opt.numerics import Progress
 
-WHOLE = 100
+PROGRESS_TOTAL = 100
 
 
 class Stages:
-    """Shares a bar between stages of known shares; within a stage so many of so many steps are told.
+    """Shares a bar between stages of known shares; within a stage steps are reported as so many of so many.
 
     Args:
-        progress: is told (done, 100); None where nobody looks.
+        progress: receives (done, 100); None for no report.
         shares: of each stage, in the order in which they come.
     """
 
@@ -21,31 +21,32 @@ class Stages:
         self._progress, self._shares, self._done = progress, list(shares), 0
 
     def next(self) -> Progress:
-        """Ends the stage before and begins the next one, whose steps are told by what is returned."""
+        """Ends the stage before and begins the next one, whose steps are reported to what is returned."""
         begin, share = self._done, self._shares.pop(0)
         self._done += share
-        self._tell(begin)
+        self._report(begin)
 
-        def tell(done: int, total: int) -> None:
-            self._tell(begin + share * min(done, total) // max(total, 1))
+        def report_step(done: int, total: int) -> None:
+            self._report(begin + share * min(done, total) // max(total, 1))
 
-        return tell
+        return report_step
 
-    def rounds(self, tell: Progress) -> Callable[[], None]:
-        """Tells rounds whose number nobody knows: each takes a third of what is left of the stage."""
+    def rounds(self, progress: Progress) -> Callable[[], None]:
+        """Reports rounds whose number is unknown: each takes a third of what is left of the stage."""
         left = 1.0
 
-        def told() -> None:
+        def next_round() -> None:
             nonlocal left
             left *= 2 / 3
-            tell(round(1000 * (1 - left)), 1000)
+            progress(round(1000 * (1 - left)), 1000)
 
-        return told
+        return next_round
 
     def end(self) -> None:
         """All is done."""
-        self._tell(WHOLE)
+        self._report(PROGRESS_TOTAL)
 
-    def _tell(self, done: int) -> None:
+    def _report(self, done: int) -> None:
+        """Reports a part of `PROGRESS_TOTAL`, where somebody looks."""
         if self._progress is not None:
-            self._progress(done, WHOLE)
+            self._progress(done, PROGRESS_TOTAL)

@@ -19,8 +19,10 @@ from posture_opt.robot.robot import Robot
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
-MANY = 20_000
+_LEVEL_TOLERANCE_RAD = np.radians(
+    10
+)  # a levelled instrument and a base that was set up with a level agree to better than this
+MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
 """Codes of two points, their distance [m] and its standard deviation [m]."""
@@ -30,7 +32,11 @@ Distance = tuple[int, int, float, float]
 class Residuals:
     """Model minus measurement as a function of the deviations ``x`` (k,) of ``parameters`` from nominal [rad, m].
 
-    Any parameter of the arm can be among them: geometry, frames and effects alike; touched points beside them.
+    Row i has the residuals ``(f(q_i; x) − m_i) / σ`` [1] in the measured axes of the world, then the rotation vector
+    between measured and modelled orientation over its σ; known distances follow behind all rows. All rows are walked at
+    once: a call costs a few hundred array operations, whatever N.
+
+    Any parameter of the arm can be among them: geometry, frames and effects alike; and touched points.
 
     Args:
         arm: under the inputs of every row of ``data``, see `Residuals.of`.
@@ -103,14 +109,14 @@ class Residuals:
         return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
 
     def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
-        """The same measurements against a robot that stands or is drawn otherwise."""
+        """The same measurements against a robot with other frames or other nominal values."""
         return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
 
     def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
         """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns.
 
         The effects are none at deviations of zero; one that the arm has already deviates from its estimate. Weights
-        pull along gravity as the arm stands at ``x`` (k,).
+        pull along gravity as the arm is at ``x`` (k,).
         """
         known = {effect.name for effect in self.arm.effects}
         new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
@@ -160,7 +166,11 @@ class Residuals:
         }
 
     def take(self, rows: Codes) -> Residuals:
-        """The residuals of some rows."""
+        """The residuals of some rows.
+
+        Args:
+            rows: indices; known distances stay.
+        """
         return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
 
     def deviations(self, x: Array) -> dict[str, Any]:
@@ -177,7 +187,7 @@ class Residuals:
         return values
 
     def walk(self, x: Array) -> Walk:
-        """The chain at all rows with the deviations ``x``."""
+        """The chain at all rows with the deviations ``x`` (k,) [rad, m]: origins [m] and axes of all factors, world."""
         return self.arm.reach(self.q, self.deviations(x)).walk
 
     def sensitivities(self, names: Sequence[str | int], x: Array, reached: Walk | None = None) -> Array:
@@ -193,7 +203,7 @@ class Residuals:
     def tool_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
         """For each model parameter, (N, 3) the shift of the tool point by a unit of it [m/rad or m/m]."""
         twists = self.arm.twists(names, self.q, self.walk(x), self.deviations(x))
-        return [_stacked(shift, len(self.data)) for shift, _ in twists]
+        return [stacked_rows(shift, len(self.data)) for shift, _ in twists]
 
     def whiten(self, twists: Sequence[Twist]) -> Array:
         """(N, block, K) of K shifts and small rotations of the tool, each in units of the σ's."""
@@ -209,11 +219,11 @@ class Residuals:
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
         """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""
-        if reached is None and len(self.data) > MANY:
-            parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MANY))
+        if reached is None and len(self.data) > MAX_WALKED_ROWS:
+            parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MAX_WALKED_ROWS))
             return np.concatenate([self.take(rows).error(x) for rows in parts])
         reached = reached or self.walk(x)
-        position = _stacked(reached.position, len(self.data))
+        position = stacked_rows(reached.position, len(self.data))
         if self.data.position is not None:
             return position - self.data.position
         return position - self.points(x)[self.data.point]
@@ -229,19 +239,26 @@ class Residuals:
     def rotation_error(self, reached: Walk) -> Array:
         """Rotation vector (N, 3) [rad] in the world that turns the measured orientation into the model's."""
         assert self.data.rotation is not None
-        R = np.stack([_stacked(column, len(self.data)) for column in reached.columns], axis=-1)
-        return rotation_vectors(R @ np.swapaxes(matrices(self.data.rotation), -1, -2))
+        R = np.stack([stacked_rows(column, len(self.data)) for column in reached.columns], axis=-1)
+        return rotation_vectors(R @ np.swapaxes(rotation_matrices(self.data.rotation), -1, -2))
 
     def whitened(self, x: Array) -> Array:
-        """Residuals (N·block + distances,) in units of the instrument's σ."""
+        """Residuals (N·block + distances,) in units of the instrument's σ.
+
+        Those of known distances are in units of their own σ.
+        """
         return self._vector(x, self.walk(x))
 
-    def both(self, x: Array) -> tuple[Array, Array]:
-        """Whitened residuals (m,) and their Jacobian (m, k)."""
+    def residuals_and_jacobian(self, x: Array) -> tuple[Array, Array]:
+        """Whitened residuals (m,) and their Jacobian (m, k).
+
+        The cost of the Jacobian is one walk of the chain: every column is a cross product of what the walk already has.
+        """
         reached = self.walk(x)
         return self._vector(x, reached), self._jacobian(x, reached)
 
     def _vector(self, x: Array, reached: Walk) -> Array:
+        """Whitened residuals (m,) of rows, then of known distances."""
         parts = [self.error(x, reached)[:, self.axes] / self.sigma]
         if self.oriented:
             parts.append(self.rotation_error(reached) / self.sigma_rotation)
@@ -249,6 +266,7 @@ class Residuals:
         return np.concatenate([rows, self._distance_residuals(x)[0]])
 
     def _jacobian(self, x: Array, reached: Walk) -> Array:
+        """Derivatives (m, k) of the whitened residuals; a parameter of one target or point acts in its rows alone."""
         N = len(self.data)
         J = np.zeros((len(self.parameters), N, self.block))
         own = [k for k, p in enumerate(self.parameters) if p.source]
@@ -263,6 +281,7 @@ class Residuals:
         return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense
 
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
+        """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
         r = np.zeros(len(self.distances))
         J = np.zeros((len(self.distances), len(self.parameters)))
         points = self.points(x) if self.distances else np.zeros((0, 3))
@@ -279,8 +298,8 @@ class Residuals:
 def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
     """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
 
-    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
-    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
+    Where the base is free, the world is the instrument's frame. If the arm is upright in it but for some degrees,
+    the instrument was levelled and the tilt is the base's own; if not, the arm is mounted as the file says and the
     instrument does not.
     """
     found = walk(robot.base, factor_values(robot.base, [], frames)).columns
@@ -290,16 +309,20 @@ def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float,
     if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
         return robot.gravity
     cosine = float(g @ turn @ g) / float(g @ g)
-    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
+    x, y, z = g if cosine > np.cos(_LEVEL_TOLERANCE_RAD) else turn @ g
     return float(x), float(y), float(z)
 
 
-def _stacked(vector: Sequence[Any], n: int) -> Array:
+def stacked_rows(vector: Sequence[Any], n: int) -> Array:
+    """Components, each a number or (n,), as an array (n, components)."""
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
-def matrices(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first."""
+def rotation_matrices(quaternions: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first.
+
+    ``R(q) v`` turns v as the quaternion does (Hamilton's convention, active rotation).
+    """
     w, x, y, z = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -310,7 +333,11 @@ def matrices(quaternions: Array) -> Array:
 
 
 def rotation_vectors(R: Array) -> Array:
-    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion."""
+    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion.
+
+    ``log(R)``: axis times angle, θ = atan2(|w|, (tr R − 1)/2) with w the vector of the skew part; exact near zero, and
+    not defined at half a turn.
+    """
     skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1) / 2
     sine = np.linalg.norm(skew, axis=-1)
     angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)

@@ -24,7 +24,7 @@ from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect,
 from posture_opt.numerics import Array, Codes, Progress
 from posture_opt.units import DIMENSIONS
 
-_DEPENDENT = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
+_RANK_TOLERANCE = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +32,13 @@ class Finding:
     """One cause with its size.
 
     Args:
-        cause: what it is; an effect or a kind of noise as it stands in a problem file.
+        cause: what it is; an effect or a kind of noise as in a problem file.
         estimate: parameter -> (value, standard error, SI unit).
         p_value: family-wise, of the data without this cause.
         gain: relative drop of the cross-validated RMS that it brings.
-        confounded_with: causes that could stand for it.
+        confounded_with: causes that could replace it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
-        determined: whether the data tell the size, beside the geometry and the other effects, from none.
+        determined: whether the data distinguish the size from zero, given the geometry and the other effects.
         place: of an effect among those of the model.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
         beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
@@ -57,7 +57,7 @@ class Finding:
 
     @property
     def status(self) -> Literal["determined", "size_undetermined"]:
-        """Whether the data tell the size, in a word of the document."""
+        """Whether the data determine the size, in a word of the document."""
         return "determined" if self.determined else "size_undetermined"
 
     @property
@@ -81,7 +81,7 @@ class Finding:
         return self.cause if isinstance(self.cause, NoiseEffect) else None
 
     def _rival_json(self, rival: Cause) -> dict[str, str]:
-        """Kind and target; of an alias, which has both in common with this cause, what tells it apart."""
+        """Kind and target; of an alias, which has both in common with this cause, what distinguishes it."""
         named = {"kind": rival.kind, "target": rival.target}
         alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
         return {**named, "qualifier": rival.qualifier} if alias else named
@@ -89,7 +89,7 @@ class Finding:
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
-        of_file = {} if self.stated is None else _values(self.stated)
+        of_file = {} if self.stated is None else _named_values(self.stated)
         stated = {name: {"stated": value} for name, value in of_file.items()}
         return {
             "kind": self.kind,
@@ -106,9 +106,13 @@ class Finding:
 
 
 def effect_findings(
-    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
+    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, progress: Progress
 ) -> list[Finding]:
-    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each."""
+    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each.
+
+    Args:
+        whole: errors of all effects on held-out rows; parts, groups: of that cross-validation.
+    """
     named = [i for i, s in enumerate(found.chosen) if s.named]
     findings = []
     about = LinearModel.of(model)
@@ -116,20 +120,30 @@ def effect_findings(
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple(r.what for r in found.rivals[i])
         part = model.slices[place]
-        told = determined(model.x[part], model.covariance[part, part])
+        clear = is_determined(model.x[part], model.covariance[part, part])
         finding = Finding(
-            model.effects[place], _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high)
+            model.effects[place],
+            _estimates_of(model, place),
+            found.p_values[i],
+            gain.value,
+            rivals,
+            (gain.low, gain.high),
         )
-        findings.append(replace(finding, determined=told, place=place, stated=_stated(model, place)))
-        tell(place + 1, len(named))
+        findings.append(replace(finding, determined=clear, place=place, stated=_stated_effect(model, place)))
+        progress(place + 1, len(named))
     return findings
 
 
-def determined(values: Array, covariance: Array) -> bool:
-    """Whether a size is told from none: its 95 % confidence region keeps clear of zero.
+def is_determined(values: Array, covariance: Array) -> bool:
+    """Whether a size is distinguished from zero: its 95 % confidence region keeps clear of zero.
 
     ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
     amplitude counts, in whatever phase. What has no standard error is no estimate.
+
+    Example:
+        >>> import numpy as np
+        >>> is_determined(np.array([1.0]), np.array([[1.0]])), is_determined(np.array([3.0]), np.array([[1.0]]))
+        (False, True)
     """
     from scipy.special import chdtrc
 
@@ -138,27 +152,28 @@ def determined(values: Array, covariance: Array) -> bool:
         return True
     inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True)
     z = values / sigma
-    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE)
+    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE_LEVEL)
 
 
-def _stated(model: Fit, place: int) -> Effect | None:
+def _stated_effect(model: Fit, place: int) -> Effect | None:
     """The effect in the file that a fitted one adds to."""
     name = model.residuals.parameters[model.slices[place].start].name
     own = next(e for e in model.residuals.arm.effects if name in e.parameter_names)
     return own if any(own.values) else None
 
 
-def _values(effect: Effect) -> dict[str, float]:
+def _named_values(effect: Effect) -> dict[str, float]:
+    """Parameter of an effect -> its value [SI]."""
     names = (name for name, _ in effect.dimensions)
     return dict(zip(names, effect.values, strict=True))
 
 
-def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
+def _estimates_of(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
     """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
-    effect, part, own = model.effects[place], model.slices[place], _stated(model, place)
-    known = {} if own is None else _values(own)
+    effect, part, own = model.effects[place], model.slices[place], _stated_effect(model, place)
+    known = {} if own is None else _named_values(own)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
-    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _unit(dimension)) for (n, dimension), v, s in rows}
+    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _si_unit(dimension)) for (n, dimension), v, s in rows}
     for name in effect.shape:
         value = float(getattr(effect, name))
         fitted = place in model.shapes and name == effect.smooth_shape
@@ -169,25 +184,30 @@ def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
 
 
 def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
-    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate."""
+    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate.
+
+    Args:
+        place: of the effect among those of the model.
+    """
     residuals = model.residuals
     moved = model.effect_columns(place) @ model.x[model.slices[place]]
     G = (model.jacobian @ model.directions)[:, model.geometry]
     norms = np.linalg.norm(G, axis=0)
     U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    U = U[:, s > _DEPENDENT * s.max(initial=0.0)]
+    U = U[:, s > _RANK_TOLERANCE * s.max(initial=0.0)]
     both = (v.reshape(-1, residuals.block)[:, : len(residuals.axes)] for v in (moved, moved - U @ (U.T @ moved)))
     alone, beyond = (np.linalg.norm(v, axis=1) * residuals.sigma for v in both)
     return np.asarray(alone), np.asarray(beyond)
 
 
-def _unit(dimension: str) -> str:
+def _si_unit(dimension: str) -> str:
+    """The SI unit of a dimension of parameters; 1 of a ratio."""
     return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
 
 
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    clear = _clear(cause.estimate)
+    clear = _any_determined(cause.estimate)
     return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
 
 
@@ -202,17 +222,17 @@ def contradiction_findings(calibration: Calibration) -> list[Finding]:
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
     """A geometric cause as a finding; the gain is that of all calibrated geometry."""
     gain = 1 - held["calibrated"].rms / held["nominal"].rms
-    clear = _clear(cause.estimate)
+    clear = _any_determined(cause.estimate)
     return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with, determined=clear)
 
 
-def _clear(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
-    """Whether one of independent estimates is told from none, at least."""
-    told = [determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
-    return any(told) or not told
+def _any_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
+    """Whether at least one of independent estimates is determined."""
+    clear = [is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
+    return any(clear) or not clear
 
 
-def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
+def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
     """Causes that are not identifiable from data of this kind, whatever their size."""
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
     evidence = Evidence(residuals.data.position is not None, tuple(lengths))

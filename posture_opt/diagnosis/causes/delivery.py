@@ -26,8 +26,8 @@ class Delivery:
         fit: geometry and the effects that are delivered; ``held`` its errors on rows held out from the fit.
         kept: the places of these effects in the model of all effects.
         session: the places of those that belong to their session: fitted for them to be absent.
-        dropped: the places of the others: beside the calibrated arm, or without those of the session, held-out rows
-            are predicted no worse without them.
+        dropped: the places of the others: compared with the calibrated arm, or without those of the session, held-out
+            rows are predicted no worse without them.
     """
 
     fit: Fit
@@ -50,39 +50,47 @@ class Delivery:
         return {"model": self.model, "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left]}
 
 
-def deliver(
+def deliver_arm(
     calibration: Calibration, model: Fit, held: Mapping[str, HeldOut], parts: Folds, noise: Sequence[NoiseCause], *,
     with_time: bool = False,
 ) -> Delivery:  # fmt: skip
     """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one.
 
     Effects of the session are still in its data when they are left out of the arm. All else is fitted again for them
-    to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved stands where it
-    did on average. Other effects that held-out rows do not need any more are left out, too.
+    to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved is where it was
+    on average. Other effects that held-out rows do not need any more are left out, too.
 
     Args:
         model: the arm with all effects; ``held`` its errors and those of the calibrated arm on held-out rows.
         noise: what was named, for the regions that errors are expected in.
         with_time: keep effects of time.
     """
-    stays = [i for i, effect in enumerate(model.effects) if outlasts(effect, with_time)]
+    stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
     fit, errors, kept = model, held["extended"], stays
     if session:
-        fit, kept = _refitted(calibration, model, stays, parts)
+        fit, kept = _refitted_without(calibration, model, stays, parts)
         errors = held_out(fit, parts, shape=noise_shape(fit, noise))
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
     return Delivery(fit, errors, tuple(kept), session, tuple(i for i in stays if i not in kept))
 
 
-def outlasts(effect: Effect, with_time: bool = False) -> bool:
+def outlasts_session(effect: Effect, with_time: bool = False) -> bool:
     """Whether an effect is of the arm and not of the session in which it was measured."""
     return effect.for_planning or (with_time and "time" in effect.needs)
 
 
-def _refitted(calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds) -> tuple[Fit, list[int]]:
-    """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them."""
+def _refitted_without(
+    calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds
+) -> tuple[Fit, list[int]]:
+    """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them.
+
+    Backward elimination by the RMS on held-out rows.
+
+    Returns:
+        The fit, and the places of the effects that are kept.
+    """
     kept, residuals = list(effects), calibration.residuals.take(calibration.kept_rows)
     while True:
         fit = calibration.fit_effects(residuals, [model.effects[i] for i in kept])
@@ -96,9 +104,9 @@ def _refitted(calibration: Calibration, model: Fit, effects: Sequence[int], part
 def covariance_at_shapes(fit: Fit) -> Array:
     """Covariance (k, k) of an estimate whose effects have their shapes held where they were found.
 
-    The covariance of the estimate lets the shapes go: sine and cosine then lean on cycles that may differ too, and are
-    less certain than their sum ever is in the data. Who holds the shape takes ``A C Aᵀ`` with ``A = [I, B⁺D]``: what an
-    error of the shape does to the data, D, as far as the columns B of the effect can express it.
+    The covariance of the estimate lets the shapes vary: the errors of sine and cosine are then correlated with that of
+    the cycles, and larger than the error of their sum in the data. With the shape held it is ``A C Aᵀ``, ``A = [I,
+    B⁺D]``: what an error of the shape does to the data, D, as far as the columns B of the effect can express it.
     """
     A = np.eye(len(fit.x))
     for i, shape in fit.shapes.items():

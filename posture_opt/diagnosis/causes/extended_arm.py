@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.fit_request import persistent_sources, places_in_robot, semidefinite
+from posture_opt.calibration.estimation.fit_request import nearest_semidefinite, persistent_sources, places_in_robot
 from posture_opt.calibration.estimation.residuals import gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.delivery import Delivery, covariance_at_shapes
@@ -35,7 +35,7 @@ def extended_arm(
         statistics: of every model on held-out rows.
     """
     delivered = delivery.fit
-    fitted = _calibration(calibration, delivered, delivery.held.errors)
+    fitted = _geometry_of(calibration, delivered, delivery.held.errors)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
     rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
     if len(rows) == len(calibration.residuals.data):  # where no effect is delivered, outliers are among them
@@ -48,29 +48,29 @@ def extended_arm(
     return FittedArm(
         label="extended",
         deviations=deviations,
-        known=_sources(problem, fitted, delivered).plus(scatter.errors),
-        scatter=scatter.beside,
+        known=_extended_sources(problem, fitted, delivered).plus(scatter.errors),
+        scatter=scatter.without_effects,
         effects=delivered.effects,
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
-        header=_header(calibration, model, delivery, findings, statistics, scatter.note),
+        header=_file_header(calibration, model, delivery, findings, statistics, scatter.note),
     )
 
 
-def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
+def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
     """The calibration with the geometry of the extended arm, and the errors that it leaves."""
     before = calibration.held["calibrated"]
     errors = before.errors.copy()
     errors[calibration.kept_rows] = held_out
-    # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
+    # Sums over blocks hold what each row makes of the estimate, and no model of single rows may replace them.
     design = max(calibration.design, model.design)
     former = calibration.fit
     fit = replace(model.keeping([]), residuals=former.residuals, kept=former.kept, design=design)
     return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
 
 
-def _sources(problem: ProblemData, calibration: Calibration, model: Fit) -> Sources:
-    """What is uncertain of geometry and effects, correlated as they were estimated."""
+def _extended_sources(problem: ProblemData, calibration: Calibration, model: Fit) -> Sources:
+    """What is uncertain of geometry and effects, with the covariance of their joint estimate."""
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
     names = tuple(name for effect in model.effects for name in effect.parameter_names)
@@ -86,10 +86,10 @@ def _sources(problem: ProblemData, calibration: Calibration, model: Fit) -> Sour
         if name in places:
             covariance[row, k:] = covariance[k:, row] = cross[places[name]]
     covariance[k:, k:] = together[np.ix_(model.sizes, model.sizes)]
-    return Sources((*geometry.names, *names), semidefinite(covariance)) if k + e else Sources()
+    return Sources((*geometry.names, *names), nearest_semidefinite(covariance)) if k + e else Sources()
 
 
-def _header(
+def _file_header(
     calibration: Calibration, model: Fit, delivery: Delivery, findings: Sequence[Finding],
     statistics: Mapping[str, Statistics], scatter: str,
 ) -> tuple[str, ...]:  # fmt: skip
@@ -103,7 +103,7 @@ def _header(
         f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: "
         f"{', '.join(f'{cause.kind} of {cause.target}' for cause in named) or 'no effect'}.",
         f"RMS position error on held-out rows: {before} before calibration, {middle} calibrated{last}.",
-        "What is still uncertain of its parameters stands in extended_covariance.csv, in mm, mrad and SI units.",
+        "What is still uncertain of its parameters is in extended_covariance.csv, in mm, mrad and SI units.",
         f"{scatter[:1].upper()}{scatter[1:]}.",
     ]
     for places, why in (

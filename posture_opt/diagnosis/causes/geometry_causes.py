@@ -14,8 +14,8 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Cause, Effect
 from posture_opt.numerics import Array
 
-_DEPENDENT = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
-_UNIT = 1e-3  # a mm, a mrad: near one unit of the other directions
+_DEPENDENCE_TOLERANCE = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
+_COMBINATION_SCALE = 1e-3  # a mm, a mrad: near one unit of the other directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +31,20 @@ class GeometryCause:
 def geometry_causes(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause]:
-    """The geometric causes beside the effects: up to three parameters by name, or all of them together.
+    """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
 
     Args:
         x_frames: (k,) parameters with only the free frames fitted [SI].
         free: (k, f) directions of the free frames and touched points.
         full: the model with all geometry fitted.
         effects: those of the model; their shapes stay as they are there.
+
+    Returns:
+        Empty where the F test of all geometry is not significant at `levels.GEOMETRY_LEVEL`.
     """
     nominal = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     p = _f_test(nominal, full)
-    if p > levels.GEOMETRY:
+    if p > levels.GEOMETRY_LEVEL:
         return []
     few = _few_parameters(residuals, x_frames, free, full, effects)
     if few is not None:
@@ -49,7 +52,8 @@ def geometry_causes(
     return [GeometryCause(GeometricDeviation.of_all(), {}, p)]
 
 
-def _rss(model: Fit) -> float:
+def _sum_of_squares(model: Fit) -> float:
+    """Sum of squares of the whitened residuals of a model."""
     r = model.whitened
     return float(r @ r)
 
@@ -63,18 +67,18 @@ def _f_test(small: Fit, large: Fit) -> float:
     left = m - large.count
     if more <= 0 or left <= 0:
         return 1.0
-    gain = max(_rss(small) - _rss(large), 0.0)
-    return float(fdtrc(more, left, gain / more / (_rss(large) / left)))
+    gain = max(_sum_of_squares(small) - _sum_of_squares(large), 0.0)
+    return float(fdtrc(more, left, gain / more / (_sum_of_squares(large) / left)))
 
 
 def _few_parameters(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause] | None:
-    """The fewest parameters beside which the others add nothing significant; None where that takes more than three."""
+    """The fewest parameters given which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
     model = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     frames = {i for i in range(len(x_frames)) if np.any(free[i])}
-    while len(chosen) < levels.FEW_PARAMETERS:
+    while len(chosen) < levels.MAX_NAMED_PARAMETERS:
         gains = _gains_alone(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
@@ -82,14 +86,15 @@ def _few_parameters(
         model = fit_with_effects(
             residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), effects, shapes=False
         )
-        if _f_test(model, full) > levels.GEOMETRY:
-            return _causes(residuals, x_frames, free, model, chosen, effects)
+        if _f_test(model, full) > levels.GEOMETRY_LEVEL:
+            return _single_causes(residuals, x_frames, free, model, chosen, effects)
     return None
 
 
 def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
+    """Directions (k, f + c) of the free frames, and of single parameters in addition."""
     single = np.zeros((k, len(chosen)))
-    single[list(chosen), range(len(chosen))] = _UNIT
+    single[list(chosen), range(len(chosen))] = _COMBINATION_SCALE
     return np.concatenate([free, single], axis=1)
 
 
@@ -112,18 +117,19 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
         rest = column - Q @ (Q.T @ column)
         # A tilt of a planar arm out of its plane acts in the plane to second order only: no cause to first order.
         if np.linalg.norm(rest) > max(
-            _DEPENDENT * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
+            _DEPENDENCE_TOLERANCE * lengths[i], levels.MIN_PARAMETER_SHARE * most[residuals.parameters[i].unit], 1e-300
         ):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
 
 
-def _causes(
+def _single_causes(
     residuals: Residuals, x_frames: Array, free: Array, model: Fit, chosen: list[int],
     effects: Sequence[Effect],
 ) -> list[GeometryCause]:  # fmt: skip
+    """The chosen parameters as causes: deviation, F test of each given the others, and its rivals."""
     causes = []
-    rss, m = _rss(model), len(residuals.data) * residuals.block
+    rss, m = _sum_of_squares(model), len(residuals.data) * residuals.block
     for i in chosen:
         rest = [j for j in chosen if j != i]
         without = fit_with_effects(
@@ -134,7 +140,7 @@ def _causes(
         rivals = [
             GeometricDeviation.of(residuals.parameters[j])
             for j, gain in others.items()
-            if _rss(without) - gain <= limit
+            if _sum_of_squares(without) - gain <= limit
         ]
         parameter = residuals.parameters[i]
         own = GeometricDeviation.of(parameter)

@@ -12,7 +12,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
-from posture_opt.calibration.other_file import OtherFile, errors_on, predicted
+from posture_opt.calibration.other_file import OtherFile, errors_on, predict_other_file
 from posture_opt.diagnosis.causes.delivery import Delivery
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
@@ -20,7 +20,7 @@ from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
-_DRAWS = 500
+_BOOTSTRAP_DRAWS = 500
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,14 @@ class Gain:
 
     @classmethod
     def of(cls, errors: Array, without: Array, groups: Codes) -> Gain:
-        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``."""
+        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which are correlated within ``groups``.
+
+        ``1 − RMS / RMS_without``; positive where the errors became smaller. The bootstrap draws whole groups (Efron
+        1979).
+        """
         code = resampled_groups(groups)
         sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
-        drawn = np.random.default_rng(0).integers(len(sums), size=(_DRAWS, len(sums)))
+        drawn = np.random.default_rng(0).integers(len(sums), size=(_BOOTSTRAP_DRAWS, len(sums)))
         totals = sums[drawn].sum(axis=1)
         ratios = 1 - np.sqrt(totals[:, 0] / np.maximum(totals[:, 1], 1e-300))
         low, high = np.quantile(ratios, [0.025, 0.975])
@@ -97,7 +101,7 @@ def second_session(
     fits = {"nominal": (calibrated.residuals, calibration.x_nominal)}
     fits |= {name: (fit.residuals, fit.x) for name, fit in (("calibrated", calibrated), ("extended", extended))}
     learned = calibration.request.data.take(calibration.kept_rows)
-    file = predicted(fits, learned, other, refit_frames)
+    file = predict_other_file(fits, learned, other, refit_frames)
     own, out, poses = file.errors["extended"], file.outside, file.data.pose
     gains: list[Gain | None] = [None] * len(model.effects)
     worse: list[int] = []
@@ -110,11 +114,13 @@ def second_session(
         if out.any() and Gain.of(own[out], without[out], poses[out]).high < 0:
             worse.append(i)
     gain = Gain.of(own, file.errors["calibrated"], poses)
-    unstated = _unstated(learned, other, extended.effects, calibrated.residuals.robot)
+    unstated = _without_stated(learned, other, extended.effects, calibrated.residuals.robot)
     return SecondSession(file, gain, tuple(gains), model.effects, tuple(worse), unstated)
 
 
-def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
+def _without_stated(
+    mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot
+) -> tuple[str, ...]:
     """What effects ask for, the first file states and the other does not, with what is taken for it."""
     asked = {need for e in effects for need in (*e.asks, *e.needs)}
     notes = []

@@ -6,7 +6,7 @@ its columns ``A_F``, geometry and all else among them. The lack of fit that rema
 ``λ = min_β |A s − A_F β|² = sᵀ M s − sᵀ M_F M_FF⁻¹ M_Fᵀ s``  with the information  ``M = AᵀA``.
 
 It grows by ``dᵀ (I + A_F M_FF⁻¹ A_Fᵀ)⁻¹ d`` with a new row whose discrepancy is ``d = A s − A_F β``. This is the
-T-criterion of Atkinson and Fedorov (1975), for the pair of models that is hardest to tell apart.
+T-criterion of Atkinson and Fedorov (1975), for the pair of models that is hardest to distinguish.
 """
 
 from __future__ import annotations
@@ -19,15 +19,20 @@ import numpy as np
 from posture_opt.diagnosis.scores import levels
 from posture_opt.numerics import Array, Codes
 
-_RIDGE = 1e-10  # of the information of an average design: keeps undetermined columns invertible; rounding only
-_ROUNDING = 1e-12  # of the largest eigenvalue of an information: rounding only
+_RIDGE_SHARE = 1e-10  # of the information of an average design: keeps undetermined columns invertible; rounding only
+_RANK_TOLERANCE = 1e-12  # of the largest eigenvalue of an information: rounding only
 
 
 def detection_probability(value: float) -> float:
-    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is detected."""
+    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is detected.
+
+    Example:
+        >>> round(detection_probability(3.5**2), 3), round(detection_probability(22.9), 2)
+        (0.5, 0.9)
+    """
     from scipy.special import ndtr
 
-    return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED))
+    return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED_ROOT_LAMBDA))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +41,7 @@ class OrderedPair:
 
     Args:
         signature: (K,) coefficients of the true one.
-        fitted: (r,) indices of the columns of the other one, with all that is fitted beside it.
+        fitted: (r,) indices of the columns of the other one, with all that is fitted together with it.
         spent: λ that the data predicted and did not show: it is taken off.
     """
 
@@ -63,7 +68,7 @@ class DiscriminationDesign:
         """With columns scaled to unit information of the data and an average design, whatever their units."""
         average = np.einsum("nbk,nbk->k", A, A) / max(len(A), 1)
         scale = np.sqrt(np.maximum(np.diag(information) + average, 1e-300))
-        M = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        M = information / np.outer(scale, scale) + _RIDGE_SHARE * np.eye(len(scale))
         return cls(tuple(replace(p, signature=p.signature * scale) for p in pairs), M, A / scale)
 
     def only(self, pairs: Sequence[int]) -> DiscriminationDesign:
@@ -77,44 +82,50 @@ class DiscriminationDesign:
 
     def noncentralities(self, information: Array) -> Array:
         """(P,) λ of every pair, what is spent taken off."""
-        return np.array([_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
+        return np.array([_pair_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
 
     def chosen(self, least: int, most: int) -> list[int]:
         """At most ``most`` candidates, each once, that raise the least λ; fewer where they are enough.
 
         One by one, then exchanged as long as that helps (Fedorov 1972).
+
+        Args:
+            least, most: numbers of postures.
         """
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
-            if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED:
+            if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED_LAMBDA:
                 break
-            found.append(self._best(self.after(found), found))
+            found.append(self._best_candidate(self.after(found), found))
         for _ in range(levels.EXCHANGE_SWEEPS):
             former = list(found)
             for place in range(len(found)):
                 others = found[:place] + found[place + 1 :]
-                found[place] = self._best(self.after(others), others)
+                found[place] = self._best_candidate(self.after(others), others)
             if found == former:
                 break
-        return self._ordered(found)
+        return self._most_informative_first(found)
 
-    def _ordered(self, chosen: list[int]) -> list[int]:
+    def _most_informative_first(self, chosen: list[int]) -> list[int]:
         """Those first that help most, so that the first few are a plan too."""
         order: list[int] = []
         while len(order) < len(chosen):
             rest = [i for i in chosen if i not in order]
             some = replace(self, information=self.after(order), A=self.A[rest])
-            order.append(rest[some._best(some.information, [])])
+            order.append(rest[some._best_candidate(some.information, [])])
         return order
 
-    def _best(self, information: Array, taken: Sequence[int]) -> int:
+    def _best_candidate(self, information: Array, taken: Sequence[int]) -> int:
+        """The candidate that raises the least λ most, with a little weight on the mean over all pairs."""
         reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
-        worth = reached.min(axis=0) + levels.MEAN_WEIGHT * np.minimum(reached, 2 * levels.DISCRIMINATED).mean(axis=0)
+        worth = reached.min(axis=0) + levels.MEAN_PAIR_WEIGHT * np.minimum(
+            reached, 2 * levels.DISCRIMINATED_LAMBDA
+        ).mean(axis=0)
         worth[list(taken)] = -np.inf
         return int(np.argmax(worth))
 
 
-def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
+def _pair_noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
     """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
 
     Of columns that are alike to rounding, as of parameters that are not identifiable, the information is held to its
@@ -122,15 +133,18 @@ def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
     """
     F, s = pair.fitted, pair.signature
     values, vectors = np.linalg.eigh(M[np.ix_(F, F)])
-    L = vectors / np.sqrt(np.maximum(values, _ROUNDING * values[-1]))
+    L = vectors / np.sqrt(np.maximum(values, _RANK_TOLERANCE * values[-1]))
     seen = M[F] @ s
     reached = L.T @ seen
     return max(float(s @ M @ s - reached @ reached), 0.0), np.asarray(L @ reached), np.asarray(L)
 
 
 def _noncentralities_with(pair: OrderedPair, M: Array, A: Array) -> Array:
-    """(N,) λ once each of the candidates A (N, b, K) is measured too."""
-    value, beta, L = _noncentrality(pair, M)
+    """Noncentralities λ (N,) of a pair once each of the candidates A (N, b, K) is measured too.
+
+    ``λ + dᵀ (I + V M_FF⁻¹ Vᵀ)⁻¹ d`` with the discrepancy d of the candidate and its columns V of what is fitted.
+    """
+    value, beta, L = _pair_noncentrality(pair, M)
     value -= pair.spent
     V = A[:, :, pair.fitted]
     d = A @ pair.signature - V @ beta

@@ -28,8 +28,8 @@ class DiscriminatedPair:
     """How well an effect is discriminated from one of its rivals.
 
     Args:
-        rival: what could stand for it.
-        angle: least principal angle between their columns, beside the geometry and the other effects [rad].
+        rival: what could replace it.
+        angle: least principal angle between their columns, given the geometry and the other effects [rad].
         now: noncentrality λ of the data, the lesser of the two directions of taking one for true.
         then: λ with the planned measurements; what the data predicted and did not show is taken off.
         count: measurements of the plan for a detection probability of 90 %; None where no postures discriminate them.
@@ -103,7 +103,10 @@ def plan_discrimination(
     1 deg only, so that postures far from the data do not promise too much.
 
     Args:
-        rivals: by the place of an effect in the model, the candidates that could stand for it.
+        rivals: by the place of an effect in the model, the candidates that could replace it.
+
+    Args:
+        linearised: the data so far; model: the fitted arm with its effects; seed: of the candidate postures.
     """
     discrimination = ModelDiscrimination.of(linearised, model, rivals)
     if not discrimination.all or linearised.sensitivities.residuals.data.touches:
@@ -115,22 +118,24 @@ def plan_discrimination(
     except InputError:  # a slide without limits has no room to plan in
         return None
     design, now = discrimination.design(problem, rows)
-    far = _lesser(design.noncentralities(design.after(range(len(rows)), levels.MOST_MEASUREMENTS / max(len(rows), 1))))
-    possible = far >= levels.DISCRIMINATED
-    chosen = _chosen(design, now, possible)
-    steps = list(_steps(design, chosen, possible)) if chosen else []
+    far = _lesser_of_directions(
+        design.noncentralities(design.after(range(len(rows)), levels.MAX_PLANNED_MEASUREMENTS / max(len(rows), 1)))
+    )
+    possible = far >= levels.DISCRIMINATED_LAMBDA
+    chosen = _choose_postures(design, now, possible)
+    steps = list(_growing_plan(design, chosen, possible)) if chosen else []
     places = np.array([place for place, _, _ in discrimination.pairs])
-    pairs = _discriminated(discrimination, now, steps, possible)
+    pairs = _pairs_of_effects(discrimination, now, steps, possible)
     return DiscriminationPlan(
         pairs=pairs,
-        counts={place: _count(steps, places == place, possible) for place in pairs},
+        counts={place: _needed_count(steps, places == place, possible) for place in pairs},
         rows=rows.take(np.array(chosen, dtype=np.intp)),
         rounds=max(steps[-1][0] // len(chosen), 1) if steps else 1,
         sided=discrimination.sided,
     )
 
 
-def _discriminated(
+def _pairs_of_effects(
     discrimination: ModelDiscrimination, now: Array, steps: Steps, possible: Mask
 ) -> dict[int, tuple[DiscriminatedPair, ...]]:
     """By the place of each effect, how well it is discriminated from each of its rivals."""
@@ -138,47 +143,49 @@ def _discriminated(
     for k, rival in enumerate(discrimination.all):
         b = discrimination.pairs.index((rival.place, rival.place, len(discrimination.model.effects) + k))
         then = float(steps[-1][1][b]) if steps else 0.0
-        count = _count(steps, np.arange(len(possible)) == b, possible)
+        count = _needed_count(steps, np.arange(len(possible)) == b, possible)
         least = float(now[2 * b : 2 * b + 2].min())
         one = DiscriminatedPair(rival.rival.what, rival.angle, least, then, count)
         found[rival.place] = (*found.get(rival.place, ()), one)
     return found
 
 
-def _chosen(design: DiscriminationDesign, now: Array, possible: Mask) -> list[int]:
+def _choose_postures(design: DiscriminationDesign, now: Array, possible: Mask) -> list[int]:
     """Candidates for the pairs of least λ now; if that leaves others below the target, for these with them."""
     sides = np.flatnonzero(np.repeat(possible, 2))
     asked = [int(k) for k in sides[np.argsort(now[sides])][: levels.PLANNED_PAIRS]]
     chosen: list[int] = []
     for _ in range(levels.PLAN_ATTEMPTS if asked else 0):
-        chosen = design.only(asked).chosen(levels.FEWEST_POSTURES, levels.PLANNED_POSTURES)
+        chosen = design.only(asked).chosen(levels.MIN_PLANNED_POSTURES, levels.PLANNED_POSTURES)
         reached = design.noncentralities(design.after(chosen))[sides]
         weak = [int(k) for k in sides[np.argsort(reached)][: levels.PLANNED_PAIRS // 2] if k not in asked]
-        if not weak or reached.min() >= levels.DISCRIMINATED:
+        if not weak or reached.min() >= levels.DISCRIMINATED_LAMBDA:
             break
         asked += weak
     return chosen
 
 
-def _steps(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
-    """(how many measurements, λ of every pair) as the plan grows, posture by posture and then round by round."""
-    for n in range(min(levels.FEWEST_POSTURES, len(chosen)), len(chosen) + 1):
-        reached = _lesser(design.noncentralities(design.after(chosen[:n])))
+def _growing_plan(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
+    """(number of measurements, λ (pairs,)) as the plan grows, posture by posture and then round by round."""
+    for n in range(min(levels.MIN_PLANNED_POSTURES, len(chosen)), len(chosen) + 1):
+        reached = _lesser_of_directions(design.noncentralities(design.after(chosen[:n])))
         yield n, reached
-    for rounds in range(2, levels.MOST_MEASUREMENTS // len(chosen) + 1):
-        if reached[possible].min() >= levels.DISCRIMINATED:
+    for rounds in range(2, levels.MAX_PLANNED_MEASUREMENTS // len(chosen) + 1):
+        if reached[possible].min() >= levels.DISCRIMINATED_LAMBDA:
             return
-        reached = _lesser(design.noncentralities(design.after(chosen, rounds)))
+        reached = _lesser_of_directions(design.noncentralities(design.after(chosen, rounds)))
         yield rounds * len(chosen), reached
 
 
-def _count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
-    """Measurements that discriminate all pairs that are asked for and possible; None where none is, or too many."""
+def _needed_count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
+    """Measurements that discriminate all pairs that are asked for and possible; None where none is, or too many are
+    needed.
+    """
     asked = asked & possible
-    enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED]
+    enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED_LAMBDA]
     return min(enough, default=None)
 
 
-def _lesser(noncentralities: Array) -> Array:
+def _lesser_of_directions(noncentralities: Array) -> Array:
     """(pairs,) the lesser λ of the two directions of each."""
     return np.asarray(np.maximum(noncentralities.reshape(-1, 2).min(axis=1), 0.0))

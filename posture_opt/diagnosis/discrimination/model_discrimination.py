@@ -1,4 +1,4 @@
-"""The rivals of a model's effects: the columns that discriminate an effect from what could stand for it."""
+"""The rivals of a model's effects: the columns that discriminate an effect from what could replace it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.discrimination.discrimination_design import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import orthonormal
+from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.experiments.expected_errors import PriorInformation
@@ -25,7 +25,7 @@ from posture_opt.selection.problem_data import ProblemData
 
 Rivals = Mapping[int, Sequence[Candidate]]
 
-_ELSEWHERE = frozenset({"time", "temperature"})  # inputs that no choice of postures varies
+_UNPLANNED_INPUTS = frozenset({"time", "temperature"})  # inputs that no choice of postures varies
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class RivalExplanation:
 
     Args:
         place: of the effect in the model.
-        rival: the candidate that could stand for it.
+        rival: the candidate that could replace it.
         theta: (p,) size of the rival in the place of the effect [SI].
-        angle: least principal angle between both, beside geometry and the other effects [rad].
+        angle: least principal angle between both, given geometry and the other effects [rad].
     """
 
     place: int
@@ -67,10 +67,10 @@ class ModelDiscrimination:
     def of(cls, linearised: LinearisedData, model: Fit, rivals: Rivals) -> ModelDiscrimination:
         """The rivals that a choice of postures could discriminate."""
         explanations = []
-        for place, others in list(rivals.items())[: levels.DISCRIMINATED_EFFECTS]:
+        for place, others in list(rivals.items())[: levels.MAX_DISCRIMINATED_EFFECTS]:
             if by_posture(model.effects[place]):
-                able = [s for s in others if by_posture(s.what)][: levels.DISCRIMINATED_RIVALS]
-                explanations += [_explanation(linearised, model, place, s) for s in able]
+                able = [s for s in others if by_posture(s.what)][: levels.MAX_DISCRIMINATED_RIVALS]
+                explanations += [_rival_explanation(linearised, model, place, s) for s in able]
         return cls(linearised, model, tuple(explanations))
 
     @cached_property
@@ -98,7 +98,7 @@ class ModelDiscrimination:
 
     def columns(self, sensitivities: EffectSensitivities) -> tuple[Array, list[Codes]]:
         """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member."""
-        parts, places = [sensitivities.residuals.both(sensitivities.x)[1][: sensitivities.rows]], []
+        parts, places = [sensitivities.residuals.residuals_and_jacobian(sensitivities.x)[1][: sensitivities.rows]], []
         at = parts[0].shape[1]
         for effect, theta in self.members:
             parts.append(sensitivities.fitted_columns(effect, theta))
@@ -134,7 +134,7 @@ class ModelDiscrimination:
         return DiscriminationDesign.of(pairs, M, A), now
 
     def _pair(self, place: int, true: int, false: int, k: int, places: list[Codes]) -> OrderedPair:
-        """One member taken for true and another fitted in its place, beside k parameters and the other effects."""
+        """One member taken for true, another fitted in its place with k parameters and the other effects."""
         others = [places[i] for i in range(len(self.model.effects)) if i != place]
         theta = self.members[true][1]
         signature = np.zeros(k + sum(map(len, places)))
@@ -144,14 +144,15 @@ class ModelDiscrimination:
 
 def by_posture(effect: Effect | UnnamedComponent) -> bool:
     """Whether postures, payloads and sides of approach vary what the effect depends on."""
-    return isinstance(effect, Effect) and not effect.asks & _ELSEWHERE
+    return isinstance(effect, Effect) and not effect.asks & _UNPLANNED_INPUTS
 
 
-def _explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
+def _rival_explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
+    """A rival with its likeliest size in the place of an effect, and the angle between both given all else."""
     members = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     others = [s for i, s in enumerate(members) if i != place]
     baseline = linearised.baseline(others, flips=0)
-    one, other = (orthonormal(baseline.project(s.Z)) for s in (members[place], rival))
+    one, other = (orthonormal_basis(baseline.project(s.Z)) for s in (members[place], rival))
     cosine = float(np.linalg.norm(one.T @ other, 2))
     theta = np.asarray(np.linalg.lstsq(baseline.project(rival.Z), -baseline.e, rcond=1e-9)[0], dtype=float)
     return RivalExplanation(place, rival, theta, float(np.arccos(min(cosine, 1.0))))

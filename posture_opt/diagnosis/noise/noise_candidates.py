@@ -14,12 +14,12 @@ from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, Stated
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
 
-_LEAST_FREE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
+_MIN_FREE_SHARE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
 _STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
-_STUDENT_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
+_STUDENT_EM_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
 _FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
-_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
-GROSS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
+_MAX_NULL_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
+GROSS_ERRORS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,11 @@ class NoiseCandidate:
     """A kind of noise with its likelihood ratio test.
 
     Args:
+        kind, target: as of an effect in a problem file.
         ratio: twice the log likelihood ratio; ``p_value`` family-wise.
         quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
             ranges, of a stated σ the factor by which it is off.
+        size, std: the likeliest and its standard error.
         named: the same as an effect of a problem file, if its size is not zero.
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
@@ -59,14 +61,16 @@ class NoiseCandidate:
         return {name: (self.size, self.std, unit)}
 
 
-def standardised(e: Array, leverage: Array) -> Array:
+def standardised_residuals(e: Array, leverage: Array) -> Array:
     """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
 
     Source: Cook, Weisberg (1982), section 2.2.
+
+    The inverse root gives back what the fit has taken of the noise of a row; the share left free is 2 % at the least.
     """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
-    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _LEAST_FREE)), vectors)
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _MIN_FREE_SHARE)), vectors)
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
@@ -78,11 +82,15 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
 
     Args:
         e: (N, d) standardised residuals.
+        rows: levers, ranges and repeats of the rows; seed: of the null distribution.
+
+    Returns:
+        One candidate for each pattern, the largest likelihood ratio first; p-values are of the largest of all patterns.
     """
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
-    found = _fits(e, rows, patterns, seed)
+    found = _noise_fits(e, rows, patterns, seed)
     most = np.stack([fit.drawn for fit in found]).max(axis=0)
     candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
     return sorted(candidates, key=lambda s: -s.ratio)
@@ -103,26 +111,29 @@ class RepeatedNoise:
     @property
     def refuted(self) -> bool:
         """Whether the repeats scatter by another size."""
-        return self.loss > levels.REFUTED_BY_REPEATS
+        return self.loss > levels.REFUTED_SIZE_LOSS
 
     @property
     def confirmed(self) -> bool:
         """Whether they scatter, and by that size."""
-        return not self.refuted and self.candidate.p_value < levels.NOISE_IN_REPEATS
+        return not self.refuted and self.candidate.p_value < levels.REPEATED_NOISE_LEVEL
 
 
 def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
     """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats; ``None`` where they are too few.
 
     The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
+
+    Args:
+        asked: the candidate of all rows whose kind, target and size are tested.
     """
-    if e.size < levels.REPEAT_FREEDOM:
+    if e.size < levels.MIN_REPEAT_FREEDOM:
         return None
     patterns = (p for kind in NOISES for p in kind.patterns(rows))
     pattern = next((p for p in patterns if (p.effect.kind_name(), p.target) == asked.who), None)
     if pattern is None:
         return None
-    (fit,) = _fits(e, rows, [pattern], seed)
+    (fit,) = _noise_fits(e, rows, [pattern], seed)
     return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.size))
 
 
@@ -155,12 +166,12 @@ class _Fit:
         null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
         best, first = np.full(len(sets), -np.inf), []
         for value in map(float, pattern.grid):
-            likelihood, s2 = _likelihood(pattern, value, total, along, d)
+            likelihood, s2 = _log_likelihood(pattern, value, total, along, d)
             first.append((float(likelihood[0]), float(s2[0])))
             best = np.maximum(best, likelihood)
         heights, variances = np.array(first).T
-        top = float(np.interp(_summit(list(heights)), np.arange(len(heights)), pattern.grid))
-        s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
+        top = float(np.interp(_parabola_peak(list(heights)), np.arange(len(heights)), pattern.grid))
+        s2 = _log_likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
         ratios = 2 * (best - null)
         return cls(float(ratios[0]), ratios[1:], top, float(s2[0]), 2 * (heights - null[0]), variances)
 
@@ -182,14 +193,14 @@ class _Fit:
         return float(self.curve.max() - np.interp(size, sizes, self.curve))
 
 
-def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
+def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
     """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them.
 
     Of many rows some sets are drawn at a time, for memory.
     """
     rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
     while left > 0:
-        count = min(left, max(_NUMBERS // e.size, 1))
+        count = min(left, max(_MAX_NULL_NUMBERS // e.size, 1))
         sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
         found.append([_Fit.of(sets, pattern) for pattern in patterns])
         left -= count
@@ -197,8 +208,14 @@ def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[
     return [replace(parts[0], drawn=np.concatenate([fit.drawn for fit in parts])) for parts in each]
 
 
-def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
-    """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
+def _log_likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
+    """Log likelihood (F,) and likeliest s² (F,) of noise of one size in F data sets.
+
+    Args:
+        value: the size, as on the pattern's grid.
+        total: (F, N) squared lengths of residuals; along: (F, N) their squared part along the pattern's direction, or
+            None.
+    """
     weights, determinant, count = np.ones(total.shape[1]), 0.0, total.shape[1] * d
     level = pattern.level(value)
     if level is not None:
@@ -214,8 +231,8 @@ def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | Non
     return -count / 2 * np.log(s2) - 0.5 * determinant, s2
 
 
-def _summit(values: list[float]) -> float:
-    """Where on the grid, between its points, the top of the parabola through the three highest lies."""
+def _parabola_peak(values: list[float]) -> float:
+    """Place of the maximum on the grid, between its points: of the parabola through the three highest."""
     k = int(np.argmax(values))
     if not 0 < k < len(values) - 1:
         return float(k)
@@ -230,6 +247,11 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated
     Args:
         estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
             has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
+
+    ``z = log(variance) / √((2 + κ)/ν + 2/ν_stated)`` with the excess kurtosis κ; two-sided.
+
+    Args:
+        variance: residual variance in units of the stated one; freedom: ν.
     """
     from scipy.special import erfc
 
@@ -264,35 +286,40 @@ class Tails:
 
 
 def fit_tails(e: Array) -> Tails:
-    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
+    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance.
+
+    By BIC over 1, 2 and 3 parameters; e are residuals (N, d) of equal covariance.
+    """
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)
-    gaussian = -2 * _gaussian(squares, d) + np.log(N)
-    student, freedom = _student(squares, d)
-    mixture, share, rows = _mixture(squares, d)
+    gaussian = -2 * _gaussian_likelihood(squares, d) + np.log(N)
+    student, freedom = _student_fit(squares, d)
+    mixture, share, rows = _mixture_fit(squares, d)
     values = {
         "gaussian": gaussian,
         "heavy": -2 * student + 2 * np.log(N),
-        GROSS: -2 * mixture + 3 * np.log(N),
+        GROSS_ERRORS: -2 * mixture + 3 * np.log(N),
     }
-    if not 0 < rows.sum() <= max(1.0, levels.OUTLIER_SHARE * N):
-        values[GROSS] = np.inf
+    if not 0 < rows.sum() <= max(1.0, levels.MAX_OUTLIER_SHARE * N):
+        values[GROSS_ERRORS] = np.inf
     order = sorted(values, key=lambda name: values[name])
     return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
 
 
-def _gaussian(squares: Array, d: int) -> float:
+def _gaussian_likelihood(squares: Array, d: int) -> float:
+    """Log likelihood of squared lengths (N,) of d Gaussian coordinates each, their variance the likeliest."""
     s2 = squares.mean() / d
     return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
 
 
-def _student(squares: Array, d: int) -> tuple[float, float]:
+def _student_fit(squares: Array, d: int) -> tuple[float, float]:
+    """Log likelihood and degrees of freedom of Student's t that fits squared lengths (N,) best."""
     from scipy.special import gammaln
 
     best, freedom = -np.inf, np.inf
     for nu in _STUDENT_FREEDOM:
         s2 = squares.mean() / d
-        for _ in range(_STUDENT_ROUNDS):
+        for _ in range(_STUDENT_EM_ROUNDS):
             weights = (nu + d) / (nu + squares / s2)
             s2 = float(np.mean(weights * squares) / d)
         value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
@@ -302,10 +329,10 @@ def _student(squares: Array, d: int) -> tuple[float, float]:
     return best, freedom
 
 
-def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
+def _mixture_fit(squares: Array, d: int) -> tuple[float, float, Mask]:
     """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
     s2 = float(np.median(squares)) / d
-    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.OUTLIER_RATIO + 1) ** 2 * s2)
+    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.MIN_OUTLIER_RATIO + 1) ** 2 * s2)
     value = -np.inf
     for _ in range(_EM_ROUNDS):
         good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
@@ -317,5 +344,5 @@ def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
             break
         share = float(np.clip(weight.mean(), 1e-6, 0.5))
         s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
-        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.OUTLIER_RATIO**2 * s2)
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.MIN_OUTLIER_RATIO**2 * s2)
     return value, share, np.asarray(weight > 0.5)

@@ -1,4 +1,4 @@
-"""Which measured postures to repeat, so that scatter of a joint can be told from structure that has no name."""
+"""Which measured postures to repeat, so that scatter of a joint can be distinguished from structure without a name."""
 
 from __future__ import annotations
 
@@ -44,6 +44,9 @@ def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenError
 
     Args:
         data: the rows of ``uneven``; ``groups`` (N,) those that repeat one posture already.
+
+    Args:
+        uneven: errors that look like noise of a joint; those that repeats refute already need no more of them.
     """
     plans: list[RepeatPlan] = []
     if data.touches:  # whoever leads an arm into sockets by hand does not come back to a posture

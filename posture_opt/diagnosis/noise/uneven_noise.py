@@ -1,6 +1,6 @@
 """Noise that is larger at some postures than at others: what all rows raise, and what repeats make of it.
 
-Errors that grow with a joint are its scatter, or a shape that the model lacks: residuals alone cannot tell. Only
+Errors that grow with a joint are its scatter, or a shape that the model lacks: residuals alone cannot say. Only
 repeats of a posture can, where the model errs alike and all that differs is scatter.
 """
 
@@ -21,12 +21,19 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.model.effects import Cause, NoiseEffect, Rows
 from posture_opt.numerics import Array
-from posture_opt.validation.scatter_model import whitened
+from posture_opt.validation.scatter_model import whitened_repeats
 
 
 @dataclass(frozen=True)
 class NoiseCause:
-    """A kind of noise that is named, with its size."""
+    """A kind of noise that is named, with its size.
+
+    Args:
+        effect: as in a problem file.
+        estimate: name -> (value, standard error, SI unit).
+        p_value: family-wise, of errors of all rows so uneven.
+        confounded_with: kinds of noise that explain the rows nearly as well.
+    """
 
     effect: NoiseEffect
     estimate: Mapping[str, tuple[float, float, str]]
@@ -41,7 +48,7 @@ class UnevenErrors:
     Args:
         effect: the noise that they look like.
         p_value: family-wise, of errors of all rows so uneven.
-        refuted: whether repeats scatter by another size; else there are too few of them to tell.
+        refuted: whether repeats scatter by another size; else there are too few of them to decide.
         size: (N,) its standard deviation in each row, in units of the other scatter: where to repeat.
     """
 
@@ -63,7 +70,7 @@ class NoiseSample:
         if spread is None:
             return self
         visits = np.arange(len(self.e)) if self.rows.visits is None else self.rows.visits
-        e, levers = whitened(self.e, self.rows.levers, spread[:, :, None], visits, np.ones(self.e.shape))
+        e, levers = whitened_repeats(self.e, self.rows.levers, spread[:, :, None], visits, np.ones(self.e.shape))
         return NoiseSample(e, replace(self.rows, levers=levers))
 
     @classmethod
@@ -103,7 +110,7 @@ class _Examined:
 
     @property
     def allowed(self) -> bool:
-        """Noise of the arm has to be confirmed by repeats; that of the instrument stands until they refute it."""
+        """Noise of the arm has to be confirmed by repeats; that of the instrument is kept until they refute it."""
         if self.candidate.of_arm:
             return self.repeated is not None and self.repeated.confirmed
         return not self.refuted
@@ -115,12 +122,12 @@ class _Examined:
 
 
 def find_uneven_noise(
-    everything: NoiseSample, repeats: NoiseSample, seed: int, level: float = levels.NOISE
+    everything: NoiseSample, repeats: NoiseSample, seed: int, level: float = levels.NOISE_LEVEL
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
     """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that.
 
     A joint is named where repeats scatter so, by the size that they have; noise that grows with the range is the
-    instrument's and named unless repeats refute it. Where they refute the best candidate, a rival may stand for it.
+    instrument's and named unless repeats refute it. Where they refute the best candidate, a rival may replace it.
     Each is whitened, as if it were stated, before the next test at a stricter level.
 
     Args:
@@ -130,13 +137,13 @@ def find_uneven_noise(
     uneven: list[UnevenErrors] = []
     taken: set[tuple[str, str]] = set()
     candidates = score_uneven_noise(everything.e, everything.rows, seed)
-    while candidates and candidates[0].p_value < (levels.NOISE_BESIDE_A_CAUSE if taken else level):
-        first, rivals = candidates[0], _rivals(candidates)
+    while candidates and candidates[0].p_value < (levels.FURTHER_NOISE_LEVEL if taken else level):
+        first, rivals = candidates[0], _close_rivals(candidates)
         examined = [_Examined(s, score_repeats(repeats.e, repeats.rows, s, seed)) for s in (first, *rivals)]
         competing = examined if examined[0].refuted else examined[:1]
         chosen = next((one for one in competing if one.allowed), None)
         if chosen is None:
-            uneven.append(UnevenErrors(first.named(), first.p_value, examined[0].refuted, _lengths(first)))
+            uneven.append(UnevenErrors(first.named(), first.p_value, examined[0].refuted, _spread_lengths(first)))
         else:
             first = chosen.candidate
             named.append((chosen, [s.candidate for s in examined if s is not chosen]))
@@ -147,20 +154,20 @@ def find_uneven_noise(
         everything = everything.without(first.spread)
         scores = score_uneven_noise(everything.e, everything.rows, seed)
         candidates = [s for s in scores if s.who not in taken]
-    return [_cause(one, rivals, taken) for one, rivals in named], uneven
+    return [_noise_cause(one, rivals, taken) for one, rivals in named], uneven
 
 
-def _rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
+def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
     """Those that explain the rows nearly as well as the first."""
     least = max(candidates[0].ratio - levels.RIVAL_CRITERION, 0.0)
     return [s for s in candidates[1:] if s.ratio > least]
 
 
-def _cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collection[tuple[str, str]]) -> NoiseCause:
+def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collection[tuple[str, str]]) -> NoiseCause:
     others = tuple(rival.named() for rival in rivals if rival.who not in taken)
     return NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others)
 
 
-def _lengths(candidate: NoiseCandidate) -> Array:
-    """(N,) how far noise along one direction spreads each row; none where it has no direction."""
+def _spread_lengths(candidate: NoiseCandidate) -> Array:
+    """How far (N,) noise along one direction spreads each row; empty where it has no direction."""
     return np.zeros(0) if candidate.spread is None else np.asarray(np.linalg.norm(candidate.spread, axis=1))

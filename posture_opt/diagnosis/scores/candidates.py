@@ -14,7 +14,7 @@ from posture_opt.diagnosis.scores.column_blocks import ColumnPlace, ColumnStore
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
-    explained,
+    explained_squares,
     log_p,
     projected_basis,
     scan_frequencies,
@@ -26,7 +26,7 @@ from posture_opt.model.effects.cyclic_error import OVERSAMPLING
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.numerics import Array
 
-_STILL = 1e-3  # rad: a joint that moves by less shows no line
+_MIN_JOINT_RANGE_RAD = 1e-3  # rad: a joint that moves by less shows no line
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Candidate:
     Args:
         Z: (m, k) whitened residual per unit of each parameter [1/SI].
         searched: how many different shapes its own was chosen from.
-        place: where its columns stand in blocks, if they do.
+        place: where its columns are in blocks, if they are.
     """
 
     what: Effect | UnnamedComponent
@@ -46,11 +46,12 @@ class Candidate:
 
     @property
     def named(self) -> bool:
+        """Whether it is an effect of the catalogue."""
         return isinstance(self.what, Effect)
 
     @property
     def apart(self) -> Candidate:
-        """The same with columns of its own: the blocks in which it stands can go."""
+        """The same with columns of its own, so that the blocks in which it is kept can be freed."""
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 
     @property
@@ -60,16 +61,18 @@ class Candidate:
 
     @property
     def kind(self) -> str:
+        """The name of its kind in files."""
         return self.what.kind
 
     @property
     def target(self) -> str:
+        """What it acts on: a joint, ``base``, ``linear`` …"""
         return self.what.target
 
     @property
     def family(self) -> str:
         """The family of tests that it belongs to."""
-        return self.what.family if isinstance(self.what, Effect) else levels.UNNAMED
+        return self.what.family if isinstance(self.what, Effect) else levels.UNNAMED_FAMILY
 
     @property
     def specific(self) -> bool:
@@ -89,7 +92,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A candidate with its F test beside a projected baseline.
+    """A candidate with its F test given a projected baseline.
 
     Args:
         rho: share of its length that the baseline leaves.
@@ -106,17 +109,21 @@ class ScoredCandidate:
 
 
 def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Candidate]:
-    """Every candidate but the cyclic errors, one for each shape of its grid."""
+    """Every candidate but the cyclic errors, one for each shape of its grid.
+
+    A kind that depends on a shape (a period, a time constant, a moment) has one candidate for each shape of its grid;
+    ``searched`` is the effective number of them, which the criterion charges for.
+    """
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_compliances(sensitivities, excitation)
-    keep = _keeper(len(sensitivities.residuals.data))
+    keep = _column_keeper(len(sensitivities.residuals.data))
     named = [keep(Candidate(e, sensitivities.columns(e))) for e in effects if e.acts(sensitivities.state)]
     shapes: dict[tuple[str, str], list[Array]] = {}
     for s in named:
         shapes.setdefault(s.key, []).append(s.Z)
     searched = {
-        key: max(effective_number(own), min(len(own), levels.SHAPES_OF_A_PARAMETER)) for key, own in shapes.items()
+        key: max(effective_number(own), min(len(own), levels.MIN_SEARCHED_SHAPES)) for key, own in shapes.items()
     }
     unnamed = [keep(Candidate(u, Z)) for u, Z in unnamed_components(sensitivities, excitation)]
     grids = Counter(s.key for s in unnamed)
@@ -126,11 +133,8 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     ]
 
 
-def _keeper(rows: int) -> Callable[[Candidate], Candidate]:
-    """Puts the columns of candidates of many rows into blocks: twice in memory, they would be most of it.
-
-    What searches look at together stands together.
-    """
+def _column_keeper(rows: int) -> Callable[[Candidate], Candidate]:
+    """Keeps the columns of candidates of many rows in blocks: twice in memory, they would be most of it."""
     if rows < levels.MANY_ROWS:
         return lambda candidate: candidate
     store = ColumnStore()
@@ -147,10 +151,16 @@ def effective_number(shapes: Sequence[Array]) -> float:
 
     λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
     time constants of a drift say nearly the same.
+
+    Example:
+        >>> import numpy as np
+        >>> same = np.ones((3, 1))
+        >>> effective_number([same, same]), effective_number([np.eye(3)[:, [0]], np.eye(3)[:, [1]]])
+        (1.0, 2.0)
     """
     if len(shapes) == 1:
         return 1.0
-    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // levels.COMPARED_SHAPES)]], axis=1)
+    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // levels.MAX_COMPARED_SHAPES)]], axis=1)
     norms = np.linalg.norm(first, axis=0)
     first = first / np.where(norms > 0, norms, 1.0)
     values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)
@@ -174,7 +184,7 @@ def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excit
             norms = np.linalg.norm(Z, axis=0)
             if norms[-1] > 1e-6 * np.linalg.norm(sensitivities.joints[i]):
                 s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
-                points = wider.points if s[-1] > levels.DISTINCT_MASSES else points
+                points = wider.points if s[-1] > levels.MIN_MASS_SINGULAR_VALUE else points
         if points:
             effects.append(JointCompliance(joint=name, loads="points", points=points))
     return effects
@@ -186,20 +196,20 @@ def score_candidates(
     sensitivities: EffectSensitivities,
     lines: Sequence[Lines],
 ) -> tuple[list[ScoredCandidate], NullDistribution]:
-    """The best shape of every kind and target beside a baseline, the least p-value first, and the null distribution.
+    """The best shape of every kind and target given a baseline, the least p-value first, and the null distribution.
 
     Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
     null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
     (Winkler et al. 2014).
     """
-    rho, sizes, gains = explained(baseline, [s.Z for s in candidates])
+    rho, sizes, gains = explained_squares(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
-    sizes, gains = sizes[alive], _possible(baseline, [candidates[i] for i in alive], gains[alive])
+    sizes, gains = sizes[alive], _within_limits(baseline, [candidates[i] for i in alive], gains[alive])
     rss = baseline.rss
     values = log_p(gains, rss[None, :], sizes[:, None], baseline.freedom) if alive else np.zeros((0, len(rss)))
-    cyclic, lowest = _cyclic(baseline, sensitivities, lines)
+    cyclic, lowest = _cyclic_candidates(baseline, sensitivities, lines)
     families = np.array([candidates[i].family for i in alive])
-    least = {family: _least(values[families == family]) for family in levels.FAMILY_SHARES}
+    least = {family: _least_log_p(values[families == family]) for family in levels.FAMILY_SHARES}
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
     null = NullDistribution(least)
     found: dict[tuple[str, str], ScoredCandidate] = {}
@@ -219,7 +229,7 @@ def score_candidates(
     return sorted(scored, key=lambda j: (j.p_value, j.log_p)), null
 
 
-def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
+def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
     """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameter."""
     gains = gains.copy()
     for row, candidate in enumerate(candidates):
@@ -231,10 +241,14 @@ def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gain
     return gains
 
 
-def absorbed(
+def absorbed_candidates(
     baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
 ) -> tuple[tuple[Candidate, float], ...]:
-    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it."""
+    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it.
+
+    Returns:
+        Their share is below `levels.MIN_SURVIVING_SHARE`: whatever their size, geometry explains the data as well.
+    """
     known = {j.candidate.key for j in scored}
     found: dict[tuple[str, str], tuple[Candidate, float]] = {}
     for candidate in candidates:
@@ -243,18 +257,18 @@ def absorbed(
     return tuple(found.values())
 
 
-def _least(values: Array) -> Array:
+def _least_log_p(values: Array) -> Array:
     """(B,) least log p-value of each flipped set."""
     return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """The lines of one joint that its values resolve.
+    """The lines of one joint that its values resolve: frequencies at which its error may repeat.
 
     Args:
         form: any of them; the others have its joint and centre.
-        cycles: (K,) cycles per revolution [1]; ``searched`` how many of them are independent.
+        cycles: (K,) evenly spaced [cycles per revolution].
     """
 
     form: CyclicError
@@ -262,15 +276,16 @@ class Lines:
 
     @property
     def searched(self) -> float:
+        """How many of the frequencies are independent."""
         return len(self.cycles) / OVERSAMPLING
 
     @property
     def least_distance(self) -> float:
         """Lines nearer than that are one line [cycles per revolution]."""
-        return levels.LEAST_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
+        return levels.MIN_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
 
     def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
-        """The line of so many cycles per revolution."""
+        """The line of so many cycles per revolution: a sine and a cosine of the joint value about its centre."""
         line = self.form.with_shape(float(cycles))
         return Candidate(line, sensitivities.columns(line), self.searched)
 
@@ -279,13 +294,13 @@ def lines_of_joints(excitation: Excitation, data: Measurements) -> tuple[Lines, 
     """The lines of each revolute joint that has some."""
     found: list[Lines] = []
     for joint, name in enumerate(excitation.robot.joint_names):
-        if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _STILL:
+        if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _MIN_JOINT_RANGE_RAD:
             cycles = CyclicError.resolved(data.q[:, joint])
             found += [Lines(CyclicError.about(name, data.q[:, joint]), cycles)] if len(cycles) else []
     return tuple(found)
 
 
-def _cyclic(
+def _cyclic_candidates(
     baseline: ProjectedBaseline, sensitivities: EffectSensitivities, lines_of_all: Sequence[Lines]
 ) -> tuple[list[tuple[Candidate, float]], Array]:
     """Peaks of the joints' periodograms with their log p-values, and the least log p-value (B,) of flipped sets."""
@@ -296,13 +311,13 @@ def _cyclic(
         joint = data.joint_names.index(lines.form.joint)
         gains, most = scan_frequencies(baseline, sensitivities.joints[joint], data.q[:, joint], lines.cycles)
         lowest = np.minimum(lowest, log_p(most, rss[1:], 2, baseline.freedom))
-        for k in _peaks(gains):
+        for k in _highest_peaks(gains):
             p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.freedom)[0])
             found.append((lines.candidate(lines.cycles[k], sensitivities), p))
     return found, lowest
 
 
-def _peaks(gains: Array) -> list[int]:
+def _highest_peaks(gains: Array) -> list[int]:
     """Indices of the highest local maxima."""
     left = np.r_[True, gains[1:] >= gains[:-1]]
     right = np.r_[gains[:-1] >= gains[1:], True]

@@ -10,26 +10,31 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes
 
-_TOGETHER = 64  # candidates of one block: enough for a fast product, and few columns are set aside in vain
-_GATHERED = 16  # candidates whose columns at some rows are copied at a time
+_CANDIDATES_PER_BLOCK = 64  # candidates of one block: enough for a fast product, and few columns are set aside in vain
+_CANDIDATES_COPIED = 16  # candidates whose columns at some rows are copied at a time
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnPlace:
-    """Where the columns of a candidate stand: ``block`` (candidates, k, m), and which of its candidates it is."""
+    """Where the columns of a candidate are kept.
+
+    Args:
+        block: (candidates, k, m) columns of several candidates, single precision.
+        index: which of them it is.
+    """
 
     block: Array
     index: int
 
     @property
     def columns(self) -> Array:
-        """(m, k)."""
+        """The columns (m, k), a view."""
         return np.asarray(self.block[self.index].T)
 
 
 @dataclass(eq=False)
 class ColumnStore:
-    """Takes columns (m, k) one by one; those of one key and width stand in the same blocks.
+    """Takes columns (m, k) one by one; those of one key and width are in the same blocks.
 
     Seven digits are enough: what is chosen is fitted anew, from columns of its own.
     """
@@ -37,12 +42,12 @@ class ColumnStore:
     _open: dict[object, tuple[Array, int]] = field(default_factory=dict)
 
     def keep(self, key: object, Z: Array) -> ColumnPlace:
-        """A copy of the columns, beside those of the same key."""
+        """A copy of the columns Z (m, k), in a block with those of the same key."""
         key = key, Z.shape[1]
         # Memory that is set aside and never written to costs nothing.
         block, count = self._open.get(key, (np.zeros((0, 0, 0)), 0))
         if count == len(block):
-            block, count = np.empty((_TOGETHER, Z.shape[1], len(Z)), dtype=np.float32), 0
+            block, count = np.empty((_CANDIDATES_PER_BLOCK, Z.shape[1], len(Z)), dtype=np.float32), 0
         block[count] = Z.T
         self._open[key] = block, count + 1
         return ColumnPlace(block, count)
@@ -56,7 +61,7 @@ class ColumnBlocks:
 
     @classmethod
     def of(cls, columns: Sequence[Array], places: Sequence[ColumnPlace | None]) -> ColumnBlocks:
-        """Of columns (m, k) each; those that stand in blocks already, in their order, are not copied."""
+        """Of columns (m, k) each; those that are in blocks already, in their order, are not copied."""
         found, at = list[Array](), 0
         for _, run in groupby(places, lambda place: None if place is None else id(place.block)):
             own = list(run)
@@ -72,11 +77,15 @@ class ColumnBlocks:
         return cls(tuple(found))
 
     def grams(self, rows: Codes | None = None) -> Array:
-        """(n, k, k) inner products of the columns of each candidate, of all residuals or of some."""
+        """(n, k, k) inner products of the columns of each candidate, of all residuals or of some.
+
+        Args:
+            rows: indices of residuals; all by default.
+        """
         found = []
         for block in self.blocks:
-            for first in range(0, len(block), _GATHERED):
-                part = block[first : first + _GATHERED]
+            for first in range(0, len(block), _CANDIDATES_COPIED):
+                part = block[first : first + _CANDIDATES_COPIED]
                 part = part if rows is None else part[:, :, rows]
                 found.append(part @ np.swapaxes(part, 1, 2))
         return np.concatenate(found).astype(float)

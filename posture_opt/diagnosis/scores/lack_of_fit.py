@@ -22,6 +22,8 @@ class Adequacy:
         lack_of_fit: p-value of the scatter about the model against that of repeats.
         structure: family-wise p-value of residuals of neighbours that are alike.
         place: the variable along which they are most alike.
+
+    ``place`` is a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
     """
 
     lack_of_fit: float
@@ -43,8 +45,11 @@ def assess_adequacy(
         groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
         points: (N, 3) tool points [m], world.
         block: residuals of one row.
+
+    Args:
+        baseline: everything that was fitted, with its sign-flipped data sets.
     """
-    structure, place = _structure(baseline, data, groups, points, block)
+    structure, place = _structure_test(baseline, data, groups, points, block)
     return Adequacy(_lack_of_fit(baseline, data, groups, block), structure, place)
 
 
@@ -56,40 +61,42 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes,
     do; which it is is unknown, so the p-value is the larger of both.
 
     Source: Draper, Smith (1998), section 2.1.
+
+    ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``. The p-value is 1 where repeats are too few (`levels`).
     """
     from scipy.special import fdtrc
 
     repeat = repeat_of_row(data)
-    cell, first, size = _alike(repeat, groups)
-    code, _, repeats = _alike(groups[first])
-    # The targets of one repeat share its scatter too: so many residuals tell as much as one.
+    cell, first, size = _group_codes(repeat, groups)
+    code, _, repeats = _group_codes(groups[first])
+    # The targets of one repeat share its scatter too: so many residuals say as much as one.
     shared = len(size) / (repeat[-1] + 1)
     pure_freedom = int((repeats - 1).sum()) * block / shared
     freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
-    if pure_freedom < levels.REPEAT_FREEDOM or freedom < 1:
+    if pure_freedom < levels.MIN_REPEAT_FREEDOM or freedom < 1:
         return 1.0
-    e = _means(baseline.e[: len(data) * block].reshape(-1, block), cell, np.ones(len(cell)))
+    e = _group_means(baseline.e[: len(data) * block].reshape(-1, block), cell, np.ones(len(cell)))
     ratios = []
     for weights in (size.astype(float), np.ones(len(size))):
-        pure = float(np.sum(weights[:, None] * (e - _means(e, code, weights)[code]) ** 2))
+        pure = float(np.sum(weights[:, None] * (e - _group_means(e, code, weights)[code]) ** 2))
         left = float(np.sum(weights[:, None] * e**2)) - pure
         ratios.append((left / freedom) / max(pure / pure_freedom, 1e-300))
     return float(fdtrc(freedom, pure_freedom, max(min(ratios), 0.0)))
 
 
-def _alike(*codes: Codes) -> tuple[Codes, Codes, Codes]:
+def _group_codes(*codes: Codes) -> tuple[Codes, Codes, Codes]:
     """(N,) the group of rows that agree in all codes, and of each group its first row and how many it has."""
     found = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True, return_counts=True)
     return found[2].ravel(), found[1], found[3]
 
 
-def _means(e: Array, code: Codes, weights: Array) -> Array:
+def _group_means(e: Array, code: Codes, weights: Array) -> Array:
     """(G, block) weighted means of rows (N, block) of one code."""
     total = np.bincount(code, weights)
     return np.stack([np.bincount(code, weights * column) / total for column in e.T], axis=1)
 
 
-def _structure(
+def _structure_test(
     baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
 ) -> tuple[float, str]:  # fmt: skip
     """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs.
@@ -99,12 +106,12 @@ def _structure(
     N = len(data)
     rows = (
         np.arange(N)
-        if N <= levels.KERNEL_ROWS
-        else np.sort(np.random.default_rng(0).choice(N, levels.KERNEL_ROWS, replace=False))
+        if N <= levels.MAX_KERNEL_ROWS
+        else np.sort(np.random.default_rng(0).choice(N, levels.MAX_KERNEL_ROWS, replace=False))
     )
     series = baseline.flipped[: N * block].reshape(N, block, -1)[rows]
     names, values = [], []
-    for name, K in _kernels(data, points, rows):
+    for name, K in _smooth_kernels(data, points, rows):
         np.fill_diagonal(K, 0.0)
         # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
         for codes in (groups[rows], data.pose[rows]):
@@ -120,31 +127,33 @@ def _structure(
     return p_value_of_maximum(most, float(z[best, 0])), names[best]
 
 
-def _kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:
+def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:
+    """Kernels (R, R) by name: joint values, sides of arrival, tool points and inputs of the rows, 1 on the diagonal."""
     q = data.q[rows]
     for j, name in enumerate(data.joint_names):
         span = float(np.ptp(q[:, j]))
         if span < 1e-6:
             continue
-        for scale in levels.JOINT_KERNELS:
-            near = _gaussian(q[:, j : j + 1] / (scale * span))
+        for scale in levels.JOINT_KERNEL_WIDTHS:
+            near = _gaussian_kernel(q[:, j : j + 1] / (scale * span))
             yield name, near
         side = np.sign(data.approach[rows, j])
         if len(np.unique(side)) > 1:
             yield (
                 f"side of {name}",
-                np.outer(side, side) * _gaussian(q[:, j : j + 1] / (levels.JOINT_KERNELS[0] * span)),
+                np.outer(side, side) * _gaussian_kernel(q[:, j : j + 1] / (levels.JOINT_KERNEL_WIDTHS[0] * span)),
             )
     size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
-    for scale in levels.FIELD_KERNELS:
-        yield "tool point", _gaussian(points[rows] / max(scale * size, 1e-9))
+    for scale in levels.FIELD_KERNEL_WIDTHS:
+        yield "tool point", _gaussian_kernel(points[rows] / max(scale * size, 1e-9))
     for name in ("time", "payload", "temperature"):
         values = getattr(data, name)
         values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
         if values is not None and np.ptp(values[rows]) > 0:
-            yield name, _gaussian(values[rows][:, None] / (levels.INPUT_KERNEL * np.ptp(values[rows])))
+            yield name, _gaussian_kernel(values[rows][:, None] / (levels.INPUT_KERNEL_WIDTH * np.ptp(values[rows])))
 
 
-def _gaussian(x: Array) -> Array:
+def _gaussian_kernel(x: Array) -> Array:
+    """``exp(−½ |x_i − x_j|²)`` (R, R) of points (R, d) in units of the kernel's width."""
     square = np.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=2)
     return np.asarray(np.exp(-0.5 * square))

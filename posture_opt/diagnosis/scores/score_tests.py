@@ -1,4 +1,9 @@
-"""Score tests of many candidates at once, and the null distribution of the largest of them."""
+"""Score tests of many candidates at once, and the null distribution of the largest of them.
+
+A candidate with the columns Z explains ``|P r|²`` of residuals r that the baseline leaves, P the projector on what Z
+adds to it. Under the null the F ratio of that has its usual distribution; the largest of many dependent ones does not,
+so its distribution is simulated by flipping the signs of whole poses.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 from posture_opt.numerics import Array, Codes
 
-_CHUNK = 4_000_000  # numbers of one block of columns: 32 MB
-_ROWS = 4096  # walked through at a time
-_MOST_LEVERAGE = 0.99  # above, a residual says nothing of the noise
-_ROUNDING = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
+_MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
+_ROWS_AT_ONCE = 4096  # walked through at a time
+_MAX_LEVERAGE = 0.99  # above, a residual says nothing of the noise
+_RANK_TOLERANCE = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +45,23 @@ class ProjectedBaseline:
     def of(
         cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
     ) -> ProjectedBaseline:  # fmt: skip
-        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
-        Q = orthonormal(columns)
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual.
+
+        Args:
+            flips: B, how many data sets; seed: of their signs.
+            count: residuals that these stand for; as many as given if 0.
+        """
+        Q = orthonormal_basis(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
-        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MOST_LEVERAGE)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MAX_LEVERAGE)
         signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips)).astype(np.int8)
         flipped = np.empty((len(e), 1 + flips))
         flipped[:, 0], drawn = e, flipped[:, 1:]
         np.multiply(signs[groups], (e / np.sqrt(1 - leverage))[:, None], out=drawn)
         inside = Q.T @ drawn
-        for first in range(0, len(e), _ROWS):
-            drawn[first : first + _ROWS] -= Q[first : first + _ROWS] @ inside
+        for first in range(0, len(e), _ROWS_AT_ONCE):
+            drawn[first : first + _ROWS_AT_ONCE] -= Q[first : first + _ROWS_AT_ONCE] @ inside
         return cls(Q, e, flipped, count or len(r))
 
     @property
@@ -69,8 +79,11 @@ class ProjectedBaseline:
         return np.asarray(Z - self.Q @ (self.Q.T @ Z))
 
 
-def orthonormal(columns: Array) -> Array:
-    """Orthonormal basis (m, rank) of columns (m, k) of any scales."""
+def orthonormal_basis(columns: Array) -> Array:
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales.
+
+    Columns are scaled to length one first: the rank does not depend on units.
+    """
     norms = np.linalg.norm(columns, axis=0)
     kept = columns[:, norms > 0] / norms[norms > 0]
     U, s, _ = np.linalg.svd(kept, full_matrices=False)
@@ -78,14 +91,21 @@ def orthonormal(columns: Array) -> Array:
 
 
 def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
-    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left."""
+    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left.
+
+    Args:
+        Z: (m, k) columns.
+
+    Returns:
+        No columns where less than `levels.MIN_SURVIVING_SHARE` of its length is left.
+    """
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
-    if rho < levels.SURVIVING_SHARE:
+    if rho < levels.MIN_SURVIVING_SHARE:
         return np.zeros((len(Z), 0)), rho
     U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[0]))]), rho
+    return np.asarray(U[:, s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[0]))]), rho
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +122,7 @@ class ProjectedColumns:
     scores: Array
 
     def __len__(self) -> int:
+        """The number of candidates."""
         return len(self.edges) - 1
 
     @property
@@ -118,31 +139,31 @@ class ProjectedColumns:
     def of(cls, baseline: ProjectedBaseline, candidates: Sequence[Array]) -> ProjectedColumns:
         """Of the columns (m, k) of each candidate, which are walked through in blocks of rows."""
         gram, scores = _projected_products(baseline, candidates)
-        norms, edges = np.sqrt([float(v) for Z in candidates for v in _squares(Z)]), _edges(candidates)
+        norms, edges = np.sqrt([float(v) for Z in candidates for v in _column_squares(Z)]), _column_edges(candidates)
         scale = 1 / np.where(norms > 0, norms, 1.0)
         gram, scores = gram * np.outer(scale, scale), scores * scale
-        turned = [_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
+        turned = [_kept_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
         T = _block_diagonal(turned, len(scores))
         ends = np.cumsum([0, *(t.shape[1] for t in turned)])
         return cls(ends, np.asarray(T.T @ gram @ T), np.asarray(T.T @ scores))
 
 
-def _directions(gram: Array) -> Array:
+def _kept_directions(gram: Array) -> Array:
     """(k, r) what makes orthonormal directions of k projected columns of former length one; as `projected_basis`."""
-    if np.sqrt(max(np.diag(gram).max(initial=0.0), 0.0)) < levels.SURVIVING_SHARE:
+    if np.sqrt(max(np.diag(gram).max(initial=0.0), 0.0)) < levels.MIN_SURVIVING_SHARE:
         return np.zeros((len(gram), 0))
     values, vectors = np.linalg.eigh(gram)
     s = np.sqrt(np.maximum(values, 0.0))
-    clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+    clear = s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
     return np.asarray(vectors[:, clear] / s[clear])
 
 
 def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array]:
     """(K, K) inner products of all columns off the baseline, and (K,) those with the residuals that it leaves."""
-    count = int(_edges(candidates)[-1])
+    count = int(_column_edges(candidates)[-1])
     gram, cross, scores = np.zeros((count, count)), np.zeros((baseline.Q.shape[1], count)), np.zeros(count)
-    for first in range(0, len(baseline.e) if candidates else 0, _ROWS):
-        own = slice(first, first + _ROWS)
+    for first in range(0, len(baseline.e) if candidates else 0, _ROWS_AT_ONCE):
+        own = slice(first, first + _ROWS_AT_ONCE)
         Z = np.concatenate([Z[own] for Z in candidates], axis=1, dtype=float)
         gram += Z.T @ Z
         cross += baseline.Q[own].T @ Z
@@ -150,15 +171,18 @@ def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]
     return gram - cross.T @ cross, scores
 
 
-def _edges(candidates: Sequence[Array]) -> Codes:
+def _column_edges(candidates: Sequence[Array]) -> Codes:
+    """Where the columns of each candidate begin among those of all: (candidates + 1,)."""
     return np.cumsum([0, *(Z.shape[1] for Z in candidates)])
 
 
-def _squares(Z: Array) -> Array:
+def _column_squares(Z: Array) -> Array:
+    """Squared lengths (k,) of columns (m, k), in double precision."""
     return np.asarray(np.einsum("mk,mk->k", Z, Z, dtype=float))
 
 
 def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
+    """Blocks (k_i, r_i) on the diagonal of a matrix (``rows``, Σ r_i)."""
     found = np.zeros((rows, sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
@@ -168,7 +192,11 @@ def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
-    """Natural logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
+    """Natural logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``.
+
+    ``P(F_{s, ν} > (explained / s) / (left / ν))`` with ν = ``freedom`` − s; beyond 1e-280 the leading term of its tail,
+    ``−ν/2 · log(1 + s F / ν)``.
+    """
     from scipy.special import fdtrc
 
     size = np.asarray(size, dtype=float)
@@ -182,8 +210,8 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
     return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
 
 
-def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """Of candidates (each (m, k)) beside a baseline: shares ρ, ranks, and the sums of squares that they explain.
+def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """Of candidates (each (m, k)) given a baseline: shares ρ, ranks, and the sums of squares that they explain.
 
     As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
     (candidates, 1 + B), a sum of squares of each column of flipped residuals.
@@ -191,7 +219,7 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
     sizes = [Z.shape[1] for Z in candidates]
     rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
     gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
-    for chunk in _chunks(sizes, len(baseline.e)):
+    for chunk in _candidate_chunks(sizes, len(baseline.e)):
         Z = np.concatenate([candidates[i] for i in chunk], axis=1, dtype=float)
         cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
         edges = np.cumsum([0, *(sizes[i] for i in chunk)])
@@ -202,22 +230,23 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
             norms = np.where(norms > 0, norms, 1.0)
             rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
             rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
-            if rho[i] < levels.SURVIVING_SHARE:
+            if rho[i] < levels.MIN_SURVIVING_SHARE:
                 continue
             values, vectors = np.linalg.eigh(rest)
             s = np.sqrt(np.maximum(values, 0.0))
-            clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+            clear = s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
             kept[i] = int(clear.sum())
             parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
             gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
     return rho, kept, gains
 
 
-def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+def _candidate_chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+    """Indices of candidates whose columns together hold `_MAX_CHUNK_NUMBERS` at the most."""
     chunk: list[int] = []
     total = 0
     for i, size in enumerate(sizes):
-        if chunk and (total + size) * rows > _CHUNK:
+        if chunk and (total + size) * rows > _MAX_CHUNK_NUMBERS:
             yield chunk
             chunk, total = [], 0
         chunk.append(i)
@@ -251,6 +280,9 @@ def scan_frequencies(
     Args:
         joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
         q: (N,) joint values [rad]; cycles: (K,) frequencies [cycles per revolution].
+
+    The sum of squares that a sine and a cosine of each frequency explain together: the generalised Lomb-Scargle
+    periodogram (Lomb 1976; Scargle 1982) of a joint's error, the baseline projected off.
     """
     N, block = joint_columns.shape
     c = joint_columns
@@ -259,7 +291,7 @@ def scan_frequencies(
     square = np.einsum("nb,nb->n", c, c)
     sines, cosines = FourierSums.of(q, cycles)(np.concatenate([basis, series], axis=1))
     k = basis.shape[1]
-    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in squares(q, cycles, square[:, None]))
+    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in weighted_squares(q, cycles, square[:, None]))
     pairs = ((ss, qs, qs), (cc, qc, qc), (sc, qs, qc))
     gram = tuple(own - np.einsum("ij,ij->i", a, b) for own, a, b in pairs)
     gain = _two_columns(gram, sines[:, k:], cosines[:, k:])
@@ -279,9 +311,15 @@ def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> flo
     """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
 
     The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
+
+    Example:
+        >>> import numpy as np
+        >>> draws = np.arange(1.0, 100.0)
+        >>> p_value_of_maximum(draws, 50.0), p_value_of_maximum(draws, 200.0) < 1e-8
+        (0.51, True)
     """
     share = (1 + float(np.sum(most >= value))) / (1 + len(most))
-    if share > levels.COUNTED_DRAWS / (1 + len(most)):
+    if share > levels.COUNTED_EXCEEDANCES / (1 + len(most)):
         return share
     start = float(np.quantile(most, 1 - levels.TAIL_SHARE))
     excess = max(float(np.mean(most[most >= start] - start)), slowest)

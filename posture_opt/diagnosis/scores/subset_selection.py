@@ -1,4 +1,7 @@
-"""The set of candidates that explains residuals best, by a beam search with exchange over their Gram matrix."""
+"""The set of candidates that explains residuals best, by exchange over their Gram matrix.
+
+All that a comparison of sets needs are inner products of the candidates' orthonormal directions, which are taken once.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,16 @@ from posture_opt.numerics import Array, Codes
 
 Chosen = tuple[int, ...]
 
-_DEPENDENT, _INVERTIBLE = 1e-6, 1e-8  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
-_BETTER = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
+_RANK_TOLERANCE, _INVERSE_TOLERANCE = (
+    1e-6,
+    1e-8,
+)  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
+_GAIN_TOLERANCE = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates by the inner products of their bases beside the projected baseline, and the penalty of each.
+    """Candidates by the inner products of their bases projected off the baseline, and the penalty of each.
 
     Args:
         columns: those inner products, with each other and with the residuals that the baseline leaves, of which
@@ -26,6 +32,8 @@ class Pool:
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
+
+    Two shapes of one effect have equal codes: a set holds at most one of them.
     """
 
     columns: ProjectedColumns
@@ -41,35 +49,44 @@ class Pool:
         return float(np.linalg.norm(between, 2))
 
     def _index(self, chosen: Chosen) -> Codes:
+        """Indices of the directions of a set."""
         edges = self.columns.edges
         return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
 
     def rss(self, chosen: Chosen) -> float:
-        """Sum of squares that a set leaves."""
+        """Sum of squares that a set leaves.
+
+        ``rss0 − bᵀ G⁺ b`` with the Gram matrix G of its directions and their scores b.
+        """
         if not chosen:
             return self.rss0
         index = self._index(chosen)
         G, b = self.columns.gram[np.ix_(index, index)], self.columns.scores[index]
-        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_DEPENDENT)[0])
+        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_RANK_TOLERANCE)[0])
 
     def criterion(self, chosen: Chosen) -> float:
         """``m log(RSS/m) + Σ penalties``: the least is the best (Schwarz 1978)."""
         return self._criterion(self.rss(chosen), chosen)
 
     def _criterion(self, rss: float, chosen: Chosen) -> float:
+        """The criterion of a set whose sum of squares is known."""
         m = self.freedom
         cost = sum(float(self.penalty[i]) for i in chosen)
         return float(m * np.log(max(rss, 1e-300) / m) + cost)
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
-        """Every set with one candidate more, with its criterion, the best first."""
+        """Every set with one candidate more, with its criterion, the best first.
+
+        The gain of a candidate is ``Σ (vᵀ b)² / λ`` over the eigenvectors v of its Gram matrix given the set, those
+        only that are new by `levels.MIN_DISTINCT_SHARE`.
+        """
         taken = {int(self.exclusive[i]) for i in chosen}
         index = self._index(chosen)
         G, b, edges = self.columns.gram, self.columns.scores, self.columns.edges
         rss = self.rss0
         cross, left = G[:0], b
         if chosen:
-            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=_INVERTIBLE)
+            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=_INVERSE_TOLERANCE)
             cross = inverse @ G[index]
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
@@ -83,7 +100,9 @@ class Pool:
             part = vectors.T @ left[own]
             gain = float(
                 np.sum(
-                    np.where(values > levels.DISTINCT_SHARE, part**2 / np.maximum(values, levels.DISTINCT_SHARE), 0.0)
+                    np.where(
+                        values > levels.MIN_DISTINCT_SHARE, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0
+                    )
                 )
             )
             bigger = tuple(sorted((*chosen, i)))
@@ -91,8 +110,15 @@ class Pool:
         return sorted(found)
 
 
-def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
-    """Drops and swaps as long as the criterion falls."""
+def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
+    """Drops and swaps as long as the criterion falls.
+
+    Args:
+        chosen: indices of the set to begin with.
+
+    Returns:
+        A local minimum: no drop and no swap lowers the criterion.
+    """
     value = pool.criterion(chosen)
     while True:
         trials = []
@@ -101,13 +127,17 @@ def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
             trials.append((pool.criterion(rest), rest))
             trials += pool.additions(rest)[:1]
         better = min(trials, default=(np.inf, chosen))
-        if better[0] >= value - _BETTER:
+        if better[0] >= value - _GAIN_TOLERANCE:
             return chosen
         value, chosen = better
 
 
-def alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
-    """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first."""
+def close_alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
+    """Candidates that could replace a member at a criterion at most ``within`` worse, the best first.
+
+    Returns:
+        (rise of the criterion, index) of each.
+    """
     rest = tuple(j for j in chosen if j != member)
     value = pool.criterion(chosen)
     found = []

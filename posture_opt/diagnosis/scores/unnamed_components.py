@@ -13,9 +13,9 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Cause, Excitation
 from posture_opt.numerics import Array
 
-_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
+_WAVE_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
 """Directions (13, 3) of waves over the workspace, one of each pair of opposites."""
-_WORDS = {
+_PHRASES = {
     "curve": "a smooth curve over {target}",
     "dent": "a local deviation in the range of {target}",
     "square wave": "a square wave over {target}",
@@ -35,6 +35,8 @@ class UnnamedComponent(Cause):
     Args:
         kind, target: what the error depends on, and where.
         shape: index of its grid; between two of them once it is refined.
+
+    It says that something is there, and where; not what it is. A component wins only where no effect explains as much.
     """
 
     kind: str
@@ -43,7 +45,8 @@ class UnnamedComponent(Cause):
 
     @property
     def words(self) -> str:
-        return _WORDS[self.kind].format(target=self.target)
+        """The component in words of a report."""
+        return _PHRASES[self.kind].format(target=self.target)
 
 
 def unnamed_components(
@@ -51,15 +54,15 @@ def unnamed_components(
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Every unnamed component with its columns (m, k), in nine families."""
     yield from _joint_curves(sensitivities, excitation)
-    yield from _dents(sensitivities, excitation)
+    yield from _joint_dents(sensitivities, excitation)
     yield from _square_waves(sensitivities, excitation)
-    yield from _products(sensitivities, excitation)
+    yield from _joint_products(sensitivities, excitation)
     if "approach" in excitation.inputs:
-        yield from _sides(sensitivities, excitation)
-    yield from _fields(sensitivities, excitation)
+        yield from _side_interactions(sensitivities, excitation)
+    yield from _workspace_waves(sensitivities, excitation)
 
 
-def _moving(excitation: Excitation) -> list[int]:
+def _moving_joints(excitation: Excitation) -> list[int]:
     """Joints that move in the data, to rounding [rad or m]."""
     return [i for i, span in enumerate(excitation.span) if span > 1e-6]
 
@@ -69,15 +72,20 @@ def _joint_curves(
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Radial bases of one joint."""
     names = excitation.robot.joint_names
-    for joint in _moving(excitation):
+    for joint in _moving_joints(excitation):
         q = sensitivities.residuals.data.q[:, joint]
-        yield UnnamedComponent("curve", names[joint]), sensitivities.of_joint(joint, bumps(q))
+        yield (
+            UnnamedComponent("curve", names[joint]),
+            sensitivities.of_joint(joint, radial_bases(q, levels.CURVE_BUMPS)),
+        )
 
 
-def _dents(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _joint_dents(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """One Gaussian bump somewhere in the range of a joint."""
     names = excitation.robot.joint_names
-    for joint in _moving(excitation):
+    for joint in _moving_joints(excitation):
         q = sensitivities.residuals.data.q[:, joint]
         shape = 0
         for width in levels.DENT_WIDTHS:
@@ -99,20 +107,22 @@ def finer_phases(
     q = sensitivities.residuals.data.q[:, joint]
     waves = levels.SQUARE_WAVES[int(component.shape) // levels.SQUARE_WAVE_PHASES]
     for part in np.arange(-levels.SQUARE_WAVE_FINER, levels.SQUARE_WAVE_FINER + 1) / (2 * levels.SQUARE_WAVE_FINER):
-        wave = _square(q, waves, component.shape % levels.SQUARE_WAVE_PHASES + part)
+        wave = _square_wave(q, waves, component.shape % levels.SQUARE_WAVE_PHASES + part)
         yield (
             UnnamedComponent(component.kind, component.target, component.shape + part),
             sensitivities.of_joint(joint, wave[:, None]),
         )
 
 
-def _square(q: Array, waves: int, phase: float) -> Array:
-    """(N,) a square wave of so many periods per revolution; phases count in steps of the grid."""
+def _square_wave(q: Array, waves: int, phase: float) -> Array:
+    """A square wave (N,) of ``waves`` periods per revolution over joint values q [rad]; phases count in steps of the
+    grid.
+    """
     return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / levels.SQUARE_WAVE_PHASES)))
 
 
-def bumps(q: Array, count: int = levels.CURVE_BUMPS) -> Array:
-    """(N, count) Gaussian radial bases side by side over the range of q (N,)."""
+def radial_bases(q: Array, count: int) -> Array:
+    """Gaussian radial bases (N, count), evenly spaced over the range of q (N,); `levels.BUMP_WIDTH` wide."""
     centres = np.linspace(q.min(), q.max(), count)
     width = max(float(centres[1] - centres[0]), 1e-9)
     return np.exp(-0.5 * ((q[:, None] - centres) / (levels.BUMP_WIDTH * width)) ** 2)
@@ -123,36 +133,40 @@ def _square_waves(
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Square waves of a revolute joint, as of an encoder's tracks."""
     names = excitation.robot.joint_names
-    for joint in _moving(excitation):
+    for joint in _moving_joints(excitation):
         if excitation.robot.joints[joint].type != "revolute":
             continue
         q = sensitivities.residuals.data.q[:, joint]
         for i, waves in enumerate(levels.SQUARE_WAVES):
             for phase in range(levels.SQUARE_WAVE_PHASES):
-                wave = _square(q, waves, phase)
+                wave = _square_wave(q, waves, phase)
                 if np.abs(wave.mean()) < levels.CONSTANT_WAVE:
                     component = UnnamedComponent("square wave", names[joint], i * levels.SQUARE_WAVE_PHASES + phase)
                     yield component, sensitivities.of_joint(joint, wave[:, None])
 
 
-def _products(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _joint_products(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """The error of one joint as a product of first harmonics of it and another."""
     names, q = excitation.robot.joint_names, sensitivities.residuals.data.q
-    pairs = list(combinations(_moving(excitation), 2))
+    pairs = list(combinations(_moving_joints(excitation), 2))
     for a, b in [*pairs, *((b, a) for a, b in pairs)]:
         waves = [np.stack([np.sin(q[:, j]), np.cos(q[:, j])], axis=1) for j in (a, b)]
         features = (waves[0][:, :, None] * waves[1][:, None, :]).reshape(len(q), -1)
         yield UnnamedComponent("product", f"{names[a]} x {names[b]}"), sensitivities.of_joint(a, features)
 
 
-def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _side_interactions(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """The side of approach in interactions that no named effect has."""
     names, data, state = excitation.robot.joint_names, sensitivities.residuals.data, sensitivities.state
-    for joint in _moving(excitation):
+    for joint in _moving_joints(excitation):
         side, q = data.approach[:, joint], data.q[:, joint]
         waves = side[:, None] * np.stack([np.sin(q), np.cos(q)], axis=1)
         yield UnnamedComponent("side and posture", names[joint]), sensitivities.of_joint(joint, waves)
-        for other in _moving(excitation):
+        for other in _moving_joints(excitation):
             if other == joint:
                 continue
             if "masses" in excitation.inputs:
@@ -168,17 +182,19 @@ def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterat
             )
 
 
-def _fields(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _workspace_waves(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Waves over the workspace, and a smooth course over time."""
     n = len(sensitivities.residuals.data)
     p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in sensitivities.walk.position], axis=1)
     size = float(np.linalg.norm(np.ptp(p, axis=0)))
     axes = np.ptp(p, axis=0) > 1e-6
-    directions = [d for d in _DIRECTIONS if not np.any(d[~axes])]
+    directions = [d for d in _WAVE_DIRECTIONS if not np.any(d[~axes])]
     for shape, (direction, share) in enumerate((d, s) for d in directions for s in levels.FIELD_WAVELENGTHS):
         phase = 2 * np.pi / (share * max(size, 1e-9)) * (p @ (direction / np.linalg.norm(direction)))
         waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
         yield UnnamedComponent("field", "tool point", shape), sensitivities.of_point(waves)
     if "time" in excitation.inputs:
         t = np.asarray(sensitivities.state.inputs.time, dtype=float)
-        yield UnnamedComponent("course", "time"), sensitivities.of_point(bumps(t, levels.COURSE_BUMPS))
+        yield UnnamedComponent("course", "time"), sensitivities.of_point(radial_bases(t, levels.COURSE_BUMPS))

@@ -1,4 +1,4 @@
-"""Lines of a joint that its values cannot tell apart: aliases, as on a grid of postures."""
+"""Lines of a joint that its values cannot distinguish: aliases, as on a grid of postures."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING
 
-_NEAR = 0.8  # of what a line explains: between two points of the grid an alias loses less than that
-_FINER = 10
-_ALL = 1 - 1e-9
-_LISTED = 4  # aliases of one line, the slowest: a lattice has a dozen of them
+_MIN_ALIAS_GAIN = 0.8  # of what a line explains: between two points of the grid an alias loses less than that
+_STEPS_BETWEEN_LINES = 10
+_MAX_EXPLAINED = 1 - 1e-9
+_MAX_ALIASES = 4  # aliases of one line, the slowest: a lattice has a dozen of them
 
 
-def aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
-    """The cyclic errors whose first line stands elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
+def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
+    """The cyclic errors whose first line is elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
 
     All frequencies are searched, those too that are not offered because the values of the joint do not resolve them.
+
+    Args:
+        i: which of ``chosen``; anything but a cyclic error has no aliases.
     """
     error = chosen[i].what
     if not isinstance(error, CyclicError):
@@ -41,16 +44,16 @@ def aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> 
     step = float(np.diff(cycles[:2]).sum())
     apart = np.min(np.abs(cycles[:, None] - np.array(error.lines)), axis=1) > OVERSAMPLING * step
     found = []
-    for k in np.flatnonzero(peaks & apart & (gains > _NEAR * float(own @ own))):
-        near = cycles[k] + step * np.linspace(-0.5, 0.5, 2 * _FINER + 1)
+    for k in np.flatnonzero(peaks & apart & (gains > _MIN_ALIAS_GAIN * float(own @ own))):
+        near = cycles[k] + step * np.linspace(-0.5, 0.5, 2 * _STEPS_BETWEEN_LINES + 1)
         finer = scan_frequencies(baseline, lever, q, near)[0]
-        if _lost(baseline, float(own @ own), float(finer.max())) <= levels.RIVAL_CRITERION:
+        if _criterion_loss(baseline, float(own @ own), float(finer.max())) <= levels.RIVAL_CRITERION:
             found.append(float(near[int(np.argmax(finer))]))
-    shaped = [error.with_shape(other) for other in found[:_LISTED]]
+    shaped = [error.with_shape(other) for other in found[:_MAX_ALIASES]]
     return tuple(Candidate(other, sensitivities.columns(other), chosen[i].searched) for other in shaped)
 
 
-def _lost(baseline: ProjectedBaseline, own: float, other: float) -> float:
-    """By how much the criterion is worse with another line that explains so much."""
-    rest = baseline.rss[0] - np.minimum([other, own], _ALL * baseline.rss[0])
+def _criterion_loss(baseline: ProjectedBaseline, own: float, other: float) -> float:
+    """By how much the criterion is worse with another line: ``ν log(RSS_other / RSS_own)``."""
+    rest = baseline.rss[0] - np.minimum([other, own], _MAX_EXPLAINED * baseline.rss[0])
     return float(baseline.freedom * np.log(rest[0] / rest[1]))

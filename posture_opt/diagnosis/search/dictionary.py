@@ -1,6 +1,6 @@
 """The dictionary of a search: the columns of every candidate, its atoms, and the lines of all joints among them.
 
-Atoms tell their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
+Atoms return their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
 that a matching pursuit asks.
 """
 
@@ -16,21 +16,21 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis.scores.candidates import Candidate, Lines
 from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Codes
 
-_FINER = 4  # steps to either side from a line of the grid to half way to the next
+_STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half way to the next
 
 
 class Atoms(ABC):
     """n candidates of k columns each."""
 
     prices: Array
-    """(n,) what the criterion charges for each beside its parameters."""
+    """(n,) what the criterion charges for each in addition to its parameters."""
     limits: Array
     """(n, 2) the least and the largest size of an only parameter [SI]; infinite for most."""
 
@@ -48,7 +48,7 @@ class Atoms(ABC):
 
     @abstractmethod
     def excluded(self, chosen: Candidate) -> Codes:
-        """Indices of those that no model holds beside a chosen candidate."""
+        """Indices of those that no model holds together with a chosen candidate."""
 
     def finer(self, index: int) -> Iterator[Candidate]:
         """Candidates between this one and its neighbours on the grid."""
@@ -60,7 +60,7 @@ class Atoms(ABC):
 
 
 class WrittenAtoms(Atoms):
-    """Candidates whose columns are written out."""
+    """Candidates whose columns are stored: everything but lines."""
 
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
         self.members: tuple[Candidate, ...] = tuple(candidates)
@@ -77,6 +77,7 @@ class WrittenAtoms(Atoms):
         self._alike = codes
 
     def grams(self, rows: Codes | None = None) -> Array:
+        """Inner products (n, k, k), those of all rows taken once."""
         if rows is None:
             return self._grams
         return self._columns.grams((rows[:, None] * self.block + np.arange(self.block)).ravel())
@@ -86,15 +87,19 @@ class WrittenAtoms(Atoms):
         return self._columns.grams()
 
     def products(self, vectors: Array) -> Array:
+        """Inner products (n, k, p) with vectors (m, p), in single precision inside."""
         return self._columns.products(vectors).astype(float)
 
     def candidate(self, index: int) -> Candidate:
+        """The candidate at an index, as it was listed."""
         return self.members[index]
 
     def finer(self, index: int) -> Iterator[Candidate]:
+        """Shapes between this candidate and its neighbours on the grid."""
         yield from finer_shapes(self._sensitivities, self.members[index])
 
     def excluded(self, chosen: Candidate) -> Codes:
+        """Indices of other shapes of the same effect."""
         return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
 
 
@@ -118,34 +123,40 @@ class LineAtoms(Atoms):
         self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
 
     def grams(self, rows: Codes | None = None) -> Array:
+        """Inner products (K, 2, 2) of sine and cosine at every frequency, by `weighted_squares`."""
         q, lever = (v if rows is None else v[rows] for v in (self.q, self.lever))
         weights = np.einsum("nb,nb->n", lever, lever)[:, None]
-        ss, sc, cc = squares(q, self.lines.cycles, weights)
+        ss, sc, cc = weighted_squares(q, self.lines.cycles, weights)
         return np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2)
 
     def products(self, vectors: Array) -> Array:
+        """Inner products (K, 2, p) with vectors (m, p), by fast Fourier sums."""
         N, block = self.lever.shape
         along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1))
         return np.stack(self.sums(along), axis=1)
 
     def candidate(self, index: int) -> Candidate:
+        """The line at a frequency of the grid."""
         return self.lines.candidate(self.lines.cycles[index], self._sensitivities)
 
     def excluded(self, chosen: Candidate) -> Codes:
+        """Indices of lines of the same joint that are too near to a chosen one to be another."""
         if not isinstance(chosen.what, CyclicError) or chosen.what.joint != self.lines.form.joint:
             return np.zeros(0, dtype=np.intp)
         apart = np.abs(self.lines.cycles - chosen.what.cycles)
         return np.flatnonzero(apart <= self.lines.least_distance)
 
     def finer(self, index: int) -> Iterator[Candidate]:
-        yield from self._about(self.lines.cycles[index], self._step / (2 * _FINER))
+        """Lines up to half way to the neighbours on the grid."""
+        yield from self._lines_about(self.lines.cycles[index], self._step / (2 * _STEPS_TO_HALF_WAY))
 
     def closer(self, found: Candidate) -> Iterator[Candidate]:
+        """Lines up to half way between two of the finer ones."""
         assert isinstance(found.what, CyclicError)
-        yield from self._about(found.what.cycles, self._step / (2 * _FINER) ** 2)
+        yield from self._lines_about(found.what.cycles, self._step / (2 * _STEPS_TO_HALF_WAY) ** 2)
 
-    def _about(self, cycles: float, step: float) -> Iterator[Candidate]:
-        for k in range(-_FINER, _FINER + 1):
+    def _lines_about(self, cycles: float, step: float) -> Iterator[Candidate]:
+        for k in range(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1):
             yield self.lines.candidate(cycles + k * step, self._sensitivities)
 
 

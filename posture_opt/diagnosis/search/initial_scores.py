@@ -38,18 +38,18 @@ class InitialScores:
 
     def decided(self) -> InitialScores:
         """A close decision with more draws of the null, so that it does not depend on the draw."""
-        close = self.best_p_value > levels.FIRST_EFFECT / levels.CLOSE_DECISION
-        close &= self.best_p_value < levels.FIRST_EFFECT * levels.CLOSE_DECISION
-        if not self.scored or not close or len(self.linearised.r) >= levels.STEADY_RESIDUALS:
+        close = self.best_p_value > levels.FIRST_EFFECT_LEVEL / levels.CLOSE_DECISION_FACTOR
+        close &= self.best_p_value < levels.FIRST_EFFECT_LEVEL * levels.CLOSE_DECISION_FACTOR
+        if not self.scored or not close or len(self.linearised.r) >= levels.MAX_REDRAWN_RESIDUALS:
             return self
-        return InitialScores.of(self.linearised, self.candidates, levels.MORE_SIGN_FLIPS * self.linearised.flips)
+        return InitialScores.of(self.linearised, self.candidates, levels.SIGN_FLIPS_FACTOR * self.linearised.flips)
 
     def shortlist(self) -> list[Candidate]:
         """The candidates that explain something by themselves, those with a searched shape at their best."""
-        refined = levels.REFINED_EVIDENCE * self.scored[0].log_p if self.scored else 0.0
+        refined = levels.REFINED_EVIDENCE_SHARE * self.scored[0].log_p if self.scored else 0.0
         return [
             refine_shape(self.linearised.sensitivities, self.baseline, s.candidate)
-            if s.log_p < refined or k < levels.ALWAYS_REFINED
+            if s.log_p < refined or k < levels.ALWAYS_REFINED_CANDIDATES
             else s.candidate
             for k, s in enumerate(self.scored)
             if s.log_p < np.log(levels.SHORTLIST_P_VALUE)

@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
-from posture_opt.calibration.estimation.identifiability import identify
+from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.diagnosis.scores.candidates import Candidate, Lines, lines_of_joints
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Excitation
@@ -42,7 +42,7 @@ class LinearisedData:
 
     @cached_property
     def lines(self) -> tuple[Lines, ...]:
-        """The lines of each joint that its values resolve."""
+        """The lines of each revolute joint that its values resolve."""
         return lines_of_joints(self.excitation, self.sensitivities.residuals.data)
 
     def baseline(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
@@ -68,11 +68,15 @@ class LinearisedData:
         return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
 
 
-def linearise(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
-    """The residuals of a calibrated arm, without its outliers, about its estimate."""
+def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
+    """The residuals of a calibrated arm, without its outliers, about its estimate.
+
+    Args:
+        flips: draws of the null distribution; seed: of their signs.
+    """
     kept = calibration.kept_rows
     residuals = calibration.residuals.take(kept)
-    r, J = residuals.both(calibration.x)
+    r, J = residuals.residuals_and_jacobian(calibration.x)
     sensitivities = EffectSensitivities(residuals, calibration.x)
     poses = np.repeat(np.unique(residuals.data.pose, return_inverse=True)[1], residuals.block)
     apart = len(poses) + np.arange(len(residuals.distances))  # no two known distances err together
@@ -94,8 +98,8 @@ def frame_directions(calibration: Calibration) -> Array:
     columns, k = calibration.residuals.free, len(calibration.parameters)
     if not len(columns):
         return np.zeros((k, 0))
-    J = calibration.residuals.both(calibration.x_nominal)[1][:, columns]
-    part = identify([calibration.parameters[i].name for i in columns], J, len(calibration.residuals.data))
+    J = calibration.residuals.residuals_and_jacobian(calibration.x_nominal)[1][:, columns]
+    part = identify_parameters([calibration.parameters[i].name for i in columns], J, len(calibration.residuals.data))
     directions = np.zeros((k, part.rank))
     directions[columns] = part.directions
     return directions

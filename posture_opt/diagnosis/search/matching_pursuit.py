@@ -14,17 +14,17 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import orthonormal
+from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
 from posture_opt.diagnosis.search.dictionary import Atoms, Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
-from posture_opt.diagnosis.search.shape_refinement import sharpened
+from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
-_RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
-_EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
-_RUNNERS_UP = 4  # of atoms of a kind at each step: neighbours on a grid say the same
+_RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
+_MAX_EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
+_RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a grid say the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +35,15 @@ class Pursued:
     runners_up: tuple[Candidate, ...]
 
 
-def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
+def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
     """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does.
 
     Args:
         most: candidates at which it ends.
         held_out: rows that teach nothing.
+
+    A parameter is charged `price_of_parameters`, a candidate `price_of_choice`. The cost of a step is one product of
+    all columns with the new directions; nothing is factorised again.
     """
     linearised = dictionary.linearised
     residuals = linearised.sensitivities.residuals
@@ -51,7 +54,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
     freedom = float(learn.sum() - Q.shape[1])
     states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
-    together = levels.EXCHANGED_EFFECTS if len(learn) <= levels.FITTED_TOGETHER else 0
+    together = levels.MAX_EXCHANGED_EFFECTS if len(learn) <= levels.MAX_LINE_FIT_RESIDUALS else 0
     while len(chosen) < most and freedom >= 1 and rss > 0:  # else there is nothing left to explain
         drops = [state.drops(rss, freedom) for state in states]
         most_of_all = max((float(d.max(initial=0.0)) for d in drops), default=0.0)
@@ -61,14 +64,14 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
         within = most_of_all - levels.RIVAL_CRITERION
         if held_out is None:
             runners_up += [c for s, d in zip(states, drops, strict=True) for c in s.leading(d, max(within, 0.0))]
-        candidate = _finest(states[best].atoms, int(np.argmax(drops[best])), Q, e, learn)
+        candidate = _finest_shape(states[best].atoms, int(np.argmax(drops[best])), Q, e, learn)
         q = _new_directions(candidate, Q, learn)
         if not q.shape[1]:
             states[best].closed[int(np.argmax(drops[best]))] = True
             continue
         chosen.append(candidate)
         if isinstance(candidate.what, CyclicError) and together >= len(chosen):
-            chosen = sharpened(linearised, chosen, learn)
+            chosen = sharpen_lines(linearised, chosen, learn)
             Q, e = _projected(linearised, chosen, learn)
             states = [_State(atoms, Q, e, held_out, chosen) for atoms in dictionary.atoms]
         else:
@@ -83,13 +86,13 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
 def _projected(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
     """An orthonormal basis of geometry and chosen candidates on the rows that teach, and what it leaves of them."""
     columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1) * learn[:, None]
-    Q = np.where(learn[:, None], orthonormal(columns), 0.0)
+    Q = np.where(learn[:, None], orthonormal_basis(columns), 0.0)
     e = linearised.r * learn
     return Q, e - Q @ (Q.T @ e)
 
 
 class _State:
-    """Atoms beside what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
+    """Atoms given what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
 
     def __init__(
         self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None, chosen: Sequence[Candidate] = ()
@@ -111,14 +114,15 @@ class _State:
         self.closed[self.atoms.excluded(chosen)] = True
 
     def _subtract(self, q: Array) -> Array:
+        """Takes directions q (m, p) off the Gram matrices; returns the inner products (n, k, p) with the columns."""
         inner = self.atoms.products(q) * self.scale[:, :, None]
         self.gram = self.gram - inner @ np.swapaxes(inner, 1, 2)
         return np.asarray(inner)
 
     def drops(self, rss: float, freedom: float) -> Array:
         """(n,) by how much each candidate would lower the criterion; minus infinity for one that cannot be."""
-        gain, count = _gains(*_principal(self.gram, self.score))
-        gain = np.minimum(gain, _EXPLAINED * rss)
+        gain, count = _explained_squares(*_principal_scores(self.gram, self.score))
+        gain = np.minimum(gain, _MAX_EXPLAINED * rss)
         prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
         return np.asarray(np.where(self.closed | (gain <= 0) | self._impossible(), -np.inf, drop))
@@ -135,10 +139,10 @@ class _State:
         """The few best candidates that are local maxima of the drop, at ``least`` or better."""
         before, behind = np.r_[-np.inf, drops[:-1]], np.r_[drops[1:], -np.inf]
         peaks = np.flatnonzero((drops >= least) & (drops >= before) & (drops >= behind))
-        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP]]
+        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP_PER_KIND]]
 
 
-def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
+def _principal_scores(gram: Array, score: Array) -> tuple[Array, Array]:
     """(n, k) eigenvalues of Gram matrices, and the squares of the scores along their eigenvectors.
 
     In closed form up to two columns, of which there are thousands.
@@ -157,13 +161,17 @@ def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
     return values, along**2
 
 
-def _finest(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
-    """The candidate between two neighbours on the grid that explains most."""
-    best = _strongest(list(atoms.finer(index)), Q, e, learn)
-    return _strongest(list(atoms.closer(best)), Q, e, learn)
+def _finest_shape(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
+    """The candidate between two neighbours on the grid that explains most.
+
+    Args:
+        Q, e: what was chosen before, and what it leaves; learn: (m,) the rows that are fitted.
+    """
+    best = _strongest_candidate(list(atoms.finer(index)), Q, e, learn)
+    return _strongest_candidate(list(atoms.closer(best)), Q, e, learn)
 
 
-def _strongest(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> Candidate:
+def _strongest_candidate(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> Candidate:
     """That of some candidates of one width that explains most."""
     if len(finer) == 1:
         return finer[0]
@@ -174,14 +182,16 @@ def _strongest(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> 
     scale = 1 / np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
     inner = (Z.T @ Q).reshape(-1, width, Q.shape[1])
     gram = (gram - inner @ np.swapaxes(inner, 1, 2)) * scale[:, :, None] * scale[:, None, :]
-    gains = _gains(*_principal(gram, (Z.T @ e).reshape(-1, width) * scale))[0]
+    gains = _explained_squares(*_principal_scores(gram, (Z.T @ e).reshape(-1, width) * scale))[0]
     return finer[int(np.argmax(gains))]
 
 
-def _gains(values: Array, parts: Array) -> tuple[Array, Array]:
+def _explained_squares(values: Array, parts: Array) -> tuple[Array, Array]:
     """(n,) what candidates explain along the eigenvectors that are new, and how many these are."""
-    clear = values > levels.DISTINCT_SHARE
-    return np.sum(np.where(clear, parts / np.maximum(values, levels.DISTINCT_SHARE), 0.0), axis=1), clear.sum(axis=1)
+    clear = values > levels.MIN_DISTINCT_SHARE
+    return np.sum(np.where(clear, parts / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1), clear.sum(
+        axis=1
+    )
 
 
 def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
@@ -192,7 +202,7 @@ def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
     rest = Z - Q @ (Q.T @ Z)
     rest = rest - Q @ (Q.T @ rest)
     U, s, _ = np.linalg.svd(rest, full_matrices=False)
-    return np.asarray(U[:, s**2 > levels.DISTINCT_SHARE])
+    return np.asarray(U[:, s**2 > levels.MIN_DISTINCT_SHARE])
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +221,8 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
 
     Returns:
         From the empty set to that of all members.
+
+    The inverse of the normal matrix is downdated at every removal, so that all subsets cost about one inversion.
     """
     sizes = [Z.shape[1] for Z in columns]
     A = np.concatenate([known, *columns], axis=1)
@@ -219,14 +231,14 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
     A = A * scale
     edges = np.cumsum([known.shape[1], *sizes])
     places = [np.arange(a, b) for a, b in pairwise(edges)]
-    C = np.linalg.inv(A.T @ A + _RIDGE * np.eye(A.shape[1]))
+    C = np.linalg.inv(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]))
     theta = C @ (A.T @ r)
     kept, found = list(range(len(columns))), list[Subset]()
     while True:
         found.append(Subset(tuple(kept), theta * scale))
         if not kept:
             return found[::-1]
-        gone = min(kept, key=lambda i: _cost(C, theta, places[i]))
+        gone = min(kept, key=lambda i: _wald_cost(C, theta, places[i]))
         own = places[gone]
         # The inverse of what is left of the Gram matrix, by the Schur complement.
         share = np.linalg.solve(C[np.ix_(own, own)], C[own]).T
@@ -235,6 +247,6 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
         kept.remove(gone)
 
 
-def _cost(C: Array, theta: Array, own: Codes) -> float:
+def _wald_cost(C: Array, theta: Array, own: Codes) -> float:
     """Rise of the sum of squares without some of the parameters: ``θᵀ C⁻¹ θ`` (Wald)."""
     return float(theta[own] @ np.linalg.solve(C[np.ix_(own, own)], theta[own]))

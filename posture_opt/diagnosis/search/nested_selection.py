@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.cross_validation import Folds, HeldOut, positions_of, predicted
+from posture_opt.calibration.cross_validation import Folds, HeldOut, linear_held_out_errors, positions_of
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
@@ -20,7 +20,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue
+from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
@@ -32,8 +32,8 @@ class NestedSelection:
 
     Args:
         linearised: the data that they were chosen for.
-        folds: the rows that each left out; ``groups`` (N,) what hangs together.
-        sets: the named effects by fold and size, from the empty set on; the last one stands for all larger sizes.
+        folds: the rows that each left out; ``groups`` (N,) codes of correlated rows.
+        sets: the named effects by fold and size, from the empty set on; the last one also serves for all larger sizes.
         losses: (sizes, N) squared position errors [m²] of the rows left out.
     """
 
@@ -48,8 +48,8 @@ class NestedSelection:
         """Every fold by itself, with sets of at most so many effects."""
         losses, sets = np.zeros((most + 1, len(groups))), []
         for left_out in folds:
-            chosen = pursue(dictionary, most + levels.FURTHER_IN_FOLDS, left_out).chosen
-            own, losses[:, left_out] = _path(dictionary, chosen, left_out, most)
+            chosen = pursue_candidates(dictionary, most + levels.FURTHER_FOLD_EFFECTS, left_out).chosen
+            own, losses[:, left_out] = _fold_path(dictionary, chosen, left_out, most)
             sets.append(own)
         return cls(dictionary.linearised, folds, groups, tuple(sets), losses)
 
@@ -82,7 +82,7 @@ class NestedSelection:
             calibrated: the fit of the geometry alone, about which the models are linear.
             shape: see `cross_validation.held_out`.
         """
-        return predicted(calibrated.residuals, self._models(calibrated, size), shape=shape)
+        return linear_held_out_errors(calibrated.residuals, self._models(calibrated, size), shape=shape)
 
     def _models(self, calibrated: Fit, size: int) -> Iterator[tuple[Codes, LinearModel]]:
         """The rows of each fold with its own model, one at a time for memory."""
@@ -90,16 +90,19 @@ class NestedSelection:
             columns = [self.linearised.sensitivities.columns(e) for e in sets[min(size, len(sets) - 1)]]
             Z = np.concatenate([self.linearised.G[:, :0], *columns], axis=1)
             norms = np.linalg.norm(Z, axis=0)
-            yield left_out, LinearModel.beside(calibrated, Z / np.where(norms > 0, norms, 1.0))
+            yield left_out, LinearModel.with_columns(calibrated, Z / np.where(norms > 0, norms, 1.0))
 
 
 def clearly_less(loss: Array, other: Array) -> bool:
-    """Whether losses by group (G,) are less than others of the same groups by more than one standard error."""
+    """Whether losses by group (G,) are less than others of the same groups by more than one standard error.
+
+    The standard error is that of a sum of independent differences, ``√G · std``.
+    """
     less = other - loss
     return bool(less.sum() > np.sqrt(len(less)) * np.std(less, ddof=1))
 
 
-def _path(
+def _fold_path(
     dictionary: Dictionary, chosen: Sequence[Candidate], left_out: Codes, most: int
 ) -> tuple[tuple[tuple[Effect, ...], ...], Array]:
     """The nested sets of what a fold chose, and the squared errors (sizes, rows) of the rows that it left out."""
@@ -120,7 +123,12 @@ def _path(
 
 @dataclass(frozen=True, eq=False)
 class Folding:
-    """A way to leave rows out: ``groups`` (N,) of what hangs together, and the rows of each fold."""
+    """A way to leave rows out.
+
+    Args:
+        groups: (N,) codes of rows that are correlated and left out together.
+        folds: the rows of each fold.
+    """
 
     groups: Codes
     folds: Folds
@@ -154,7 +162,7 @@ class NestedSelections:
     def size(self) -> int:
         """As many effects as the first way asks for, within one standard error, and no more than improve any other.
 
-        Poses left out tell small gains, as they are many; blocks left out tell where what is gained is the
+        Poses left out show small gains, as they are many; blocks left out show where what is gained is the
         neighbourhood alone. The first effect has been decided by a test of its own: rows left out can but refute it.
         """
         if any(nested.refuted for nested in self.each):

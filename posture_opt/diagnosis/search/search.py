@@ -1,4 +1,4 @@
-"""The effects in the residuals of a calibrated arm: which explain them, how many predict, what could stand for them."""
+"""The effects in the residuals of a calibrated arm: which explain them, how many predict, what could replace them."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import numpy as np
 
 from posture_opt.calibration.data_checks import spread_poses
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate, absorbed, list_candidates
+from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate, absorbed_candidates, list_candidates
 from posture_opt.diagnosis.scores.score_tests import NullDistribution
-from posture_opt.diagnosis.scores.subset_selection import exchanged
-from posture_opt.diagnosis.search.aliases import aliases
+from posture_opt.diagnosis.scores.subset_selection import exchange_members
+from posture_opt.diagnosis.search.aliases import find_aliases
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.initial_scores import InitialScores
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue
+from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.search.selection_criterion import (
     candidate_pool,
-    eliminate,
+    eliminate_members,
     find_rivals,
     member_weight,
+    merged_candidates,
     rank_members,
-    substantial,
-    union,
+    substantial_members,
 )
-from posture_opt.diagnosis.search.shape_refinement import apart, refine_shape
+from posture_opt.diagnosis.search.shape_refinement import refine_shape, separate_lines
 from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import CyclicError
 
-Tell = Callable[[], None]
+ReportStep = Callable[[], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,12 @@ class SearchResult:
     """The effects that a search found.
 
     Args:
-        chosen: the candidates that together explain the residuals best, the weightiest first.
+        chosen: the candidates that together explain the residuals best, the largest contribution first.
         p_values: (chosen,) family-wise, of dropping each.
-        rivals: for each chosen one the candidates that could stand for it.
+        rivals: for each chosen one the candidates that could replace it.
         scored: every candidate on the geometry alone.
         null: the null distribution of the best candidate on the geometry alone.
-        absorbed: named candidates that the geometry alone could stand for, with the share of their columns that is
+        absorbed: named candidates that the geometry alone could replace, with the share of their columns that is
             left.
         nested: what folds chose by themselves; ``considered`` the significant candidates that were chosen from.
         names: the best set of named effects alone, where it is the better model.
@@ -85,10 +85,10 @@ class SearchResult:
         return {place: rivals for place, rivals in enumerate(named) if rivals}
 
 
-def search(
-    linearised: LinearisedData, foldings: Sequence[Folding] | None = None, tell: Tell = lambda: None
+def search_effects(
+    linearised: LinearisedData, foldings: Sequence[Folding] | None = None, report_step: ReportStep = lambda: None
 ) -> SearchResult:
-    """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT`.
+    """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT_LEVEL`.
 
     A matching pursuit over all candidates, backward elimination by F tests with a null distribution of sign flips
     (Winkler et al. 2014), and as many effects as predict rows left out: `nested_selection`.
@@ -98,72 +98,79 @@ def search(
 
     Args:
         foldings: ways to leave rows out, the usual ones if None.
-        tell: called after every part.
+        report_step: called after every part.
+
+    Returns:
+        The chosen set without its dictionary; ``names`` the best named set, where unnamed components explain more.
     """
     if foldings is None:
         foldings = Folding.usual(linearised.sensitivities.residuals.data)
-    return _searched(linearised, foldings, tell).apart
+    return _search_all(linearised, foldings, report_step).apart
 
 
-def _searched(linearised: LinearisedData, foldings: Sequence[Folding], tell: Tell) -> SearchResult:
+def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_step: ReportStep) -> SearchResult:
     """The search itself."""
     start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
-    tell()
+    report_step()
     if start.baseline.freedom < 1:
         rows = linearised.sensitivities.residuals
         raise InsufficientDataError(f"the parameters take up all that was measured; {spread_poses(rows)}")
-    if start.best_p_value >= levels.FIRST_EFFECT:
-        return _result(start, NestedSelections.of(Dictionary(linearised, ()), 0, foldings), (), ())
+    if start.best_p_value >= levels.FIRST_EFFECT_LEVEL:
+        return _search_result(start, NestedSelections.of(Dictionary(linearised, ()), 0, foldings), (), ())
     # What is only compared is judged by the strictest way to leave rows out, for time.
-    found = _selected(start, foldings[-1:], lambda c: True)
-    tell()
+    found = _select_allowed(start, foldings[-1:], lambda c: True)
+    report_step()
     if all(s.persistent for s in found.considered):
-        return _selected(start, foldings, lambda c: c.persistent)
-    names = _model(start, foldings)
-    tell()
+        return _select_allowed(start, foldings, lambda c: c.persistent)
+    names = _named_model(start, foldings)
+    report_step()
     if all(s.named for s in found.chosen):
         return names
     alone = NestedSelections(names.nested.each[-1:])
-    if alone.explained >= levels.NAMES_EXPLAIN_ENOUGH * found.nested.explained:
+    if alone.explained >= levels.NAMED_SHARE * found.nested.explained:
         return replace(found, names=names)
-    return found if len(foldings) == 1 else _selected(start, foldings, lambda c: True)
+    return found if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: True)
 
 
-def _model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
+def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
-    What stands still for a while, or bends with the place in the room, imitates much that has another cause.
+    What stays constant for a while, or bends with the place in the room, imitates much that has another cause.
     """
-    lasting = _selected(start, foldings, lambda c: c.persistent)
+    lasting = _select_allowed(start, foldings, lambda c: c.persistent)
     last = foldings[-1:]
-    every = _selected(start, last, lambda c: c.named)
+    every = _select_allowed(start, last, lambda c: c.named)
     if all(s.persistent for s in every.considered):
         return lasting
     alone = NestedSelections(lasting.nested.each[-1:])
-    enough = alone.explained >= levels.LASTING_EXPLAIN_ENOUGH * every.nested.explained
+    enough = alone.explained >= levels.PERSISTENT_SHARE * every.nested.explained
     if enough or not every.nested.clearly_better(alone):
         return lasting
-    return every if len(foldings) == 1 else _selected(start, foldings, lambda c: c.named)
+    return every if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: c.named)
 
 
-def _selected(start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]) -> SearchResult:
+def _select_allowed(
+    start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]
+) -> SearchResult:
     """The best set of those candidates that are allowed."""
     linearised = start.linearised
     dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
-    pursued = pursue(dictionary, levels.MOST_EFFECTS)
-    shortlisted = union(filter(allowed, start.shortlist()), pursued.runners_up)
-    members = _exchanged(start, pursued.chosen, shortlisted)
-    members = eliminate(linearised, start.null, _refined(linearised, members))
+    pursued = pursue_candidates(dictionary, levels.MAX_EFFECTS)
+    shortlisted = merged_candidates(filter(allowed, start.shortlist()), pursued.runners_up)
+    members = _exchanged_members(start, pursued.chosen, shortlisted)
+    members = eliminate_members(linearised, start.null, _refined_members(linearised, members))
     if not members:  # the criterion charges a group of parameters more than the test, which has decided already
         best = [s.candidate for s in start.scored if allowed(s.candidate)][:1]
         members = tuple(refine_shape(linearised.sensitivities, start.baseline, c) for c in best)
     nested = NestedSelections.of(dictionary, len(members), foldings)
     subsets = nested_subsets([s.Z for s in members], linearised.G, linearised.r)
-    chosen = substantial(linearised, _joined(linearised, [members[i] for i in subsets[nested.size].members]))
-    return replace(_result(start, nested, chosen, shortlisted), considered=members)
+    chosen = substantial_members(
+        linearised, _joined_lines(linearised, [members[i] for i in subsets[nested.size].members])
+    )
+    return replace(_search_result(start, nested, chosen, shortlisted), considered=members)
 
 
-def _joined(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
+def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
     """The members with all lines of one joint as one cyclic error."""
     lines: dict[str, list[Candidate]] = {}
     for member in members:
@@ -174,53 +181,53 @@ def _joined(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Ca
 
 
 def _one_error(linearised: LinearisedData, lines: Sequence[Candidate]) -> Candidate:
-    """Lines of one joint as one cyclic error, the weightiest first."""
+    """Lines of one joint as one cyclic error, the largest contribution first."""
     ranked = rank_members(linearised, lines)[0]
     error = CyclicError.joined([s.what for s in ranked if isinstance(s.what, CyclicError)])
     searched = float(np.exp(np.sum(np.log([s.searched for s in lines]))))  # each was searched for by itself
     return Candidate(error, linearised.sensitivities.columns(error), searched)
 
 
-def _exchanged(
+def _exchanged_members(
     start: InitialScores, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
     """The members after drops and swaps with the shortlisted, as long as the criterion falls."""
-    if not 1 < len(members) <= levels.EXCHANGED_EFFECTS:
+    if not 1 < len(members) <= levels.MAX_EXCHANGED_EFFECTS:
         return members
-    every = apart(start.linearised, union(members, shortlisted))
+    every = separate_lines(start.linearised, merged_candidates(members, shortlisted))
     place = {str(s.what): i for i, s in enumerate(every)}
     former = tuple(sorted(place[str(s.what)] for s in members if str(s.what) in place))
-    chosen = exchanged(candidate_pool(start.baseline, every), former)
+    chosen = exchange_members(candidate_pool(start.baseline, every), former)
     return tuple(every[i] for i in chosen)
 
 
-def _refined(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, each at the shape that explains most beside the others."""
+def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members, each at the shape that explains most given the others."""
     found = list(members)
     for i, member in enumerate(found):
         if not isinstance(member.what, CyclicError):
-            beside = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
-            found[i] = refine_shape(linearised.sensitivities, beside, member)
+            others = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
+            found[i] = refine_shape(linearised.sensitivities, others, member)
     return found
 
 
 def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[Candidate, ...]:
-    """The unnamed components that the residuals need beside the names of the model; else all that were found."""
+    """The unnamed components that the residuals need in addition to the named effects; else all that were found."""
     unnamed = tuple(s for s in found.chosen if not s.named)
     if found.names is None:
         return unnamed
     names = found.names.chosen
-    beside = ((s, member_weight(linearised, [*names, s], s)[0]) for s in unnamed)
-    return tuple(s for s, p in beside if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT) or unnamed
+    weighed = ((s, member_weight(linearised, [*names, s], s)[0]) for s in unnamed)
+    return tuple(s for s, p in weighed if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT_LEVEL) or unnamed
 
 
-def _result(
+def _search_result(
     start: InitialScores, nested: NestedSelections, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
 ) -> SearchResult:
     """The members by their weight, each with its p-value given the others and its rivals."""
     chosen, weights = rank_members(start.linearised, members)
     p_values = tuple(start.null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
     others = find_rivals(start.baseline, shortlisted, chosen)
-    rivals = tuple((*own, *aliases(start.linearised, chosen, i)) for i, own in enumerate(others))
-    hidden = absorbed(start.baseline, start.candidates, start.scored)
+    rivals = tuple((*own, *find_aliases(start.linearised, chosen, i)) for i, own in enumerate(others))
+    hidden = absorbed_candidates(start.baseline, start.candidates, start.scored)
     return SearchResult(chosen, p_values, rivals, tuple(start.scored), start.null, nested, hidden)

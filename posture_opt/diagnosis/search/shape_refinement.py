@@ -15,14 +15,14 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Mask
 
-_RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
+_RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
     """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals."""
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
-        return _between(sensitivities, baseline, candidate, effect)
+        return _best_phase(sensitivities, baseline, candidate, effect)
     steps = effect.shape_steps(sensitivities.state)
     if len(steps):
         return _best_step(sensitivities, baseline, candidate, effect, steps)
@@ -38,12 +38,12 @@ def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> It
         return
     shapes = effect.shape_steps(sensitivities.state)
     if not len(shapes) and effect.smooth_shape:
-        shapes = np.linspace(*effect.bracket(_span(sensitivities, effect)), levels.SHAPES_BETWEEN)
+        shapes = np.linspace(*effect.bracket(_joint_span(sensitivities, effect)), levels.SHAPES_BETWEEN)
     for shaped in (effect.with_shape(float(shape)) for shape in shapes):
         yield Candidate(shaped, sensitivities.columns(shaped), candidate.searched)
 
 
-def apart(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
+def separate_lines(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
     """The candidates without lines that are too near to one before them to be another."""
     least = {lines.form.joint: lines.least_distance for lines in linearised.lines}
     found: list[Candidate] = []
@@ -58,11 +58,13 @@ def apart(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[C
     return found
 
 
-def sharpened(linearised: LinearisedData, members: Sequence[Candidate], learn: Mask) -> list[Candidate]:
+def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], learn: Mask) -> list[Candidate]:
     """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step.
 
-    A line that was found before others stands a little off, towards them, and what it leaves looks like another line
-    beside it (Mamandipoor, Ramasamy, Madhow 2016).
+    A line that was found before others is a little off, towards them, and what it leaves looks like another line next
+    to it (Mamandipoor, Ramasamy, Madhow 2016).
+
+    The step of each line is at most half of what keeps two lines apart.
     """
     found = list(members)
     lines = [i for i, s in enumerate(found) if isinstance(s.what, CyclicError)]
@@ -70,23 +72,23 @@ def sharpened(linearised: LinearisedData, members: Sequence[Candidate], learn: M
         return found
     A = np.concatenate([linearised.G, *(s.Z for s in found)], axis=1)
     edges = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in found)])
-    theta = _solved(A[learn], linearised.r[learn])
-    D = np.concatenate([_slope(linearised, found[i], theta[edges[i] : edges[i + 1]]) for i in lines], axis=1)
-    steps = _solved(np.concatenate([A, D], axis=1)[learn], linearised.r[learn])[A.shape[1] :]
+    theta = _least_squares_solution(A[learn], linearised.r[learn])
+    D = np.concatenate([_line_slope(linearised, found[i], theta[edges[i] : edges[i + 1]]) for i in lines], axis=1)
+    steps = _least_squares_solution(np.concatenate([A, D], axis=1)[learn], linearised.r[learn])[A.shape[1] :]
     for i, step in zip(lines, steps, strict=True):
-        found[i] = _moved(linearised, found[i], float(step))
+        found[i] = _moved_line(linearised, found[i], float(step))
     return found
 
 
-def _solved(A: Array, r: Array) -> Array:
+def _least_squares_solution(A: Array, r: Array) -> Array:
     """Least squares solution for columns (m, k) of any scales."""
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
     A = A * scale
-    return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE * np.eye(A.shape[1]), A.T @ r))
+    return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]), A.T @ r))
 
 
-def _slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
+def _line_slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
     """(m, 1) what a line of this size changes by per cycle."""
     error = line.what
     assert isinstance(error, CyclicError)
@@ -97,7 +99,7 @@ def _slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
     return linearised.sensitivities.of_joint(joint, wave[:, None])
 
 
-def _moved(linearised: LinearisedData, line: Candidate, step: float) -> Candidate:
+def _moved_line(linearised: LinearisedData, line: Candidate, step: float) -> Candidate:
     """The line with other cycles, by no more than half of what keeps it apart from others."""
     error = line.what
     assert isinstance(error, CyclicError)
@@ -109,12 +111,13 @@ def _moved(linearised: LinearisedData, line: Candidate, step: float) -> Candidat
 def _best_smooth(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect
 ) -> Candidate:
+    """The effect at the smooth shape within its bracket that explains most, by a bounded scalar search (Brent 1973)."""
     from scipy.optimize import minimize_scalar
 
     def loss(trial: float) -> float:
-        return -_gain(baseline, sensitivities.columns(effect.with_shape(trial)))
+        return -_explained_square(baseline, sensitivities.columns(effect.with_shape(trial)))
 
-    bounds = effect.bracket(_span(sensitivities, effect))
+    bounds = effect.bracket(_joint_span(sensitivities, effect))
     found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"maxiter": levels.SHAPE_EVALUATIONS})
     if found.fun >= loss(float(getattr(effect, effect.smooth_shape))):
         return candidate
@@ -122,11 +125,12 @@ def _best_smooth(
     return Candidate(better, sensitivities.columns(better), candidate.searched)
 
 
-def _between(
+def _best_phase(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, component: UnnamedComponent
 ) -> Candidate:
+    """The component at that of the finer phases which explains most."""
     near = [candidate, *(Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, component))]
-    return max(near, key=lambda s: _gain(baseline, s.Z))
+    return max(near, key=lambda s: _explained_square(baseline, s.Z))
 
 
 def _best_step(
@@ -134,28 +138,28 @@ def _best_step(
 ) -> Candidate:
     """The effect at that of the shapes ``steps`` (k,) which explains most.
 
-    Where they are many, some are tried first, and then those beside the best of them: what an effect explains falls
+    Where they are many, some are tried first, and then those next to the best of them: what an effect explains falls
     off to both sides of its best shape.
     """
 
     def gain(k: int) -> float:
-        return _gain(baseline, sensitivities.columns(effect.with_shape(float(steps[k]))))
+        return _explained_square(baseline, sensitivities.columns(effect.with_shape(float(steps[k]))))
 
     stride = max(len(steps) // levels.MOMENTS_TRIED, 1)
     some = max(range(stride // 2, len(steps), stride), key=gain)
     best = max(range(max(some - stride + 1, 0), min(some + stride, len(steps))), key=gain)
-    if gain(best) < _gain(baseline, candidate.Z):
+    if gain(best) < _explained_square(baseline, candidate.Z):
         return candidate
     better = effect.with_shape(float(steps[best]))
     return Candidate(better, sensitivities.columns(better), candidate.searched)
 
 
-def _gain(baseline: ProjectedBaseline, Z: Array) -> float:
+def _explained_square(baseline: ProjectedBaseline, Z: Array) -> float:
     """What columns (m, k) explain of the residuals of the baseline."""
     return float(np.sum((projected_basis(baseline, Z)[0].T @ baseline.e) ** 2))
 
 
-def _span(sensitivities: EffectSensitivities, effect: Effect) -> float:
+def _joint_span(sensitivities: EffectSensitivities, effect: Effect) -> float:
     """Range of the joint of an effect in the data [rad]; 0 of an effect of no joint."""
     residuals = sensitivities.residuals
     if not effect.moved_joint:

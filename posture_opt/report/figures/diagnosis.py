@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.levels import FIRST_EFFECT
+from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
 from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
@@ -114,7 +114,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
         cycles, share = _spectrum(found, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        null = f"by chance, {100 * FIRST_EFFECT:.1f} % of data sets reach this line"
+        null = f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, frequency in enumerate(sorted(cycles for s in mine for cycles in s.what.spectral_lines)):
             _mark(axes, frequency, k)

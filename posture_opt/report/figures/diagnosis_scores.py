@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.diagnosis.scores.levels import FIRST_EFFECT
+from matplotlib.figure import Figure
+
+from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import GREY, PURPLE, legend_below, styled
 from posture_opt.report.text.words import p_words
@@ -53,7 +55,7 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
-        low, high = (middle, high) if null.family_wise(middle, family) < FIRST_EFFECT else (low, middle)
+        low, high = (middle, high) if null.family_wise(middle, family) < FIRST_EFFECT_LEVEL else (low, middle)
     return low
 
 
@@ -125,7 +127,7 @@ def _look(row: ScoredRow) -> dict[str, Any]:
 
 
 def _line_words() -> str:
-    return f"by chance, {100 * FIRST_EFFECT:.1f} % of data sets reach this line"
+    return f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
 
 
 def _p_value(scored: ScoredCandidate, found: Diagnosis) -> float | None:

@@ -24,7 +24,7 @@ from posture_opt.report.page.style import (
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
 from posture_opt.validation.prediction import ErrorSources
-from posture_opt.validation.repeat_scatter import repeat_errors, slides
+from posture_opt.validation.repeat_scatter import prismatic_joints, repeat_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -205,7 +205,7 @@ def _plane(shown: Shown, found: Assessment) -> Array:
 def _visits(shown: Shown, found: Assessment) -> list[Codes]:
     """The rows of each posture that was visited more than once, slips left out."""
     odd = found.repeats.outlying if found.repeats is not None else ()
-    groups = rows_of(repeat_groups(shown.data, slides(shown.residuals)))
+    groups = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
     return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
 
 

@@ -20,7 +20,7 @@ from posture_opt.report.page.style import (
     styled,
 )
 from posture_opt.report.text.words import MODEL_NAMES, REGIONS
-from posture_opt.validation.coverage import LEVELS
+from posture_opt.validation.coverage import RELIABILITY_LEVELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ def plot_reliability(found: SpreadCheck) -> Figure:
     axes = figure.add_subplot()
     nominal = found.coverage["nominal"]
     true = "the file's spread true" if found.stated else "the instrument all there is"
-    levels = 100 * np.array([0.0, *LEVELS, 1.0])
+    levels = 100 * np.array([0.0, *RELIABILITY_LEVELS, 1.0])
     band = 100 * np.vstack([[0, 0], nominal.band, [1, 1]])
     axes.fill_between(levels, band[:, 0], band[:, 1], color=LIGHT, lw=0, label=f"95 % of data sets, were {true}")
     axes.plot([0, 100], [0, 100], color=GREY, lw=1)

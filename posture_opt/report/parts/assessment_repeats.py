@@ -10,8 +10,8 @@ from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.units_text import count, length, lengths, stated_length
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import fixed, number
-from posture_opt.validation.assessment import TEN_TIMES
-from posture_opt.validation.repeatability_tests import CYCLES
+from posture_opt.validation.assessment import MIN_INSTRUMENT_RATIO
+from posture_opt.validation.repeatability_tests import ISO_CYCLES
 
 if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
@@ -95,8 +95,8 @@ def _performance_texts(repeats: Repeats) -> list[str]:
     repeated = [pose.nominal.n for pose in repeats.poses]
     size = f"{min(repeated)}" if min(repeated) == max(repeated) else f"{min(repeated)} to {max(repeated)}"
     texts = [f"{count(len(repeated), 'pose')} with {size} repeats; the line is that of the first one."]
-    if min(repeated) < CYCLES:
-        texts.append(f"ISO 9283 asks for {CYCLES} repeats; the intervals show the effect of fewer.")
+    if min(repeated) < ISO_CYCLES:
+        texts.append(f"ISO 9283 asks for {ISO_CYCLES} repeats; the intervals show the effect of fewer.")
     if repeats.left_out:
         texts.append(f"{count(repeats.left_out, 'pose')} more with as many repeats or fewer are not listed.")
     if repeats.poses[0].orientation:
@@ -119,7 +119,7 @@ def instrument_block(found: Assessment) -> Block:
     texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per coordinate."]
     for name, words in (("nominal", "The error before calibration"), ("calibrated", "The error after calibration")):
         ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
-        if ratio >= TEN_TIMES:
+        if ratio >= MIN_INSTRUMENT_RATIO:
             texts.append(f"{words} is {size} per coordinate, {ratio:.0f} times that: good enough.")
         else:
             texts.append(

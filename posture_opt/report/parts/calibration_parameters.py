@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.calibration.calibration import CORRELATED
-from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH
+from posture_opt.calibration.calibration import CORRELATION_SHOWN
+from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import count, decimals_of
@@ -125,12 +125,16 @@ def _far(found: Calibration, shown: list[int]) -> list[str]:
     far = []
     for i in shown:
         p = found.parameters[i]
-        if p.group == "geometry" and found.fixed[i] and abs(found.x[i]) > (LENGTH if p.unit == "m" else ANGLE):
+        if (
+            p.group == "geometry"
+            and found.fixed[i]
+            and abs(found.x[i]) > (LENGTH_TOLERANCE_M if p.unit == "m" else ANGLE_TOLERANCE_RAD)
+        ):
             unit, factor = _unit(p)
             far.append(f"{p.name} by {number(float(found.x[i]) * factor)} {unit}")
     if not far:
         return []
-    usual = f"{LENGTH * 1e3:g} mm, {math.degrees(ANGLE):g} deg"
+    usual = f"{LENGTH_TOLERANCE_M * 1e3:g} mm, {math.degrees(ANGLE_TOLERANCE_RAD):g} deg"
     return [f"Deviations beyond usual tolerances ({usual}): {', '.join(far)}. Is a zero or a length in the file wrong?"]
 
 
@@ -138,14 +142,14 @@ def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
     """Pairs of estimates that hang together closely, the closest first."""
     known = [i for i in shown if found.fixed[i]]
     C = found.correlation
-    pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATED]
+    pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATION_SHOWN]
     if not pairs:
-        return [f"No two estimates have a correlation above {CORRELATED:g}."] if len(known) > 1 else []
+        return [f"No two estimates have a correlation above {CORRELATION_SHOWN:g}."] if len(known) > 1 else []
     pairs.sort(key=lambda pair: -abs(C[pair]))
     names = [p.name for p in found.parameters]
     rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:_LISTED])
     more = f", the closest {_LISTED} of {len(pairs)}" if len(pairs) > _LISTED else ""
-    return [f"Correlations above {CORRELATED:g}{more}:", Table(("estimate", "with", "correlation"), rows, 2)]
+    return [f"Correlations above {CORRELATION_SHOWN:g}{more}:", Table(("estimate", "with", "correlation"), rows, 2)]
 
 
 def undetermined_block(found: Calibration) -> Block:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable
+from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable_causes
 from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
 from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.columns import AXES
@@ -55,7 +55,7 @@ def left_block(found: Diagnosis) -> Block:
         return Block(title, (f"No unexplained structure remains ({p}).",))
     items: list[str | Facts | Table] = []
     rows = [("Depends on", "; ".join(component.words for component in found.unexplained))]
-    if found.unexplained or left.p_value < levels.LACK_OF_FIT:
+    if found.unexplained or left.p_value < levels.LACK_OF_FIT_LEVEL:
         items.append("Structure remains that is not noise, and no known cause explains it.")
     if not found.unexplained:
         rows = [("Seen along", left.place)] if items else []
@@ -174,7 +174,7 @@ def _list(names: list[str]) -> str:
 
 def unknowable_block(found: Diagnosis) -> Block:
     """What no data of this kind can tell, why, and what would."""
-    limits = unknowable(found.model.residuals)
+    limits = unknowable_causes(found.model.residuals)
     rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.hint}.") for x in limits)
     if not rows:
         return Block("What no data of this kind can show", ("No cause is hidden in principle.",))

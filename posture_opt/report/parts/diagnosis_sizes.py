@@ -98,7 +98,7 @@ def noise_floor(found: Diagnosis) -> NoiseFloor:
     """
     residuals, contrasts = found.model.residuals, found.contrasts
     e = found.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
-    if len(contrasts) * e.shape[1] >= levels.REPEAT_FREEDOM:
+    if len(contrasts) * e.shape[1] >= levels.MIN_REPEAT_FREEDOM:
         differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
         return NoiseFloor(float(np.sqrt(np.mean(np.sum(differences**2, axis=1)))), True)
     return NoiseFloor(position_sigma(found.problem, residuals.data) * float(np.sqrt(e.shape[1])), False)
