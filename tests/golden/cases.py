@@ -67,6 +67,12 @@ LEFT_OUT = {
     }),
 }  # fmt: skip
 """Of each kind of result, the keys of what is no decision and of what follows the decisions."""
+UNSETTLED = frozenset({"real-calibrate-mukca_sockets-panda_3", "real-calibrate-mukca_sockets-kuka_14"})
+"""Fits to contacts with sockets whose weights have not settled: with another linear algebra, the rows that count as one
+go from 2.87 to 3.10 and some estimates by 1 % of their standard errors. Held are rank, outliers, what is determined.
+"""
+UNSETTLED_KEYS = frozenset({"estimate", "std", "rows_per_independent", "residual_rms", "condition",
+                            "residual_variance"})  # fmt: skip
 
 
 def solved(path: Path) -> dict[str, Any]:
@@ -153,9 +159,10 @@ def document(name: str, case: Case) -> Any:
 
 
 def held(name: str, found: Any) -> Any:
-    """What is held of a document: see `WHOLE`, `LEFT_OUT` and `NOT_HELD`."""
+    """What is held of a document: see `WHOLE`, `LEFT_OUT`, `UNSETTLED` and `NOT_HELD`."""
     kind = {"hidden": "diagnose"}.get(name.split("-")[0], name.removeprefix("real-").split("-")[0])
-    return strip(found, NOT_HELD if name in WHOLE else NOT_HELD | LEFT_OUT[kind])
+    left_out = frozenset() if name in WHOLE else LEFT_OUT[kind]
+    return strip(found, NOT_HELD | left_out | (UNSETTLED_KEYS if name in UNSETTLED else frozenset()))
 
 
 def strip(value: Any, keys: frozenset[str] = NOT_HELD) -> Any:
