@@ -16,7 +16,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.report import figures
+from posture_opt.report.figures.arm import plot_solution, plot_spread
+from posture_opt.report.figures.cloud import plot_cloud, plot_cross_section
+from posture_opt.report.figures.solution import plot_budget, plot_joint_map
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.report.page.style import image
 from posture_opt.report.scene.arm_geometry import ErrorRegion, enlargement
@@ -295,16 +297,14 @@ class TestUnits:
 
 def drawn_of(solution: Any, cloud: Any) -> dict[str, Any]:
     made = {
-        "arm": figures.plot_solution(solution),
-        "spread": figures.plot_spread(solution.spread),
-        "section": figures.plot_cross_section(solution.spread, solution.task_spread, n=300),
-        "budget": figures.plot_budget(
-            solution.spread, solution.task_spread.budget_groups, solution.critical.worst_axis
-        ),
-        "cloud": figures.plot_cloud(cloud),
+        "arm": plot_solution(solution),
+        "spread": plot_spread(solution.spread),
+        "section": plot_cross_section(solution.spread, solution.task_spread, n=300),
+        "budget": plot_budget(solution.spread, solution.task_spread.budget_groups, solution.critical.worst_axis),
+        "cloud": plot_cloud(cloud),
     }
     if solution.optimisation_problem.robot.n == 2:
-        made["joint_map"] = figures.plot_joint_map(solution)
+        made["joint_map"] = plot_joint_map(solution)
     return made
 
 
@@ -329,12 +329,12 @@ class TestFigures:
 
     def test_png_at_150_dpi_and_the_same_every_time(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
-        first, second = (image(figures.plot_solution(solution), kind) for kind in ("png", "png"))
+        first, second = (image(plot_solution(solution), kind) for kind in ("png", "png"))
         assert first[:8] == b"\x89PNG\r\n\x1a\n"
         assert first == second
-        assert image(
-            figures.plot_budget(solution.spread, solution.task_spread.budget_groups, "along x"), "svg"
-        ) == image(figures.plot_budget(solution.spread, solution.task_spread.budget_groups, "along x"), "svg")
+        assert image(plot_budget(solution.spread, solution.task_spread.budget_groups, "along x"), "svg") == image(
+            plot_budget(solution.spread, solution.task_spread.budget_groups, "along x"), "svg"
+        )
         assert b"pHYs" in first
         at = first.index(b"pHYs") + 4
         assert int.from_bytes(first[at : at + 4], "big") == pytest.approx(150 / 0.0254, rel=1e-3)
@@ -374,7 +374,7 @@ class TestFigures:
         problem = po.problem_from_dict(PROBLEMS["ur10"])
         solution = po.select_posture(problem)
         n = 5000
-        axes = figures.plot_cross_section(solution.spread, solution.task_spread, n=n).axes[0]
+        axes = plot_cross_section(solution.spread, solution.task_spread, n=n).axes[0]
         curves = {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
         points = curves[f"{n} simulated tool points"]
         ellipse = curves["95 % ellipse (2.448 std. dev.)"]
@@ -401,14 +401,14 @@ class TestFigures:
 
     def test_joint_map_marks_the_answer_where_the_map_says_so(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
-        axes = figures.plot_joint_map(solution).axes[0]
+        axes = plot_joint_map(solution).axes[0]
         marks = {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
         assert marks["answer"][0] == pytest.approx(np.degrees(solution.q))
 
     def test_joint_map_of_a_joint_with_more_than_a_turn_shows_one(self, planar: tuple[Any, Any]) -> None:
         robot = {"kind": "dh", "joints": [{"name": f"joint{k}", "a": "1 m"} for k in (1, 2)]}  # limits: ±360 deg
         problem = planar[0].with_robot(robot)
-        axes = figures.plot_joint_map(po.select_posture(problem)).axes[0]
+        axes = plot_joint_map(po.select_posture(problem)).axes[0]
         assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx((-180, 180, -180, 180))
 
 
