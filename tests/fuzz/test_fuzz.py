@@ -10,7 +10,16 @@ import sys
 
 import pytest
 
-SHARES = [("yaml", "1/2"), ("yaml", "2/2"), ("csv", "1/1"), ("urdf cli calibrate diagnose", "1/1")]
+from tests.fuzz.kinds import COUNTS
+
+SHARES = [
+    # In every run of the tests: of each kind every 23rd case; a prime, so that no turn of what is drawn is left out.
+    (" ".join(COUNTS), "1/23"),
+    pytest.param("yaml", "1/2", marks=pytest.mark.fuzz),
+    pytest.param("yaml", "2/2", marks=pytest.mark.fuzz),
+    pytest.param("csv", "1/1", marks=pytest.mark.fuzz),
+    pytest.param("urdf cli calibrate diagnose", "1/1", marks=pytest.mark.fuzz),
+]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits and forked children as Linux has them")

@@ -160,10 +160,12 @@ ARMS = [
 ]
 
 
+# Capsules about meshes take most of the time, and have tests of their own.
+@pytest.mark.parametrize("shape", [(), pytest.param(None, marks=pytest.mark.conformance)], ids=["bare", "meshes"])
 @pytest.mark.parametrize(("file", "base", "tip", "joints"), ARMS)
-def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints):
+def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints, shape):
     path = robots_folder() / file
-    robot = UrdfRobot(file=path.name, base_link=base, tip_link=tip).build(path.parent)
+    robot = UrdfRobot(file=path.name, base_link=base, tip_link=tip, shape=shape).build(path.parent)
     assert robot.n == joints
     base, tip = (dict(robot.sources)[link] for link in ("base_link", "tip_link"))
     arm = PinArm(path)
@@ -179,7 +181,7 @@ def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints):
 ])  # fmt: skip
 def test_urdf_masses_agree_with_pinocchio(file, tip):
     path = robots_folder() / file
-    robot = UrdfRobot(file=str(path), tip_link=tip).build(Path())
+    robot = UrdfRobot(file=str(path), tip_link=tip, shape=()).build(Path())
     base = dict(robot.sources)["base_link"]
     arm, q = PinArm(path), np.random.default_rng(2).uniform(robot.lower, robot.upper)
     for index, joint in enumerate(robot.joints):

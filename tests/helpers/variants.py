@@ -1,0 +1,24 @@
+"""Variants of one behaviour: a few run always, all of them by ``pytest -m conformance``."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import pytest
+
+
+def conformance(variants: Iterable[Any], always: Collection[Any]) -> list[Any]:
+    """Values for ``pytest.mark.parametrize``: those that are not among ``always`` get the marker ``conformance``.
+
+    A variant that is a tuple stands for several arguments.
+    """
+    listed = list(variants)
+    unknown = [value for value in always if value not in listed]
+    assert not unknown, f"{unknown} are no variants"
+    return [value if value in always else _marked(value) for value in listed]
+
+
+def _marked(value: Any) -> Any:
+    values = value if isinstance(value, tuple) else (value,)
+    return pytest.param(*values, marks=pytest.mark.conformance)
