@@ -68,7 +68,7 @@ def run(*words: str) -> Told:
             ["report and figures"],
             id="diagnose",
         ),
-        pytest.param(["--problem", "insert_ur10_plate"], ["searching"], id="solve"),
+        pytest.param(["--problem", "insert_scara_tray"], ["searching"], id="solve"),
     ],
 )
 def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str], tmp_path: Path) -> None:
@@ -83,4 +83,4 @@ def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str
 
 @pytest.mark.parametrize("option", ["--quiet", "--json"])
 def test_nothing_at_all_where_nobody_looks(option: str) -> None:
-    assert run("--problem", "insert_ur10_plate", option).texts == ()
+    assert run("--problem", "insert_scara_tray", option).texts == ()

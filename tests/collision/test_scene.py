@@ -13,12 +13,13 @@ from posture_opt.problem.load import problem_from_dict
 from posture_opt.robot.joint_ranges import drawn_between
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
+from tests.helpers.variants import conformance
 
 COUNT = 35_000  # of each arm
 TOLERANCE = 2e-6  # m: taken off the rows for what a solver leaves of them
 
 
-@pytest.mark.parametrize("preset", ["ur10", "panda", "scara"])
+@pytest.mark.parametrize("preset", conformance(["ur10", "panda", "scara"], ["scara"]))
 def test_rows_are_never_optimistic_and_little_pessimistic(preset: str) -> None:
     """At random postures, group by group, against the exact distances."""
     scene = problem_in_cell(preset, TABLE, POST, LAMP, GROUND, clearance="10 mm").scene

@@ -15,6 +15,7 @@ import pytest
 
 from posture_opt.problem.load import builtin_names, load_builtin, problems_folder
 from tests.helpers.command_server import CommandServer
+from tests.helpers.variants import conformance
 
 QUICK = {
     "uncertainty": "uncertainty --problem NAME --posture POSTURE --out out --no-plots --json",
@@ -88,7 +89,7 @@ def check_problem(server: CommandServer, name: str, asked: dict[str, str], folde
     assert not any(wrong), "".join(wrong)
 
 
-@pytest.mark.parametrize("name", builtin_names())
+@pytest.mark.parametrize("name", conformance(builtin_names(), OF_EACH_KIND))
 def test_a_shipped_problem_is_answered(name: str, server: CommandServer, tmp_path: Path) -> None:
     check_problem(server, name, QUICK, tmp_path)
 

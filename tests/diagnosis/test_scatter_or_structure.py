@@ -6,6 +6,7 @@ The levels were settled on seeds 77 and 78 of `tests.hidden`; these are others.
 from __future__ import annotations
 
 from functools import cache
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.variants import conformance
 from tests.hidden.draw import draw
 from tests.hidden.files import write
 from tests.hidden.hunt import ask
@@ -33,15 +35,20 @@ def noises(document: dict[str, Any]) -> list[str]:
     return [e["kind"] for e in document["effects"] if e["kind"] in ("joint_noise", "range_noise", "stated_sigma")]
 
 
-@pytest.mark.parametrize("kind", ["cable", "dent", "wrong_load"])
-@pytest.mark.parametrize("family", ["shape_once", "shape_often"])
+@pytest.mark.parametrize(
+    ("family", "kind"),
+    conformance(
+        product(["shape_once", "shape_often"], ["cable", "dent", "wrong_load"]),
+        [("shape_once", "cable"), ("shape_often", "dent")],
+    ),
+)
 def test_structure_without_a_name_is_not_called_scatter(family: str, kind: str) -> None:
     _, found = answer(family, kind=kind)
     assert found["verdict"] == "unexplained"
     assert not noises(found)
 
 
-@pytest.mark.parametrize("index", [1, 2])
+@pytest.mark.parametrize("index", conformance([1, 2], [1]))
 def test_a_cable_that_tugs_is_no_scatter_where_repeats_are_alike(index: int) -> None:
     truth, found = answer("shape_often", index, "cable")
     assert not noises(found)
@@ -61,7 +68,7 @@ def test_without_repeats_scatter_and_structure_look_alike_and_are_to_be_repeated
     assert len(asked["postures"]) == len(set(asked["lines"])) == 5
 
 
-@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("index", conformance(range(3), [0]))
 def test_a_joint_whose_repeats_scatter_is_named_with_their_size(index: int) -> None:
     truth, found = answer("joint_noise", index)
     assert found["verdict"] == "effects_found"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def arms_compared() -> po.ArmComparison:
     return po.compare({name: po.load_problem(name) for name in names})
 
 
-MADE: dict[str, Callable[[], Result]] = {
+MADE: dict[str, Callable[[], Result]] = {name: cache(make) for name, make in {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
     "PostureBatch": lambda: po.select_postures(
         {name: po.load_problem(name) for name in ("insert_planar_2r", "insert_planar_2r_fixed_hole")}
@@ -63,4 +64,5 @@ MADE: dict[str, Callable[[], Result]] = {
     "Diagnosis": lambda: po.diagnose(*measured()),
     "Batch": lambda: po.calibrate_batch(*measured("planar_2r_batch.csv")),
     "BatchDiagnosis": lambda: po.diagnose_batch(*measured("planar_2r_batch.csv")),
-}
+}.items()}  # fmt: skip
+"""By name; each is made once a process."""

@@ -29,6 +29,7 @@ from posture_opt.problem.schema import json_schema
 from posture_opt.report.figures.diagnosis_curves import plot_curves
 from posture_opt.report.parts.diagnosis_sizes import fitted_effects
 from tests.helpers.effect_cases import SHAPES, excitation, instances, one_row, read, sized, with_effects
+from tests.helpers.variants import conformance
 from tests.hidden.draw import draw
 from tests.hidden.families import FAMILIES
 from tests.hidden.files import write
@@ -56,7 +57,7 @@ NOISE_SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
 }
 
 every_effect = pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.kind_name())
-every_arm = pytest.mark.parametrize("arm", SHAPES)
+every_arm = pytest.mark.parametrize("arm", conformance(SHAPES, ["ur10"]))
 
 
 @every_arm

@@ -18,6 +18,7 @@ from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors
 from tests.helpers.pin import PinArm
 from tests.helpers.planar_2r import SOURCES, exact, position, postures_at
+from tests.helpers.variants import conformance
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Session
 from tests.hidden.effects import Site
@@ -27,11 +28,19 @@ TASKS_OF = {path: load_problem(path).task for path in EVERY}
 # Paths: tests/selection/test_paths.py, features: tests/selection/test_features.py.
 FILES = [path for path, task in TASKS_OF.items() if not task.on_path and not task.features]
 PLANAR = [path for path in FILES if "planar_2r" in path.stem or path.stem.startswith("lecture_")]
+KINDS = [task.model_fields["kind"].annotation.__args__[0] for task in TASKS]
 WHOLE_TURN = 2 * math.pi
 
 
-def named(paths):
-    return pytest.mark.parametrize("path", paths, ids=lambda path: path.stem)
+SPATIAL = ("drill_ur5e", "insert_panda_cell", "insert_scara", "insert_ur10_extended", "insert_urdf_arm")
+ALWAYS = [path for path in FILES if path.stem in SPATIAL or path.stem in {f"{kind}_planar_2r" for kind in KINDS}]
+ALWAYS += [path for path in FILES if path.stem == "insert_planar_2r_correlated_lengths"]
+
+
+def named(paths, always=ALWAYS):
+    paths = list(paths)
+    chosen = conformance(paths, [path for path in always if path in paths])
+    return pytest.mark.parametrize("path", chosen, ids=lambda path: path.stem)
 
 
 @cache
@@ -205,7 +214,7 @@ def test_calibrated_covariance_is_that_of_the_stated_measurements():
     np.testing.assert_allclose(Sigma @ information, np.eye(4), atol=1e-7)
 
 
-@pytest.mark.parametrize("task", [task.model_fields["kind"].annotation.__args__[0] for task in TASKS])
+@pytest.mark.parametrize("task", KINDS)
 def test_every_task_has_a_built_in_problem_of_its_own(task):
     assert (problems_folder() / f"{task}_planar_2r.yaml").is_file()
     problem = builtin_problem(task)
@@ -213,7 +222,7 @@ def test_every_task_has_a_built_in_problem_of_its_own(task):
     assert not problem.notes, "nothing in it was overridden"
 
 
-@named(EVERY)
+@named(EVERY, EVERY)
 def test_every_file_says_how_it_is_called(path):
     text = path.read_text(encoding="utf-8")
     assert text.startswith("#")

@@ -14,6 +14,7 @@ from posture_opt.report.results.target_map_report import neighbours_sentence
 from posture_opt.selection.maps.map_neighbours import BaseMotion, Neighbourhood
 from posture_opt.selection.maps.map_points import NeighbourSolves
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
+from tests.helpers.variants import conformance
 
 AGREES = 1.005  # times σ: what nobody sees in a map
 
@@ -52,7 +53,7 @@ MAPS: dict[str, tuple[Any, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("arm", MAPS)
+@pytest.mark.parametrize("arm", conformance(MAPS, ["scara"]))
 def test_targets_are_as_good_as_direct_searches(arm: str) -> None:
     build, where = MAPS[arm]
     problem = build()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
+from tests.helpers.variants import conformance
 
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 STRETCHED = (0.3, -1.0, 0.0, -0.6, 0.0, 0.2)
@@ -107,9 +109,22 @@ def spread_of(case, sigma, q):
     return propagate(stated(robot=robot, sources=scaled(sources(), np.radians(sigma))), (*q, 0.4)[: robot.n])
 
 
-@pytest.mark.parametrize("q", [Q6, STRETCHED], ids=["bent", "stretched"])
-@pytest.mark.parametrize("sigma", [0.01, 1, 5, 20, 30])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "sigma", "q"),
+    conformance(
+        product(CASES, [0.01, 1, 5, 20, 30], [Q6, STRETCHED]),
+        [
+            ("one pair", 20, Q6),
+            ("dense", 5, Q6),
+            ("rank two", 20, STRETCHED),
+            ("one shaft", 1, Q6),
+            ("lengths and angles", 20, Q6),
+            ("a prismatic joint", 30, Q6),
+            ("lengths alone", 0.01, STRETCHED),
+            ("seven joints, equal", 20, STRETCHED),
+        ],
+    ),
+)
 def test_moments_are_those_of_samples(case, sigma, q):
     spread = spread_of(case, sigma, q)
     sources = spread.problem.sources

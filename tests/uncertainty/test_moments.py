@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,7 @@ from posture_opt.uncertainty.simulation.cloud import simulate
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
 from tests.helpers.stated import stated
+from tests.helpers.variants import conformance
 
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
@@ -214,8 +216,18 @@ def scara_errors():
     return correlated(errors_of(load_preset("scara"), 5e-3, 2e-3, ("theta", "d", "a")))
 
 
-@pytest.mark.parametrize("scale", [1, 10, 30])
-@pytest.mark.parametrize("case", [case for case in CASES if "in space" not in case])
+@pytest.mark.parametrize(
+    ("case", "scale"),
+    conformance(
+        product([case for case in CASES if "in space" not in case], [1, 10, 30]),
+        [
+            ("6R, 30 independent errors", 1),
+            ("planar, all correlated", 30),
+            ("scara, all correlated", 30),
+            ("6R, joints and lengths correlated", 10),
+        ],
+    ),
+)
 def test_a_million_samples(case, scale):
     robot, sources, q = CASES[case]()
     n = 1_000_000 if "planar" in case or (scale == 30 and "6R" in case) else 200_000

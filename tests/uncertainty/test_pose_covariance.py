@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -16,6 +18,7 @@ from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
+from tests.helpers.variants import conformance
 
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
@@ -43,8 +46,13 @@ def spread_of(case, sigma):
     return propagate(problem, Q6)
 
 
-@pytest.mark.parametrize("sigma", [0.01, 1, 5, 10, 20])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "sigma"),
+    conformance(
+        product(CASES, [0.01, 1, 5, 10, 20]),
+        [("independent joints", 20), ("joints, dense", 5), ("joints and lengths", 10), ("thirty independent", 1)],
+    ),
+)
 def test_it_is_that_of_samples(case, sigma):
     spread = spread_of(case, sigma)
     sources = spread.problem.sources
