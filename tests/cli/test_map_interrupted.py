@@ -31,7 +31,7 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are looked up in /proc")
-@pytest.mark.parametrize("wait", [0.0, 0.4, 1.1])
+@pytest.mark.parametrize("wait", [0.4, *(pytest.param(wait, marks=pytest.mark.interrupts) for wait in (0.0, 1.1))])
 def test_an_interrupt_ends_a_map_and_its_workers(tmp_path: Path, wait: float) -> None:
     out = tmp_path / "out"
     words = ["map", "--problem", "insert_ur10", "--grid", "90x90", "--workers", "2", "--out", str(out)]

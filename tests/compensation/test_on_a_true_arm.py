@@ -13,6 +13,7 @@ import pytest
 import posture_opt as po
 from posture_opt.numerics import Array
 from tests.helpers.command_line import invoke
+from tests.helpers.variants import conformance
 from tests.hidden.mechanics import walk
 from tests.hidden.true_arm import FIRST, PAYLOAD, TrueArm
 
@@ -32,7 +33,7 @@ class Learnt:
     R: Array
 
 
-@pytest.fixture(scope="module", params=["ur10", "seven"])
+@pytest.fixture(scope="module", params=conformance(["ur10", "seven"], ["ur10"]))
 def learnt(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Learnt:
     true, folder = TrueArm.drawn(request.param, 5), tmp_path_factory.mktemp(request.param)
     problem = po.load_problem(true.write(folder, 6))

@@ -78,6 +78,7 @@ print(found.verdict, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
 """
 
 
+@pytest.mark.large
 def test_memory_of_some_thousand_rows_is_bounded() -> None:
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     verdict, kilobytes = done.stdout.split()[-2:]

@@ -87,6 +87,7 @@ def overflow(tab: Browser) -> int:
     return int(tab.run("return document.documentElement.scrollWidth - document.documentElement.clientWidth"))
 
 
+@pytest.mark.browser
 def test_an_arm_is_drawn_and_nothing_is_wider_than_the_window(tab: Browser, cell: Path) -> None:
     tab.open(cell)
     tab.run("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
@@ -101,6 +102,7 @@ def test_an_arm_is_drawn_and_nothing_is_wider_than_the_window(tab: Browser, cell
     assert tab.requests() == [cell.as_uri()]
 
 
+@pytest.mark.browser
 def test_a_row_of_the_alternatives_shows_its_posture(tab: Browser, planar: Path) -> None:
     tab.open(planar)
     before = arm(tab)
@@ -118,6 +120,7 @@ def test_a_row_of_the_alternatives_shows_its_posture(tab: Browser, planar: Path)
     assert tab.errors() == []
 
 
+@pytest.mark.browser
 def test_a_posture_is_chosen_by_keys_and_the_arm_is_turned_by_them(tab: Browser, planar: Path) -> None:
     from selenium.webdriver.common.keys import Keys
 
@@ -131,6 +134,7 @@ def test_a_posture_is_chosen_by_keys_and_the_arm_is_turned_by_them(tab: Browser,
     tab.wait(f"const eye = (() => {{ {eye} }})(); return Math.abs(eye.x - {before['x']}) > 1e-3")
 
 
+@pytest.mark.browser
 def test_obstacles_and_the_budget_are_switched_on_and_off(tab: Browser, cell: Path) -> None:
     tab.open(cell)
     count = "return document.querySelector('.plot').data.length"
@@ -148,6 +152,7 @@ def test_obstacles_and_the_budget_are_switched_on_and_off(tab: Browser, cell: Pa
     assert 90 < sum(shares) <= 101
 
 
+@pytest.mark.browser
 def test_a_cause_is_marked_at_its_joint(tab: Browser, diagnosed: Path) -> None:
     tab.open(diagnosed)
     labels = "return document.querySelector('.plot').layout.scene.annotations.map((note) => note.text)"
@@ -162,6 +167,7 @@ def test_a_cause_is_marked_at_its_joint(tab: Browser, diagnosed: Path) -> None:
     assert tab.errors() == []
 
 
+@pytest.mark.browser
 def test_evil_names_are_text_in_tables_and_in_the_drawing(tab: Browser, tmp_path: Path) -> None:
     pytest.importorskip("plotly", reason="the extra [viewer] is not installed")
     joints = [{"name": f"{EVIL}{k}", "type": "revolute", "a": "1 m"} for k in (1, 2)]
@@ -185,6 +191,7 @@ def test_evil_names_are_text_in_tables_and_in_the_drawing(tab: Browser, tmp_path
     assert tab.requests() == [(tmp_path / "report.html").as_uri()]
 
 
+@pytest.mark.browser
 def test_a_wide_table_says_that_it_scrolls(tab: Browser, tmp_path: Path) -> None:
     wide = Table(tuple(f"joint_{k} [deg]" for k in range(12)), (tuple("123.45" for _ in range(12)),), 0)
     narrow = Table(("a", "b"), (("1", "2"),), 0)

@@ -20,7 +20,6 @@ from tests.helpers.command_line import invoke
 from tests.workers.parts import squared
 
 GRID: dict[str, Any] = {"counts": (14, 14), "low": (-0.35, -0.35, -0.08), "high": (0.35, 0.35, -0.08)}
-KILLS = 20
 
 
 class Counted(Workers):
@@ -45,21 +44,22 @@ def mapped(folder: Path) -> None:
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="a run is a fork of this process")
-def test_a_map_killed_at_twenty_moments_ends_with_the_same_bytes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [3, pytest.param(20, marks=pytest.mark.interrupts)])
+def test_a_map_killed_at_some_moments_ends_with_the_same_bytes(times: int, tmp_path: Path) -> None:
     whole = tmp_path / "whole"
     whole.mkdir()
     mapped(whole)
     parts = (whole / "log").stat().st_size
     assert parts > 20
     context, rng, kills, most = multiprocessing.get_context("fork"), random.Random(5), 0, 0
-    while kills < KILLS:
+    while kills < times:
         folder = tmp_path / f"killed{kills}"
         folder.mkdir()
         lost = 0
         while not (folder / "answer").exists():
             run = context.Process(target=mapped, args=(folder,))
             run.start()
-            run.join(rng.uniform(0.0, 0.2) if kills < KILLS else None)
+            run.join(rng.uniform(0.0, 0.2) if kills < times else None)
             run.kill()
             run.join()
             lost += run.exitcode != 0
@@ -69,7 +69,7 @@ def test_a_map_killed_at_twenty_moments_ends_with_the_same_bytes(tmp_path: Path)
         # Each run that was killed lost the part that it was at, and no other.
         assert parts <= (folder / "log").stat().st_size <= parts + lost
         most = max(most, lost)
-    assert most > 1
+    assert most > 1 or times == 3
 
 
 def worked(path: Path, asked: dict[str, Any], count: int = 12) -> tuple[list[Any], int]:

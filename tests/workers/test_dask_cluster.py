@@ -53,11 +53,13 @@ def test_parts_and_their_errors(client: Any) -> None:
         pool.in_order(failing, None, range(5))
 
 
+@pytest.mark.interrupts
 def test_a_worker_killed_over_a_part_is_survived(client: Any, tmp_path: Path) -> None:
     assert opened(executor=client).in_order(deadly, tmp_path / "killed", range(8)) == [2 * k for k in range(8)]
     assert (tmp_path / "killed").exists()
 
 
+@pytest.mark.interrupts
 def test_a_map_is_that_of_one_process_though_a_worker_is_killed(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     problem = po.load_problem("insert_scara")
     alone = po.map_targets(problem, **GRID)
@@ -72,6 +74,7 @@ def test_a_map_is_that_of_one_process_though_a_worker_is_killed(client: Any, mon
     assert plain(shared.to_json()) == plain(alone.to_json())
 
 
+@pytest.mark.conformance  # always: a map, on the command line
 def test_batch_and_plan_are_those_of_one_process(client: Any) -> None:
     problems = {name: po.load_problem(name) for name in ("insert_planar_2r", "insert_planar_2r_fixed_hole")}
     alone, shared = (po.select_postures(problems, executor=executor) for executor in (None, client))
