@@ -35,7 +35,9 @@ def solved(name: str) -> tuple[Problem, FeaturesSolution]:
     file, _, aim = name.partition(", ")
     problem = load_problem(problems_folder() / f"{file}.yaml")
     if aim == "success":
-        problem = po.problem_from_dict({**problem.to_dict(), "uncertainty": SHARED}).with_task(clearance="80 um")
+        document = problem.to_dict()
+        two = {**document["task"], "features": document["task"]["features"][:2], "clearance": "40 um"}
+        problem = po.problem_from_dict({**document, "uncertainty": SHARED, "task": two})
     found = po.select_posture(problem.with_task(combine=aim) if aim else problem)
     assert isinstance(found, FeaturesSolution)
     return problem, found
