@@ -15,8 +15,17 @@ from tests.golden.__main__ import FOLDER
 from tests.golden.cases import Case, document, quick
 from tests.golden.compare import differences
 
+LONG = ("solve-insert_panda_block", "solve-dispense_panda", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt")
+"""Searches of some seconds: they run by ``pytest -m conformance``."""
 
-@pytest.mark.parametrize(("name", "case"), [pytest.param(name, case, id=name) for name, case in quick()])
+
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        pytest.param(name, case, id=name, marks=pytest.mark.conformance if name in LONG else ())
+        for name, case in quick()
+    ],
+)
 def test_the_document_is_as_it_was(name: str, case: Case) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
