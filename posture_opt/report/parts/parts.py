@@ -32,7 +32,7 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.uncertainty.spread.joint_digits import READ, HasScatter, JointDigits, joint_digits
+from posture_opt.uncertainty.spread.joint_digits import READABLE_ROUNDING_SHARE, HasScatter, JointDigits, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def sentence(text: str) -> str:
 
 def joint_table(problem: HasScatter, robot: Robot, q: Vector) -> Table:
     """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
-    digits = joint_digits(problem, q, READ)
+    digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
     rows = [
         (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
         for joint, value in zip(robot.joints, q, strict=True)
@@ -181,7 +181,7 @@ def _limits(joint: Joint) -> str:
 
 def joint_values(problem: HasScatter, q: Vector) -> str:
     """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
-    digits = joint_digits(problem, q, READ)
+    digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
     joints = problem.arm.robot.joints
     return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
 
