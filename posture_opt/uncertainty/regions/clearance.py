@@ -48,7 +48,7 @@ def success_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike
     """The probability that a Gaussian point lies within the clearance, ``1 - miss_probability``; arguments as there.
 
     Example:
-        >>> round(success_probability([[1.0, 0.0], [0.0, 1.0]], 2.0), 4)
+        >>> print(f"{success_probability([[1.0, 0.0], [0.0, 1.0]], 2.0):.4f}")
         0.8647
     """
     return -math.expm1(log_miss_probability(covariance, clearance, bias))
@@ -95,7 +95,7 @@ def radius_for(p: float, covariance: ArrayLike, bias: ArrayLike | None = None) -
         InputError: as `miss_probability`, or p outside (0, 1).
 
     Example:
-        >>> round(radius_for(0.95, [[1.0, 0.0], [0.0, 1.0]]), 4)
+        >>> print(f"{radius_for(0.95, [[1.0, 0.0], [0.0, 1.0]]):.4f}")
         2.4477
     """
     if not 0 < p < 1:

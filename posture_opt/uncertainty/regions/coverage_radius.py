@@ -33,7 +33,7 @@ def coverage_radius(p: float, covariance: Array, bias: Array) -> float:
         bias: (m,) [m].
 
     Example:
-        >>> round(coverage_radius(0.95, np.eye(3), np.zeros(3)), 4)
+        >>> print(f"{coverage_radius(0.95, np.eye(3), np.zeros(3)):.4f}")
         2.7955
     """
     return radius_for(p, covariance, bias) if len(covariance) < 3 else radius_in_space(p, covariance, bias)

@@ -171,7 +171,7 @@ def repeatability_from_covariance(covariance: ArrayLike) -> float:
 
     Example:
         >>> import numpy as np
-        >>> round(repeatability_from_covariance(np.eye(3)), 5)
+        >>> print(f"{repeatability_from_covariance(np.eye(3)):.5f}")
         3.61609
     """
     return float(repeatabilities(_checked_covariance(covariance)[None])[0])
