@@ -8,7 +8,7 @@ import pytest
 import posture_opt as po
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
-from posture_opt.uncertainty.spread.budget_groups import NO_SHARE, share_groups
+from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, share_groups
 from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.stated import stated
 
@@ -57,10 +57,10 @@ def test_dense_covariances_have_no_line_below_zero(seed: int) -> None:
     spread = propagate(stated(robot, sources), Q6)
     groups = spread.budget_groups
     assert sum(g.share for g in groups) == pytest.approx(1.0)
-    assert min(g.share for g in groups) > -NO_SHARE
+    assert min(g.share for g in groups) > -SHARE_TOLERANCE
     assert sorted(p for g in groups for p in g.parameters) == sorted(s.parameter for s in spread.budget)
     assert [g.share for g in groups] == sorted((g.share for g in groups), reverse=True)
-    assert min(s.share for s in spread.budget) < -NO_SHARE  # or this test would say nothing
+    assert min(s.share for s in spread.budget) < -SHARE_TOLERANCE  # or this test would say nothing
     (own,) = budgets(spread.tool_point, spread.q, spread.axes[-1:])
     assert {s.parameter: s.share for s in own} == {s.parameter: s.share for s in spread.budget}
 

@@ -145,7 +145,7 @@ def test_small_scatter_keeps_its_digits():
 
 
 def test_points_are_kept_up_to_a_bound(monkeypatch):
-    monkeypatch.setattr(cloud_module, "_KEPT", 7000)
+    monkeypatch.setattr(cloud_module, "_MAX_KEPT_POINTS", 7000)
     cloud = simulate(planar(), BENT, n=20_000)
     whole = Sampler.of(cloud.spread)(np.random.default_rng(0), 20_000)[0] + cloud.spread.position
     assert cloud.points.shape == (7000, 3)

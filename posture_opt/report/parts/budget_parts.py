@@ -14,7 +14,7 @@ from posture_opt.report.parts.parts import sigma_of
 from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.units_text import percent
 from posture_opt.report.text.words import source_size, source_words
-from posture_opt.uncertainty.spread.budget_groups import NO_SHARE, ShareGroup
+from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, ShareGroup
 
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
@@ -86,4 +86,4 @@ def _named(parameters: Sequence[str]) -> str:
 
 def _share(share: float) -> str:
     """A share of a variance; what is below zero by rounding or next to nothing is zero."""
-    return percent(0.0 if -NO_SHARE < share < 0 else share)
+    return percent(0.0 if -SHARE_TOLERANCE < share < 0 else share)

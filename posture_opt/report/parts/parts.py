@@ -35,7 +35,11 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.uncertainty.spread.joint_digits import READ, JointDigits, joint_digits
+from posture_opt.uncertainty.spread.joint_digits import (
+    READABLE_ROUNDING_SHARE,
+    JointDigits,
+    joint_digits,
+)
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed, number
 
@@ -152,7 +156,7 @@ def sentence(text: str) -> str:
 
 def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
     """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
-    digits = joint_digits(problem, q, READ)
+    digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
     rows = [
         (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
         for joint, value in zip(robot.joints, q, strict=True)
@@ -189,7 +193,7 @@ def _limits(joint: Joint) -> str:
 
 def joint_values(problem: HasSources, q: Vector) -> str:
     """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
-    digits = joint_digits(problem, q, READ)
+    digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
     joints = problem.arm.robot.joints
     return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
 

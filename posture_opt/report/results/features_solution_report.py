@@ -37,7 +37,7 @@ from posture_opt.report.text.units_text import (
 )
 from posture_opt.report.text.words import CRITERIA, direction_words, part_words
 from posture_opt.selection.stations.features_solution import PlacementFigure
-from posture_opt.uncertainty.spread.joint_digits import READ, joint_digits
+from posture_opt.uncertainty.spread.joint_digits import READABLE_ROUNDING_SHARE, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -220,7 +220,10 @@ def _range_words(placement: PlacementRange) -> str:
 
 
 def _postures_block(found: FeaturesSolution) -> Block:
-    joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.postures, READ)
+    joints, digits = (
+        found.optimisation_problem.robot.joints,
+        joint_digits(found.problem, found.postures, READABLE_ROUNDING_SHARE),
+    )
     unit, factor = length_unit([float(s) for s in found.sigmas])
     p_success = [station.success_probability for station in found.stations]
     known = all(p is not None for p in p_success)

@@ -63,5 +63,5 @@ class Place(Task):
         return self.lever or 0.0
 
     @property
-    def minds_yaw(self) -> bool:
+    def uses_yaw(self) -> bool:
         return True

@@ -109,7 +109,7 @@ class Task(Spec):
         return 0.0
 
     @property
-    def minds_yaw(self) -> bool:
+    def uses_yaw(self) -> bool:
         """Whether reports tell the spread of the yaw."""
         return False
 

@@ -70,34 +70,39 @@ def conditional_moments(
     for segment in sorted(segments, key=lambda segment: -segment.last):
         behind, within = slice(segment.last + 1, end), slice(segment.first, segment.last + 1)
         m, C = exact_moments(factors[behind], values[behind], own[behind], (m, C))
-        m, C = _mixed(segment, factors[within], values[within], own[within], m, C)
+        m, C = _mixed_moments(segment, factors[within], values[within], own[within], m, C)
         end = segment.first
     return exact_moments(factors[:end], values[:end], own[:end], (m, C))
 
 
 def deviations(factors: Sequence[Factor], values: Sequence[Scalar], segment: Segment) -> Vector:
     """(3,) the tool point at the nodes (N,) of a segment that is the whole chain, less the one at zero [m], world."""
-    return _walk(factors, values, [0.0] * len(factors), _shifts(segment, segment.centre, False), ZERO, None)[1]
+    return _conditional_walk(
+        factors, values, [0.0] * len(factors), _node_shifts(segment, segment.centre, False), ZERO, None
+    )[1]
 
 
-def _mixed(
+def _mixed_moments(
     segment: Segment, factors: Sequence[Factor], values: Sequence[Scalar], own: Sequence[Scalar], m: Vector, C: Matrix3
 ) -> tuple[Vector, Matrix3]:
-    """Moments before the segment from those behind it."""
+    """Moments in front of the segment from those behind it.
+
+    ``m`` (3,) [m] and ``C`` (3, 3) [m²] are of the point behind the segment, in the frame there.
+    """
     symbolic = any(isinstance(value, ca.SX) for value in (*values, *m))
-    centre, width = (_shifts(segment, nodes, symbolic) for nodes in (segment.centre, segment.width))
-    mean, d, wide = _walk(factors, values, own, centre, m, C if segment.width is segment.centre else None)
+    centre, width = (_node_shifts(segment, nodes, symbolic) for nodes in (segment.centre, segment.width))
+    mean, d, wide = _conditional_walk(factors, values, own, centre, m, C if segment.width is segment.centre else None)
     if wide is None:
-        wide = _walk(factors, values, own, width, m, C)[2]
+        wide = _conditional_walk(factors, values, own, width, m, C)[2]
     assert wide is not None
     w = segment.centre.weights
-    offset = [_average(w, x) for x in d]
+    offset = [_node_average(w, x) for x in d]
     d = (d[0] - offset[0], d[1] - offset[1], d[2] - offset[2])
     moved = add(mean, (offset[0], offset[1], offset[2]))
     mixed = no_covariance()
     for a in range(3):
         for b in range(a, 3):
-            mixed[a][b] = mixed[b][a] = _average(segment.width.weights, wide[a][b]) + _average(w, d[a] * d[b])
+            mixed[a][b] = mixed[b][a] = _node_average(segment.width.weights, wide[a][b]) + _node_average(w, d[a] * d[b])
     return moved, mixed
 
 
@@ -110,7 +115,8 @@ class _Shift:
     cosine_less_one: Any
 
 
-def _shifts(segment: Segment, nodes: Nodes, symbolic: bool) -> list[_Shift | None]:
+def _node_shifts(segment: Segment, nodes: Nodes, symbolic: bool) -> list[_Shift | None]:
+    """What the nodes (N,) of a segment add to each of its factors; None where no shared factor acts."""
     found: list[_Shift | None] = [None] * (segment.last - segment.first + 1)
     for index, loading in segment.loadings.items():
         size = loading @ nodes.points.T
@@ -119,7 +125,7 @@ def _shifts(segment: Segment, nodes: Nodes, symbolic: bool) -> list[_Shift | Non
     return found
 
 
-def _walk(
+def _conditional_walk(
     factors: Sequence[Factor],
     values: Sequence[Scalar],
     own: Sequence[Scalar],
@@ -127,7 +133,9 @@ def _walk(
     m: Vector,
     C: Matrix3 | None,
 ) -> tuple[Vector, Vector, Matrix3 | None]:
-    """Mean at z = 0, deviation of the mean at the nodes from it and, unless left out, covariance at the nodes."""
+    """Mean (3,) at z = 0, deviation (3,) of the mean at the nodes from it and, unless left out, covariance (3, 3) at
+    the nodes.
+    """
     d = ZERO
     chain = zip(factors, values, own, shifts, strict=True)
     for factor, value, v, shift in reversed(list(chain)):
@@ -142,14 +150,14 @@ def _walk(
         c, s = cos_sin(value)
         cz, sz = c, s
         if shift:
-            d = add(d, _bent(k, shift, add(m, d)))
+            d = add(d, _rotation_change(k, shift, add(m, d)))
             cz, sz = c + (c * shift.cosine_less_one - s * shift.sine), s + (s * shift.cosine_less_one + c * shift.sine)
         # d was bent by the shift already, and turns on like m; C turns by both at once.
         m, d, C = turned(k, c, s, m), turned(k, c, s, d), C and turned_covariance(k, cz, sz, C)
     return m, d, C
 
 
-def _bent(k: int, shift: _Shift, p: Vector) -> Vector:
+def _rotation_change(k: int, shift: _Shift, p: Vector) -> Vector:
     """``(R − 1) p`` with the rotation R about axis k."""
     i, j = (k + 1) % 3, (k + 2) % 3
     x: list[Scalar] = [0.0, 0.0, 0.0]
@@ -158,8 +166,10 @@ def _bent(k: int, shift: _Shift, p: Vector) -> Vector:
     return (x[0], x[1], x[2])
 
 
-def _average(weights: Array, x: Any) -> Any:
-    """Over the nodes, which stand on the last axis; a number that does not depend on them is its own average."""
+def _node_average(weights: Array, x: Any) -> Any:
+    """The average over the nodes, which are on the last axis; a number that does not depend on them is its own
+    average.
+    """
     if isinstance(x, ca.SX):
         return x if x.is_scalar() else ca.dot(ca.SX(ca.DM(weights)), x)
     if not isinstance(x, np.ndarray) or x.shape[-1] == 1:

@@ -29,6 +29,7 @@ from posture_opt.model.chain import ZERO, Scalar, Vector, cos_sin
 from posture_opt.robot.robot import Factor
 
 Matrix3 = list[list[Scalar]]
+"""(3, 3) scalars, row by row."""
 
 
 def exact_moments(
@@ -109,7 +110,7 @@ def blurred(k: int, v: Scalar, m: Vector, C: Matrix3) -> Matrix3:
 
 def turned(k: int, c: Scalar, s: Scalar, m: Vector) -> Vector:
     """A vector after a certain rotation about axis k, by its cosine and sine."""
-    if _nothing(c, s):
+    if _is_identity(c, s):
         return m
     i, j = (k + 1) % 3, (k + 2) % 3
     x = list(m)
@@ -119,7 +120,7 @@ def turned(k: int, c: Scalar, s: Scalar, m: Vector) -> Vector:
 
 def turned_covariance(k: int, c: Scalar, s: Scalar, C: Matrix3) -> Matrix3:
     """A covariance after a certain rotation about axis k, by its cosine and sine."""
-    if _nothing(c, s):
+    if _is_identity(c, s):
         return C
     i, j = (k + 1) % 3, (k + 2) % 3
     D = [list(row) for row in C]
@@ -132,14 +133,16 @@ def turned_covariance(k: int, c: Scalar, s: Scalar, C: Matrix3) -> Matrix3:
     return D
 
 
-def _nothing(c: Scalar, s: Scalar) -> bool:
+def _is_identity(c: Scalar, s: Scalar) -> bool:
     """Whether a rotation is none."""
     return isinstance(s, float) and s == 0.0 and isinstance(c, float) and c == 1.0
 
 
 def _exp(x: Scalar) -> Any:
+    """Exponential function of a float, an array or an expression."""
     return math.exp(x) if isinstance(x, float) else np.exp(x) if isinstance(x, np.ndarray) else ca.exp(x)
 
 
 def _expm1(x: Scalar) -> Any:
+    """``exp(x) − 1`` without cancellation, of a float, an array or an expression."""
     return math.expm1(x) if isinstance(x, float) else np.expm1(x) if isinstance(x, np.ndarray) else ca.expm1(x)

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.uncertainty.moments.integration import LEVELS, relative_difference
+from posture_opt.uncertainty.moments.integration import MAX_LEVELS, relative_difference
 from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 
-_GOAL = 1e-6  # relative error of the variance in any direction
-_MOST = 128  # walks along a segment: generated code of half a megabyte
-_PROBES = 6  # postures
+_VARIANCE_TOLERANCE = 1e-6
+"""Relative error of the variance in any direction at which no further plan is tried."""
+_MAX_WALKS = 128
+"""Walks along a segment: generated code of half a megabyte."""
+_PROBE_POSTURES = 6
+"""Random postures at which the error of a plan is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,31 +34,35 @@ class FixedPlan:
 
     @classmethod
     def of(cls, tool_point: ToolPoint) -> FixedPlan:
-        """The first of some plans, the cheapest first, whose error is below 1e-6, else the best of them."""
+        """The first of some plans, the cheapest first, whose error is below 1e-6, else the best of them.
+
+        It costs an integration to convergence at each of `_PROBE_POSTURES` postures.
+        """
         if not tool_point.integrated:
             return cls(None, 0.0)
         robot = tool_point.robot
-        Q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (_PROBES, robot.n))
+        Q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (_PROBE_POSTURES, robot.n))
         truth = [tool_point.moments([float(v) for v in q]).covariance for q in Q]
         columns = [np.ascontiguousarray(column) for column in Q.T]
         best = cls(None, np.inf)
-        for plan in _plans(tool_point):
-            found = np.broadcast_to(tool_point.moments(columns, plan).covariance, (_PROBES, 3, 3))
+        for plan in _candidate_plans(tool_point):
+            found = np.broadcast_to(tool_point.moments(columns, plan).covariance, (_PROBE_POSTURES, 3, 3))
             error = max(relative_difference(C, exact) for C, exact in zip(found, truth, strict=True))
             best = min(best, cls(plan, error), key=lambda either: either.relative_error)
-            if error <= _GOAL:
+            if error <= _VARIANCE_TOLERANCE:
                 break
         return best
 
 
-def _plans(tool_point: ToolPoint) -> Iterator[NodePlan]:
+def _candidate_plans(tool_point: ToolPoint) -> Iterator[NodePlan]:
+    """Plans of rising cost, at most `_MAX_WALKS` walks each."""
     chain = tool_point.shared, tool_point.indices, tool_point.robot.factors
     few = NodePlan.few(*chain)
     yield few
-    if few.straight.shape[1] and (whole := NodePlan.few(*chain, most=tool_point.shared.count)).count <= _MOST:
+    if few.straight.shape[1] and (whole := NodePlan.few(*chain, most=tool_point.shared.count)).count <= _MAX_WALKS:
         yield whole
-    for level in range(LEVELS):
+    for level in range(MAX_LEVELS):
         plan = NodePlan.at_level(tool_point.shared, tool_point.spans, level)
-        if plan is None or plan.count > _MOST:
+        if plan is None or plan.count > _MAX_WALKS:
             return
         yield plan

@@ -18,19 +18,29 @@ from posture_opt.numerics import Array, Codes
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """``E f(z) ≈ Σ_n weights_n f(points_n)`` for ``z ~ N(0, I)``: points (N, r), weights (N,) > 0 that sum to one."""
+    """``E f(z) ≈ Σ_n weights_n f(points_n)`` for ``z ~ N(0, I)``.
+
+    Args:
+        points: (N, r).
+        weights: (N,) > 0, of sum one.
+    """
 
     points: Array
     weights: Array
 
     @property
     def count(self) -> int:
-        """N."""
+        """N, the number of nodes."""
         return len(self.weights)
 
 
 def product_rule(counts: Sequence[int]) -> Nodes:
-    """The product of Gauss-Hermite rules with ``counts[k]`` nodes along axis k, of degree ``2 counts[k] − 1`` each."""
+    """The product of Gauss-Hermite rules with ``counts[k]`` nodes along axis k, of degree ``2 counts[k] − 1`` each.
+
+    Example:
+        >>> product_rule([3]).points.round(6).ravel().tolist()
+        [-1.732051, 0.0, 1.732051]
+    """
     rules = [np.polynomial.hermite_e.hermegauss(count) for count in counts]
     points = np.array(list(itertools.product(*(x for x, _ in rules)))).reshape(-1, len(counts))
     weights = np.array([np.prod(w) for w in itertools.product(*(w / w.sum() for _, w in rules))])
@@ -38,7 +48,11 @@ def product_rule(counts: Sequence[int]) -> Nodes:
 
 
 def side_by_side(*rules: tuple[Nodes, Codes]) -> Nodes:
-    """The product of rules, each for the variables (r,) that stand beside it."""
+    """The product of rules, each for its own variables.
+
+    Args:
+        rules: pairs of a rule and the places (r,) of its variables among all.
+    """
     columns = np.concatenate([places for _, places in rules])
     points, weights = np.zeros((1, 0)), np.ones(1)
     for nodes, _ in rules:
@@ -57,11 +71,12 @@ def degree_three(r: int) -> Nodes:
 def degree_five(r: int, *, other: bool = False) -> Nodes:
     """Degree 5 in r variables with positive weights: 3 nodes for one, 7 for two, 15 for three, then about ``4 r²``.
 
-    For two a hexagon about the origin. For more, corners ``a (±1, …, ±1)`` of a cube, those of `_signs`, and ``±b e_k``
-    with ``a² = 1 + t``, ``b² = 2 + 2/t``, weights ``a⁻⁴`` in all and ``b⁻⁴`` each, and the origin with what is left.
+    For two a hexagon about the origin. For more, corners ``a (±1, …, ±1)`` of a cube, those of `_sign_array`, and
+    ``±b e_k`` with ``a² = 1 + t``, ``b² = 2 + 2/t``, weights ``a⁻⁴`` in all and ``b⁻⁴`` each, and the origin with the
+    rest.
     ``t = 2/(r − 2)`` puts the latter where `degree_three` has its nodes, which may share their walks. The ``other``
     rule of the degree, in other axes and with ``t = 4/(r − 2)``, leaves the origin nothing: how far two of a kind are
-    apart tells their error.
+    apart is an estimate of their error.
 
     Source: A. H. Stroud, Approximate Calculation of Multiple Integrals (1971), E_n^{r²}: 5-2; corners from orthogonal
     arrays: N. Victoir, SIAM J. Numer. Anal. 42 (2004) 209.
@@ -74,7 +89,7 @@ def degree_five(r: int, *, other: bool = False) -> Nodes:
         rule = Nodes(np.vstack([np.zeros((1, 2)), hexagon]), np.array([1 / 2, *[1 / 12] * 6]))
         return product_rule((4, 4)) if other else rule
     t = (4 if other else 2) / (r - 2)
-    cube = np.sqrt(1 + t) * _signs(r)
+    cube = np.sqrt(1 + t) * _sign_array(r)
     dual = np.sqrt(2 + 2 / t) * np.vstack([np.eye(r), -np.eye(r)])
     points = np.vstack([cube, dual])
     weights = np.array([*[(1 + t) ** -2 / len(cube)] * len(cube), *[(2 + 2 / t) ** -2] * (2 * r)])
@@ -84,8 +99,8 @@ def degree_five(r: int, *, other: bool = False) -> Nodes:
     return Nodes(np.vstack([np.zeros((1, r)), points]), np.array([1 - weights.sum(), *weights]))
 
 
-def _signs(r: int) -> Array:
-    """(N, r) of ±1, with every row its opposite: in any five columns all 32 patterns stand equally often.
+def _sign_array(r: int) -> Array:
+    """(N, r) of ±1, with every row its opposite: in any five columns all 32 patterns occur equally often.
 
     Row n has in column k the parity of the bits that n shares with a word; any four of the words are linearly
     independent over two elements, and the bit that they all have makes that five.
@@ -111,21 +126,21 @@ def quasi_random(r: int, count: int, rng: np.random.Generator) -> Nodes:
     """About ``count`` equally weighted, randomly shifted quasi-Monte Carlo nodes in r variables.
 
     Richtmyer's sequence ``n √prime_k``, shifted, made normal in pairs by Box and Muller's transformation; with every
-    point stands the opposite one, and a linear map gives the whole its exact covariance I: degree 3, as of every rule.
+    point comes the opposite one, and a linear map gives the whole its exact covariance I: degree 3, as of every rule.
 
     Source: A. Genz, F. Bretz, Computation of Multivariate Normal and t Probabilities (2009), section 4.2.2; G. Ökten,
     A. Göncü, Math. Comput. Model. 53 (2011) 1268.
     """
     half, pairs = max(count // 2, 2 * r), (r + 1) // 2
-    uniform = (np.arange(1, half + 1)[:, None] * np.sqrt(_primes(2 * pairs)) + rng.uniform(size=2 * pairs)) % 1.0
+    uniform = (np.arange(1, half + 1)[:, None] * np.sqrt(first_primes(2 * pairs)) + rng.uniform(size=2 * pairs)) % 1.0
     radius, angle = np.sqrt(-2 * np.log1p(-uniform[:, :pairs])), 2 * np.pi * uniform[:, pairs:]
     z = np.hstack([radius * np.cos(angle), radius * np.sin(angle)])[:, :r]
     points = np.linalg.solve(np.linalg.cholesky(z.T @ z / half), z.T).T
     return Nodes(np.vstack([points, -points]), np.full(2 * half, 0.5 / half))
 
 
-def _primes(count: int) -> Array:
-    """The first primes."""
+def first_primes(count: int) -> Array:
+    """(count,) the first primes, as floats."""
     found: list[int] = []
     for candidate in itertools.count(2):
         if len(found) == count:

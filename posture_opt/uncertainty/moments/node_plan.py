@@ -14,8 +14,10 @@ from posture_opt.uncertainty.moments.gaussian_rules import degree_five, degree_t
 from posture_opt.uncertainty.moments.integration import SharedSpan, polynomial, spans
 from posture_opt.uncertainty.moments.shared_factors import SharedFactors
 
-_USUAL, _MANY = 3, 6  # factors with nodes, and how many factors leave nodes to one alone
-_FARTHER = 3.0  # nodes more of a factor alone for each radian by which it turns the tool
+_MAX_FACTORS, _MANY_FACTORS = 3, 6
+"""Factors with nodes, and how many shared factors leave nodes to one alone."""
+_NODES_PER_RADIAN = 3.0
+"""Nodes more of a factor alone for each radian by which it turns the tool."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class NodePlan:
 
     @classmethod
     def few(cls, split: SharedFactors, indices: Sequence[int], factors: Sequence[Factor], most: int = 0) -> NodePlan:
-        """Complete to fourth order in σ in the ``most`` weightiest factors of every span.
+        """Complete to fourth order in σ in the ``most`` factors with the largest turn of every span.
 
         Unless stated these are three, but one where there are more than six, as there are after a calibration: errors
         are small then, and a graph of many factors would be large.
@@ -47,8 +49,14 @@ class NodePlan:
         The mean, whose covariance counts, is taken at nodes of degree 5, and the covariance, which the factors change
         at the second order of σ only, at nodes of degree 3: 5 walks for one factor, 11 for two, 19 for three. A factor
         alone has more nodes where it turns the tool far.
+
+        Args:
+            split: the covariance of the sources as independent errors and shared factors.
+            indices: (k,) place in the chain of every source.
+            factors: the chain.
+            most: factors with nodes in each span; 0 for the usual number.
         """
-        most = most or (_USUAL if split.count <= _MANY else 1)
+        most = most or (_MAX_FACTORS if split.count <= _MANY_FACTORS else 1)
         kept = [column for span in spans(split, indices, factors) for column in sorted(span.columns)[:most]]
         chosen = SharedFactors(split.own, split.loadings[:, kept])
         segments = tuple(_fourth_order(span) for span in spans(chosen, indices, factors))
@@ -63,9 +71,10 @@ class NodePlan:
 
 
 def _fourth_order(span: SharedSpan) -> Segment:
+    """The segment of a span whose moments are complete to fourth order in σ."""
     if not span.turning.any():
         return span.segment(degree_three(span.count))  # what shifts alone, shifts linearly
     if span.count > 1:
         return span.segment(degree_five(span.count), degree_three(span.count))
-    more = round(_FARTHER * float(np.abs(span.turning).sum()))
+    more = round(_NODES_PER_RADIAN * float(np.abs(span.turning).sum()))
     return span.segment(product_rule((3 + more,)), product_rule((2 + more,)))

@@ -18,11 +18,17 @@ from posture_opt.model.chain import Scalar, Vector, Walk, add, dot, factor_value
 from posture_opt.robot.robot import Robot
 
 Complex = tuple[Scalar, Scalar]
+"""Real and imaginary part, so that symbols serve too."""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane that a planar arm moves in: an orthonormal basis (e1, e2) and the normal, world frame."""
+    """The plane that a planar arm moves in.
+
+    Args:
+        e1, e2: (3,) orthonormal basis, world.
+        normal: (3,) ``e1 × e2``, world.
+    """
 
     e1: Vector
     e2: Vector
@@ -30,7 +36,12 @@ class Plane:
 
 
 def plane_of(robot: Robot, uncertain: Sequence[int] = ()) -> Plane | None:
-    """The plane of motion, or None where the joints (or the uncertain factors) turn about different axes."""
+    """The plane of motion, or None where the joints (or the uncertain factors) turn about different axes.
+
+    Args:
+        robot: the chain.
+        uncertain: indices of factors with an error.
+    """
     rng = np.random.default_rng(0)
     normals = []
     for _ in range(3):
@@ -44,7 +55,7 @@ def plane_of(robot: Robot, uncertain: Sequence[int] = ()) -> Plane | None:
     helper = np.eye(3)[np.argmin(np.abs(n))]
     e1 = helper - n * (helper @ n)
     e1 /= np.linalg.norm(e1)
-    return Plane(_vector(e1), _vector(np.cross(n, e1)), _vector(n))
+    return Plane(_as_vector(e1), _as_vector(np.cross(n, e1)), _as_vector(n))
 
 
 @dataclass(frozen=True)
@@ -71,20 +82,28 @@ def planar_moments(
         covariance: (k, k) Σ of the sources.
         plane: from :func:`plane_of` with the same ``indices``.
     """
-    arrows = _arrows(robot, reached, lengths, indices, plane)
+    arrows = _chain_arrows(robot, reached, lengths, indices, plane)
     mean: list[Scalar] = [0.0, 0.0, 0.0]
     power: Scalar = 0.0
     pseudo: Complex = (0.0, 0.0)
     height: Scalar = 0.0
     lift: Complex = (0.0, 0.0)
     for m in arrows:
-        z = _mul(_mean(m, covariance), m.direction)
+        z = _complex_product(_arrow_mean(m, covariance), m.direction)
         mean = [mean[0] + z[0], mean[1] + z[1], mean[2] + m.height * m.length]
         for n in arrows:
-            power = power + _mul(_covariance(m, n, covariance, -1), _mul(m.direction, _conj(n.direction)))[0]
-            pseudo = _add(pseudo, _mul(_covariance(m, n, covariance, +1), _mul(m.direction, n.direction)))
+            power = (
+                power
+                + _complex_product(
+                    _arrow_covariance(m, n, covariance, -1), _complex_product(m.direction, _conjugate(n.direction))
+                )[0]
+            )
+            pseudo = _complex_sum(
+                pseudo,
+                _complex_product(_arrow_covariance(m, n, covariance, +1), _complex_product(m.direction, n.direction)),
+            )
             height = height + m.height * n.height * float(m.of_length @ covariance @ n.of_length)
-            lift = _add(lift, _mul(_with_height(m, n, covariance), n.direction))
+            lift = _complex_sum(lift, _complex_product(_height_covariance(m, n, covariance), n.direction))
     xx, yy, xy = (power + pseudo[0]) / 2, (power - pseudo[0]) / 2, pseudo[1] / 2
     local = [[xx, xy, lift[0]], [xy, yy, lift[1]], [lift[0], lift[1], height]]
     basis = (plane.e1, plane.e2, plane.normal)
@@ -96,10 +115,11 @@ def planar_moments(
     return total, world
 
 
-def _arrows(
+def _chain_arrows(
     robot: Robot, reached: Walk, lengths: Sequence[Scalar], indices: Sequence[int], plane: Plane
 ) -> list[_Arrow]:
-    # How an axis stands to the normal does not depend on the posture: a number, whatever the walk is made of.
+    """The translations of the chain that have a length, an error or a joint, with what turns them."""
+    # The angle of an axis to the normal does not depend on the posture: a number, whatever the walk is made of.
     fixed = walk(robot.factors, factor_values(robot.factors, [0.3] * robot.n))
     arrows = []
     turned_by = np.zeros(len(indices))
@@ -114,27 +134,28 @@ def _arrows(
     return arrows
 
 
-def _mean(m: _Arrow, S: np.ndarray) -> Complex:
+def _arrow_mean(m: _Arrow, S: np.ndarray) -> Complex:
+    """``E[ℓ e^{iS}] = (μ + i Cov(ℓ, S)) e^{−Var(S)/2}`` [m] of one arrow."""
     half = math.exp(-float(m.of_angle @ S @ m.of_angle) / 2)
     return (half * m.length, half * float(m.of_length @ S @ m.of_angle))
 
 
-def _covariance(m: _Arrow, n: _Arrow, S: np.ndarray, sign: int) -> Complex:
+def _arrow_covariance(m: _Arrow, n: _Arrow, S: np.ndarray, sign: int) -> Complex:
     """``Cov(ℓ_m e^{iS_m}, ℓ_n e^{± iS_n})`` (sign −1: with the conjugate, which makes it the Hermitian one)."""
     c = -sign * float(m.of_angle @ S @ n.of_angle)
     both = math.exp(-float(m.of_angle @ S @ m.of_angle + n.of_angle @ S @ n.of_angle) / 2)
     A: Complex = (m.length, float(m.of_length @ S @ m.of_angle))
     B: Complex = (n.length, sign * float(n.of_length @ S @ n.of_angle))
     alpha, beta = sign * float(m.of_length @ S @ n.of_angle), float(n.of_length @ S @ m.of_angle)
-    AB = _mul(A, B)
+    AB = _complex_product(A, B)
     # (A + iα)(B + iβ) − A B + Cov(ℓ_m, ℓ_n), formed without the cancellation
-    extra = _add(_mul((0.0, alpha), B), _mul(A, (0.0, beta)))
+    extra = _complex_sum(_complex_product((0.0, alpha), B), _complex_product(A, (0.0, beta)))
     extra = (extra[0] - alpha * beta + float(m.of_length @ S @ n.of_length), extra[1])
     grow, less = both * math.exp(c), both * math.expm1(c)
     return (less * AB[0] + grow * extra[0], less * AB[1] + grow * extra[1])
 
 
-def _with_height(m: _Arrow, n: _Arrow, S: np.ndarray) -> Complex:
+def _height_covariance(m: _Arrow, n: _Arrow, S: np.ndarray) -> Complex:
     """``Cov(height of m, ℓ_n e^{iS_n})``."""
     half = m.height * math.exp(-float(n.of_angle @ S @ n.of_angle) / 2)
     turn = float(m.of_length @ S @ n.of_angle)
@@ -142,17 +163,21 @@ def _with_height(m: _Arrow, n: _Arrow, S: np.ndarray) -> Complex:
     return (half * shift, half * turn * n.length)
 
 
-def _mul(u: Complex, v: Complex) -> Complex:
+def _complex_product(u: Complex, v: Complex) -> Complex:
+    """``u v``."""
     return (u[0] * v[0] - u[1] * v[1], u[0] * v[1] + u[1] * v[0])
 
 
-def _add(u: Complex, v: Complex) -> Complex:
+def _complex_sum(u: Complex, v: Complex) -> Complex:
+    """``u + v``."""
     return (u[0] + v[0], u[1] + v[1])
 
 
-def _conj(u: Complex) -> Complex:
+def _conjugate(u: Complex) -> Complex:
+    """The complex conjugate of u."""
     return (u[0], -u[1])
 
 
-def _vector(array: np.ndarray) -> Vector:
+def _as_vector(array: np.ndarray) -> Vector:
+    """(3,) plain floats."""
     return (float(array[0]), float(array[1]), float(array[2]))

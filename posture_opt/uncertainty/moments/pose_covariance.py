@@ -25,18 +25,21 @@ from posture_opt.uncertainty.moments.integration import Integration, SharedSpan,
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
-FRAME = "shift and rotation vector log(R R_nominal^T), (v, w), from the nominal pose; world axes at the tool point"
-"""What a covariance of the pose is of, as documents say it."""
+POSE_FRAME = "shift and rotation vector log(R R_nominal^T), (v, w), from the nominal pose; world axes at the tool point"
+"""Chart and frame of a covariance of the pose, as documents state it."""
 
-_GOAL = 1e-4  # relative error along any direction of the six at which no more nodes are tried
-_MOST = 20_000  # nodes of a product rule
+_VARIANCE_TOLERANCE = 1e-4
+"""Relative error along any direction of the six at which no more nodes are tried."""
+_MAX_NODES = 20_000
+"""Nodes of a product rule."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCovariance:
-    """(6, 6) of shift [m] and rotation vector [rad], `FRAME`.
+    """Covariance of shift [m] and rotation vector [rad] from the nominal pose, world axes at the tool point.
 
     Args:
+        covariance: (6, 6), ``(v, ω)``.
         integration: how it was found; ``relative_error`` is that of the variance along any direction of the six. None
             where nothing scatters.
     """
@@ -55,12 +58,14 @@ class PoseCovariance:
 
 
 def pose_covariance(tool_point: ToolPoint, q: Sequence[float], position: Array) -> PoseCovariance:
-    """The covariance of the pose whose block of the position is ``position`` (3, 3) [m²].
+    """The covariance of the pose whose block of the position is ``position``.
 
     Effects enter to first order, as they do in the position.
 
     Args:
+        tool_point: arm and sources.
         q: (n,) posture [rad or m].
+        position: (3, 3) covariance of the tool point [m²], world.
     """
     linear = np.asarray(tool_point.effects_of_pose(q, tool_point.walk(q)[0]), dtype=float)
     chain, integration = position - linear[:3, :3], None
@@ -68,7 +73,9 @@ def pose_covariance(tool_point: ToolPoint, q: Sequence[float], position: Array) 
     found[:3, :3] = chain
     span = every_source(tool_point)
     if span.count:
-        mixed = converged(lambda segments: _at_nodes(tool_point, q, segments[0]), [span], _GOAL, _MOST)
+        mixed = converged(
+            lambda segments: _at_nodes(tool_point, q, segments[0]), [span], _VARIANCE_TOLERANCE, _MAX_NODES
+        )
         found, integration = regressed_on(mixed.covariance, chain), mixed.integration
     found = found + linear
     found[:3, :3] = position
@@ -119,7 +126,9 @@ def turns(nominal: Walk, errors: dict[int, Array]) -> Array:
 
 
 def regressed_on(nodes: Array, position: Array) -> Array:
-    """The covariance (6, 6) of the nodes with another one of the position, by regression of the rotation on it."""
+    """The covariance (6, 6) of the nodes with another one of the position (3, 3), by regression of the rotation on
+    it.
+    """
     xx, px, pp = nodes[:3, :3], nodes[3:, :3], nodes[3:, 3:]
     variances, axes = np.linalg.eigh(xx)
     wide = variances > RANK_TOLERANCE * max(float(variances[-1]), 0.0)
@@ -131,7 +140,7 @@ def regressed_on(nodes: Array, position: Array) -> Array:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """A with ``A Aᵀ = Σ``, for semidefinite Σ too; sources keep their own units, so the root is of the correlations."""
+    """(k, k) A with ``A Aᵀ = Σ``, for semidefinite Σ (k, k) too; it is taken of the correlations, as units differ."""
     sigma = np.sqrt(np.diag(covariance))
     if not len(sigma):
         return np.zeros((0, 0))

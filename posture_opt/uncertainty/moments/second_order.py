@@ -5,7 +5,7 @@
 gives both for one output). Second and third derivatives follow from the screws of the chain
 (:mod:`posture_opt.model.chain`): ``H_ij = a_i × J_j`` and ``T_ijk = a_i × (a_j × J_k)`` for i ≤ j ≤ k.
 
-`Validity` tells from them whether the first-order ellipse may be trusted.
+`Validity` says from them whether the first-order ellipse may be trusted.
 """
 
 from __future__ import annotations
@@ -61,27 +61,28 @@ def second_order(walk: Walk, indices: Sequence[int], covariance: Array) -> Secon
     a = [rotation_column(walk, i) for i in indices]
     S = [[float(entry) for entry in row] for row in covariance]
     k = len(J)
-    H = [[_hessian(a, J, i, j) for j in range(k)] for i in range(k)]
+    H = [[_position_hessian(a, J, i, j) for j in range(k)] for i in range(k)]
     gradient = [_trace_gradient(a, J, H, S, i) for i in range(k)]
     jacobian = stack(list(zip(*J, strict=True)))
     g = stack(list(zip(*gradient, strict=True)))
     mixed = jacobian @ covariance @ transpose(g)
     HS = [stack([[H[i][j][c] for j in range(k)] for i in range(k)]) @ covariance for c in range(3)]
-    curvature = [[_inner(HS[c], HS[d]) / 2 for d in range(3)] for c in range(3)]
+    curvature = [[_trace_of_product(HS[c], HS[d]) / 2 for d in range(3)] for c in range(3)]
     return SecondOrder(
         first=jacobian @ covariance @ transpose(jacobian),
         curvature=stack(curvature),
         mixed=(mixed + transpose(mixed)) / 2,
-        bias=stack(scale(0.5, _weighted(S, H, 0))),
+        bias=stack(scale(0.5, _weighted_hessian(S, H, 0))),
     )
 
 
-def _hessian(a: Sequence[Vector], J: Sequence[Vector], i: int, j: int) -> Vector:
+def _position_hessian(a: Sequence[Vector], J: Sequence[Vector], i: int, j: int) -> Vector:
+    """``∂²x/∂i∂j`` (3,) = ``a_first × J_last``, zero where the factor nearer to the base shifts."""
     first, last = min(i, j), max(i, j)
     return ZERO if a[first] is ZERO else cross(a[first], J[last])
 
 
-def _weighted(S: list[list[float]], H: list[list[Vector]], start: int) -> Vector:
+def _weighted_hessian(S: list[list[float]], H: list[list[Vector]], start: int) -> Vector:
     """``Σ_jk S_jk H_jk`` over j, k ≥ start."""
     total = ZERO
     for j in range(start, len(S)):
@@ -94,21 +95,22 @@ def _weighted(S: list[list[float]], H: list[list[Vector]], start: int) -> Vector
 def _trace_gradient(
     a: Sequence[Vector], J: Sequence[Vector], H: list[list[Vector]], S: list[list[float]], i: int
 ) -> Vector:
-    """``∂/∂i Σ_jk S_jk H_jk``, sorted by how many of j, k stand nearer to the base than i."""
-    total = cross(a[i], _weighted(S, H, i)) if a[i] is not ZERO else ZERO
+    """``∂/∂i Σ_jk S_jk H_jk`` (3,), sorted by how many of j, k are nearer to the base than i."""
+    total = cross(a[i], _weighted_hessian(S, H, i)) if a[i] is not ZERO else ZERO
     for k in range(i, len(S)):
-        lever = _axes(a, [(S[j][k], j) for j in range(i)])
+        lever = _weighted_axis(a, [(S[j][k], j) for j in range(i)])
         if a[i] is not ZERO and lever is not ZERO:
             total = add(total, scale(2.0, cross(lever, H[i][k])))
     for k in range(i):
         if a[k] is not ZERO:
-            lever = _axes(a, [(S[j][k] if j == k else 2 * S[j][k], j) for j in range(k + 1)])
+            lever = _weighted_axis(a, [(S[j][k] if j == k else 2 * S[j][k], j) for j in range(k + 1)])
             if lever is not ZERO:
                 total = add(total, cross(lever, cross(a[k], J[i])))
     return total
 
 
-def _axes(a: Sequence[Vector], weights: Sequence[tuple[float, int]]) -> Vector:
+def _weighted_axis(a: Sequence[Vector], weights: Sequence[tuple[float, int]]) -> Vector:
+    """``Σ_j w_j a_j`` (3,) over pairs (w_j, j)."""
     total = ZERO
     for weight, j in weights:
         if weight and a[j] is not ZERO:
@@ -117,11 +119,11 @@ def _axes(a: Sequence[Vector], weights: Sequence[tuple[float, int]]) -> Vector:
 
 
 def transpose(matrix: Any) -> Any:
-    """Of an SX, or of arrays with the batch axis first."""
+    """The transpose of an SX, or of arrays with the batch axis first."""
     return matrix.T if isinstance(matrix, ca.SX) else np.swapaxes(matrix, -1, -2)
 
 
-def _inner(A: Any, B: Any) -> Any:
+def _trace_of_product(A: Any, B: Any) -> Any:
     """``tr(A B)``."""
     if isinstance(A, ca.SX) or isinstance(B, ca.SX):
         return ca.trace(ca.SX(A) @ ca.SX(B))
@@ -129,14 +131,17 @@ def _inner(A: Any, B: Any) -> Any:
 
 
 Verdict = Literal["good", "doubtful", "wrong"]
+"""``good``: use either covariance; ``doubtful`` and ``wrong``: use the exact one."""
 
-# Up to the first the nominal 95 % ellipse of planar arms held 94.5 % or more, up to the second 92 %, then ever less.
-GOOD = 0.2
-DOUBTFUL = 0.5
+MAX_GOOD_INDEX = 0.2
+"""Up to here the nominal 95 % ellipse of planar arms held 94.5 % or more."""
+MAX_DOUBTFUL_INDEX = 0.5
+"""Up to here it held 92 %, then ever less."""
+_MOTION_SHARE = 1e-9
+"""Share of the second-order scatter from which a direction that the first order leaves at rest moves in truth.
 
-# A direction that the first order leaves at rest moves in truth if it takes this part of the second-order scatter;
-# below it stands the rounding of the direction itself.
-_MOVES = 1e-9
+Below it is the rounding of the direction itself.
+"""
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,10 @@ class Validity:
     ``curvature = sqrt(lambda_max(C1^+ C2))`` with ``C1 = J S J'`` and ``C2_ab = 1/2 tr(H_a S H_b S)``;
     ``bias_mahalanobis = |C1^(-1/2) b|`` with ``b_a = 1/2 tr(H_a S)``. Both are infinite where C1 has an axis of no
     width along which C2 or b is not zero: there the linear number is false however small the errors are. The relative
-    error of C1 itself does not see this: it is dominated by the wide axis, where nothing is wrong.
+    error of C1 itself does not show this: it is dominated by the wide axis, where nothing is wrong.
+
+    Args:
+        curvature, bias_mahalanobis: without unit, zero or more.
     """
 
     curvature: float
@@ -166,11 +174,11 @@ class Validity:
         variances, axes = np.linalg.eigh((C1 + C1.T) / 2)
         wide = variances > RANK_TOLERANCE * max(variances[-1], 0.0)
         span, null = axes[:, wide] / np.sqrt(variances[wide]), axes[:, ~wide]
-        curvature = math.sqrt(_largest(span.T @ C2 @ span))
+        curvature = math.sqrt(_largest_eigenvalue(span.T @ C2 @ span))
         shift = float(np.linalg.norm(span.T @ b))
-        if _largest(null.T @ C2 @ null) > _MOVES * np.trace(C2):
+        if _largest_eigenvalue(null.T @ C2 @ null) > _MOTION_SHARE * np.trace(C2):
             curvature = math.inf
-        if np.linalg.norm(null.T @ b) > math.sqrt(_MOVES) * np.linalg.norm(b):
+        if np.linalg.norm(null.T @ b) > math.sqrt(_MOTION_SHARE) * np.linalg.norm(b):
             shift = math.inf
         return cls(curvature, shift)
 
@@ -182,7 +190,7 @@ class Validity:
     @property
     def verdict(self) -> Verdict:
         """``good`` below 0.2, ``doubtful`` below 0.5, else ``wrong``."""
-        return "good" if self.index < GOOD else "doubtful" if self.index < DOUBTFUL else "wrong"
+        return "good" if self.index < MAX_GOOD_INDEX else "doubtful" if self.index < MAX_DOUBTFUL_INDEX else "wrong"
 
     @property
     def text(self) -> str:
@@ -194,19 +202,19 @@ class Validity:
             )
         seen = f"(curvature index {self.curvature:.2g}, mean shift {self.bias_mahalanobis:.2g} standard deviations; "
         if self.verdict == "good":
-            return f"The first-order (linear) approximation is adequate here {seen}both below {GOOD:g})."
+            return f"The first-order (linear) approximation is adequate here {seen}both below {MAX_GOOD_INDEX:g})."
         if self.verdict == "doubtful":
             return (
                 "The first-order ellipse is doubtful here: its 95 % region contains noticeably less than 95 %. Use the "
-                f"exact covariance {seen}limit {GOOD:g})."
+                f"exact covariance {seen}limit {MAX_GOOD_INDEX:g})."
             )
         return (
             "The first-order ellipse is wrong here: its 95 % region contains far less than 95 %. Use the exact "
-            f"covariance {seen}limit {GOOD:g})."
+            f"covariance {seen}limit {MAX_GOOD_INDEX:g})."
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Indices, null where infinite (then the flag beside is true), verdict and sentence."""
+        """Indices, null where infinite (then the flag next to it is true), verdict and sentence."""
         return {
             "curvature": finite_or_none(self.curvature),
             "curvature_infinite": math.isinf(self.curvature),
@@ -217,6 +225,6 @@ class Validity:
         }
 
 
-def _largest(matrix: Array) -> float:
+def _largest_eigenvalue(matrix: Array) -> float:
     """The largest eigenvalue, zero at least; of nothing, zero."""
     return max(float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[-1]), 0.0) if matrix.size else 0.0

@@ -14,9 +14,10 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 
-# Of an eigenvalue of a matrix of correlations: below it stands rounding, or what the barrier left of a zero.
-_NOTHING = 1e-10
-_ROUNDING = 1e-15
+_ZERO_EIGENVALUE = 1e-10
+"""Eigenvalue of a matrix of correlations below which is rounding, or what the barrier left of a zero."""
+_ROUNDING_EIGENVALUE = 1e-15
+"""The same of rounding alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class SharedFactors:
     Args:
         own: (k,) variances ≥ 0 of what every source has for itself [rad², m²].
         loadings: (k, r) standard deviation of each source by each factor [rad, m]; the factor that turns the chain the
-            farthest stands first. Each factor changes sources alone that are correlated with each other, and as many
+            farthest is first. Each factor changes sources alone that are correlated with each other, and as many
             as can be change lengths alone.
     """
 
@@ -46,11 +47,11 @@ class SharedFactors:
         sigma = np.sqrt(np.diag(covariance))
         own = np.array(np.diag(covariance), dtype=float)
         columns: list[Array] = []
-        for group in _groups(covariance):
+        for group in _correlated_groups(covariance):
             at = np.ix_(group, group)
-            single, shared = _split(covariance[at] / np.outer(sigma[group], sigma[group]))
+            single, shared = _split_correlations(covariance[at] / np.outer(sigma[group], sigma[group]))
             own[group] = single * sigma[group] ** 2
-            for column in _oriented(shared * sigma[group][:, None], turning[group]).T:
+            for column in _oriented_loadings(shared * sigma[group][:, None], turning[group]).T:
                 loading = np.zeros(len(sigma))
                 loading[group] = column
                 columns.append(loading)
@@ -59,12 +60,12 @@ class SharedFactors:
 
     @property
     def count(self) -> int:
-        """How many factors there are."""
+        """r, how many factors there are."""
         return int(self.loadings.shape[1])
 
 
-def _groups(covariance: Array) -> list[list[int]]:
-    """The sources that are correlated with others, those that hang together in one list."""
+def _correlated_groups(covariance: Array) -> list[list[int]]:
+    """The sources that are correlated with others; those that are linked by correlations in one list."""
     linked = covariance != 0
     left = [k for k in range(len(linked)) if np.count_nonzero(linked[k]) > 1]
     groups = []
@@ -79,7 +80,7 @@ def _groups(covariance: Array) -> list[list[int]]:
     return groups
 
 
-def _split(R: Array) -> tuple[Array, Array]:
+def _split_correlations(R: Array) -> tuple[Array, Array]:
     """Diagonal (k,) and factors (k, r) of a matrix of correlations (k, k)."""
     if len(R) == 2:
         rho = max(-1.0, min(1.0, float(R[0, 1])))
@@ -87,21 +88,21 @@ def _split(R: Array) -> tuple[Array, Array]:
     own = _largest_diagonal(R)
     values, vectors = np.linalg.eigh(R - np.diag(own))
     # Errors that nearly cancel, as after a calibration, leave a combination with little variance: what is left out
-    # must be little beside that too.
-    least = max(min(_NOTHING * len(R), 1e-6 * float(np.linalg.eigvalsh(R)[0])), _ROUNDING * len(R))
+    # must be little compared with that too.
+    least = max(min(_ZERO_EIGENVALUE * len(R), 1e-6 * float(np.linalg.eigvalsh(R)[0])), _ROUNDING_EIGENVALUE * len(R))
     kept = np.flatnonzero(values > least)[::-1]
     shared = vectors[:, kept] * np.sqrt(values[kept])
     # What the smallest eigenvalues leave out of the diagonal goes back into it: the variances stay what they are.
     return np.maximum(np.diag(R) - (shared**2).sum(axis=1), 0.0), shared
 
 
-def _oriented(L: Array, turning: Mask) -> Array:
+def _oriented_loadings(L: Array, turning: Mask) -> Array:
     """The loadings (k, r) in other axes of the factors: as few as can be turn the chain, the first the farthest."""
     if L.shape[1] < 2 or not turning.any():
         return L
     _, sizes, axes = np.linalg.svd(L[turning])
     oriented: Array = L @ axes.T
-    still = np.arange(L.shape[1]) >= np.count_nonzero(sizes > _ROUNDING * len(L) * sizes[0])
+    still = np.arange(L.shape[1]) >= np.count_nonzero(sizes > _ROUNDING_EIGENVALUE * len(L) * sizes[0])
     oriented[np.ix_(turning, still)] = 0.0
     return oriented
 
@@ -113,9 +114,9 @@ def _largest_diagonal(R: Array) -> Array:
     has a null vector v, ``vᵀ (R − diag d) v ≥ 0`` leaves no diagonal to any source that v names.
     """
     values, vectors = np.linalg.eigh(R)
-    null = values <= _NOTHING * len(R)
+    null = values <= _ZERO_EIGENVALUE * len(R)
     # The square root of what is overlooked here comes back as an eigenvalue below zero.
-    free = np.flatnonzero((vectors[:, null] ** 2).sum(axis=1) <= _NOTHING**2)
+    free = np.flatnonzero((vectors[:, null] ** 2).sum(axis=1) <= _ZERO_EIGENVALUE**2)
     d = np.zeros(len(R))
     if not len(free):
         return d
@@ -123,15 +124,15 @@ def _largest_diagonal(R: Array) -> Array:
     d[free] = values[~null][0] / 2
     for power in range(14):
         former = d.copy()
-        _centre(R, U, free, d, 10.0**-power)
+        _centre_barrier(R, U, free, d, 10.0**-power)
         # Where the range of R hardly has some direction, rounding throws the steps out of the barrier.
         rest = np.linalg.eigvalsh(U.T @ (R - np.diag(d)) @ U) if np.isfinite(d).all() else np.array([-1.0])
-        if rest[0] < -_NOTHING or np.any(d[free] <= 0):
+        if rest[0] < -_ZERO_EIGENVALUE or np.any(d[free] <= 0):
             return former
     return d
 
 
-def _centre(R: Array, U: Array, free: Codes, d: Array, mu: float) -> None:
+def _centre_barrier(R: Array, U: Array, free: Codes, d: Array, mu: float) -> None:
     """Bring the free entries of d (changed in place) to the maximum of the barrier's function."""
     for _ in range(50):
         # (R - diag d)^-1 on the range of R; its square, entry by entry, is the Hessian of -log det.

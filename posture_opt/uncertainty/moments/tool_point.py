@@ -43,6 +43,7 @@ class Moments:
         mean: (3,) exact mean [m].
         covariance: (3, 3) by ``method`` [m²].
         first_order: (3, 3) ``J Σ Jᵀ`` [m²].
+        walk: the nominal chain with its effects, pose and screws.
         integration: how the mean over shared factors was taken; None in closed form, or with nodes that were given.
     """
 
@@ -59,8 +60,8 @@ class EffectSources:
     """Uncertain parameters of effects, which act on the tool point to first order.
 
     Args:
-        names: (e,) of all parameters of the robot's effects, then of the sides that no one knows.
-        covariance: (e, e); cross: (k, e) with the sources of the chain.
+        names: (e,) of all parameters of the robot's effects, then of the sides that are not known.
+        covariance: (e, e) [SI]; cross: (k, e) with the sources of the chain.
     """
 
     names: tuple[str, ...]
@@ -70,9 +71,15 @@ class EffectSources:
 
 @dataclass(frozen=True)
 class ToolPoint:
-    """The tool point of ``arm`` under the errors ``names`` with ``covariance``, sorted from base to tool.
+    """The tool point of an arm under named errors, sorted from base to tool.
 
-    ``effects`` holds what is uncertain of the arm's effects, ``None`` where nothing is.
+    Args:
+        arm: the forward model.
+        names: (k,) of the sources of the chain.
+        indices: (k,) factor of the chain that each acts on, ascending.
+        covariance: (k, k) of the sources [rad², m², rad m].
+        plane: of a planar arm whose sources keep it in its plane; else None.
+        effects: what is uncertain of the arm's effects, ``None`` where nothing is.
     """
 
     arm: Arm
@@ -129,9 +136,12 @@ class ToolPoint:
         return spans(self.shared, self.indices, self.robot.factors)
 
     def behind(self, offset: Vector) -> ToolPoint:
-        """Another point (3,) of the tool [m], in the tool frame, under the same errors.
+        """Another point of the tool under the same errors.
 
-        What effects do with the payload they do as if it hung there.
+        What effects do with the payload they do as if it were there.
+
+        Args:
+            offset: (3,) from the tool point [m], tool frame.
         """
         axes: tuple[Axis, ...] = (0, 1, 2)
         more = tuple(Factor("translate", axis, length) for axis, length in zip(axes, offset, strict=True))
@@ -153,10 +163,11 @@ class ToolPoint:
         moments = self._of_chain(q, plan)
         if self.effects is None:
             return moments
-        beside = self._of_effects(q, moments.walk)
-        return replace(moments, covariance=moments.covariance + beside, first_order=moments.first_order + beside)
+        added = self._of_effects(q, moments.walk)
+        return replace(moments, covariance=moments.covariance + added, first_order=moments.first_order + added)
 
     def _of_chain(self, q: Sequence[Scalar], plan: NodePlan | None) -> Moments:
+        """The moments by the errors of the chain alone, with the effects at their estimates."""
         whole = self.arm.reach(q)
         reached, values, shift = whole.walk, whole.values, whole.shift
         jacobian = self.jacobian(reached)
@@ -170,11 +181,11 @@ class ToolPoint:
             mean, C = exact_moments(self.robot.factors, values, self.variances(np.diag(self.covariance)))
             moments = stack(add(mean, shift)), stack(C)
         elif plan is None and not any(isinstance(value, ca.SX | np.ndarray) for value in values):
-            found = converged(lambda segments: self._given(values, segments, shift), self.spans)
+            found = converged(lambda segments: self._given_nodes(values, segments, shift), self.spans)
             moments, integration = (found.mean, found.covariance), found.integration
         else:
             plan = plan or NodePlan.few(self.shared, self.indices, self.robot.factors)
-            mean, C = self._given(values, plan.segments, shift)
+            mean, C = self._given_nodes(values, plan.segments, shift)
             L = jacobian @ plan.straight
             moments = _shared_subexpressions(mean, C + L @ transpose(L))
         return Moments(stack(reached.position), *moments, first, reached, integration)
@@ -182,14 +193,14 @@ class ToolPoint:
     def segments(self, q: Sequence[float], goal: float) -> Sequence[Segment]:
         """Nodes for the shared factors that give the covariance at ``q`` to the relative error ``goal``."""
         whole = self.arm.reach(q)
-        return converged(lambda s: self._given(whole.values, s, whole.shift), self.spans, goal).segments
+        return converged(lambda s: self._given_nodes(whole.values, s, whole.shift), self.spans, goal).segments
 
-    def _given(self, values: Sequence[Scalar], segments: Sequence[Segment], shift: Vector) -> tuple[Any, Any]:
-        """Mean (3,) and covariance (3, 3) with nodes, which stand on the last axis until they are mixed."""
+    def _given_nodes(self, values: Sequence[Scalar], segments: Sequence[Segment], shift: Vector) -> tuple[Any, Any]:
+        """Mean (3,) and covariance (3, 3) with nodes, which are on the last axis until they are mixed."""
         columns = [value[:, None] if isinstance(value, np.ndarray) else value for value in values]
         mean, C = conditional_moments(self.robot.factors, columns, self.variances(self.shared.own), segments)
-        moved = add((_squeezed(mean[0]), _squeezed(mean[1]), _squeezed(mean[2])), shift)
-        return stack(moved), stack([[_squeezed(entry) for entry in row] for row in C])
+        moved = add((_without_nodes(mean[0]), _without_nodes(mean[1]), _without_nodes(mean[2])), shift)
+        return stack(moved), stack([[_without_nodes(entry) for entry in row] for row in C])
 
     def _of_effects(self, q: Sequence[Scalar], reached: Walk) -> Any:
         """(3, 3) what the uncertainty of the effects adds to the covariance, to first order."""
@@ -247,8 +258,8 @@ def _shared_subexpressions(mean: Any, C: Any) -> tuple[Any, Any]:
     return joined[:3], ca.reshape(joined[3:], 3, 3)
 
 
-def _squeezed(entry: Scalar) -> Scalar:
-    """Without the axis that nodes stood on."""
+def _without_nodes(entry: Scalar) -> Scalar:
+    """An entry without the axis that the nodes were on."""
     return entry[..., 0] if isinstance(entry, np.ndarray) else entry
 
 

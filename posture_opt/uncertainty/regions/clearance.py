@@ -16,7 +16,10 @@ from numpy.typing import ArrayLike
 from posture_opt.errors import InputError, SolverError
 from posture_opt.numerics import Array
 
-_TOLERANCE = 1e-12  # relative, between two steps of the quadrature; the finer of the two is much better than that
+_QUADRATURE_TOLERANCE = (
+    1e-12  # relative, between two steps of the quadrature; the finer of the two is much better than that
+)
+"""Relative change between two steps of the quadrature; the finer of the two is much better than that."""
 
 
 def miss_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike | None = None) -> float:
@@ -42,14 +45,24 @@ def miss_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike | 
 
 
 def success_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike | None = None) -> float:
-    """The probability that a Gaussian point lies within the clearance, ``1 - miss_probability``."""
+    """The probability that a Gaussian point lies within the clearance, ``1 - miss_probability``; arguments as there.
+
+    Example:
+        >>> print(f"{success_probability([[1.0, 0.0], [0.0, 1.0]], 2.0):.4f}")
+        0.8647
+    """
     return -math.expm1(log_miss_probability(covariance, clearance, bias))
 
 
 def within_clearance(covariance: Array, clearance: float, bias: Array) -> float | None:
-    """`success_probability` of the part of a spread that a task cares about; None where the question has no sense.
+    """`success_probability` of the part of a spread that counts for a task; None where the question has no meaning.
 
     That is without a clearance (NaN) and in space, where no hole leaves play to every side.
+
+    Args:
+        covariance: (m, m) [m²].
+        clearance: [m], NaN without one.
+        bias: (m,) [m].
     """
     if math.isnan(clearance) or len(covariance) > 2:
         return None
@@ -57,8 +70,12 @@ def within_clearance(covariance: Array, clearance: float, bias: Array) -> float 
 
 
 def log_miss_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike | None = None) -> float:
-    """The natural logarithm of `miss_probability`; it goes on where the probability itself is below 1e-308."""
-    sigma, b = _principal(covariance, bias)
+    """The natural logarithm of `miss_probability`; it goes on where the probability itself is below 1e-308.
+
+    Raises:
+        InputError, SolverError: as `miss_probability`.
+    """
+    sigma, b = _principal_axes(covariance, bias)
     if not clearance >= 0:
         raise InputError(f"a clearance is a length of zero or more, not {clearance:g}")
     return _log_miss(sigma, b, clearance)
@@ -69,20 +86,33 @@ def radius_for(p: float, covariance: ArrayLike, bias: ArrayLike | None = None) -
 
     The root r of ``miss_probability(C, r, b) = 1 - p``; ``radius_for(0.95, C)`` is the radius R95.
 
+    Args:
+        p: probability, 0 < p < 1.
+        covariance: (m, m) [m^2], m = 1 or 2.
+        bias: (m,) [m]; zero if left out.
+
     Raises:
         InputError: as `miss_probability`, or p outside (0, 1).
+
+    Example:
+        >>> print(f"{radius_for(0.95, [[1.0, 0.0], [0.0, 1.0]]):.4f}")
+        2.4477
     """
     if not 0 < p < 1:
         raise InputError(f"a coverage probability lies between 0 and 1, not at {p:g}")
-    sigma, b = _principal(covariance, bias)
+    sigma, b = _principal_axes(covariance, bias)
     goal = math.log1p(-p)
     # All within k times the largest deviation of the mean lie in this circle, and that is p of them at the least.
     outer = math.hypot(*b) + sigma[0] * math.sqrt(-2 * goal)
     return decreasing_root(lambda r: _log_miss(sigma, b, r) - goal, outer) if sigma[0] > 0 else outer
 
 
-def _principal(covariance: ArrayLike, bias: ArrayLike | None) -> tuple[Array, Array]:
-    """Standard deviations (2,), descending, and the mean (2,) in the principal axes; a line gets a zero axis."""
+def _principal_axes(covariance: ArrayLike, bias: ArrayLike | None) -> tuple[Array, Array]:
+    """Standard deviations (2,) [m], descending, and the mean (2,) [m] in the principal axes; a line gets a zero axis.
+
+    Raises:
+        InputError: shapes that do not fit, or numbers that are not finite.
+    """
     C = np.atleast_2d(np.asarray(covariance, dtype=float))
     m = len(C)
     b = np.zeros(m) if bias is None else np.atleast_1d(np.asarray(bias, dtype=float))
@@ -97,6 +127,7 @@ def _principal(covariance: ArrayLike, bias: ArrayLike | None) -> tuple[Array, Ar
 
 
 def _log_miss(sigma: Array, b: Array, r: float) -> float:
+    """Logarithm of the probability of a miss, of ``sigma`` (2,) and mean ``b`` (2,) in the principal axes [m]."""
     distance = math.hypot(*b)
     if sigma[0] == 0 or math.isinf(r):
         return 0.0 if distance > r else -math.inf
@@ -120,7 +151,7 @@ def _log_miss_from_inside(sigma: Array, b: Array, r: float) -> float:
     # The integrand is sharp, at worst, near the axes of the ellipse and where a ray starts at right angles to b.
     tangent = math.atan2(-b[0] * sigma[0], b[1] * sigma[1])
     quarters = np.arange(5) * math.pi / 2
-    breaks = _ascending(quarters, np.mod([tangent, tangent + math.pi], 2 * math.pi))
+    breaks = _ascending_points(quarters, np.mod([tangent, tangent + math.pi], 2 * math.pi))
     return _log_integral(half_squared_radius, breaks) - math.log(2 * math.pi)
 
 
@@ -128,7 +159,7 @@ def _hit_from_outside(sigma: Array, b: Array, r: float) -> float:
     """The mean lies outside: the rays of one cone, psi from its axis, enter the circle at rho_1 and leave at rho_2."""
     distance = math.hypot(*b)
     power = (distance - r) * (distance + r)
-    axis, spread, half = _cone(sigma, b, r, power)
+    axis, spread, half = _hit_cone(sigma, b, r, power)
     if half == 0:
         return 0.0
 
@@ -143,12 +174,12 @@ def _hit_from_outside(sigma: Array, b: Array, r: float) -> float:
         return result
 
     quarters = np.arange(-4, 5) * math.pi / 2 - math.atan2(axis[1], axis[0])
-    breaks = _ascending(quarters[np.abs(quarters) < half], np.array([-half, 0.0, half]))
+    breaks = _ascending_points(quarters[np.abs(quarters) < half], np.array([-half, 0.0, half]))
     # A miss is at least as likely as a hit here, so that a hit need be known in absolute terms only.
     return min(math.exp(_log_integral(minus_log_hit, breaks, negligible=1e-14) - math.log(2 * math.pi)), 1.0)
 
 
-def _cone(sigma: Array, b: Array, r: float, power: float) -> tuple[Array, float, float]:
+def _hit_cone(sigma: Array, b: Array, r: float, power: float) -> tuple[Array, float, float]:
     """Axis (2,), ``g_1 - g_0`` and half angle of the cone that meets the circle, ``u' L (b b' - power I) L u > 0``."""
     inner = np.array([[(r - b[1]) * (r + b[1]), b[0] * b[1]], [b[0] * b[1], (r - b[0]) * (r + b[0])]])
     values, vectors = np.linalg.eigh(sigma[:, None] * inner * sigma)
@@ -163,7 +194,7 @@ def _cone(sigma: Array, b: Array, r: float, power: float) -> tuple[Array, float,
     return axis, high - low, math.atan2(math.sqrt(high), math.sqrt(-low)) if high > 0 else 0.0
 
 
-def _ascending(*points: Array) -> Array:
+def _ascending_points(*points: Array) -> Array:
     """All points once, in order; NumPy's own `unique` loads its masked arrays first, 30 ms of a cold start."""
     return np.array(sorted({float(point) for group in points for point in group}))
 
@@ -186,7 +217,7 @@ def _log_integral(minus_log: Callable[[Array], Array], breaks: Array, negligible
         total = float((np.exp(least - values) * weights * width).sum())
         current = math.log(total) - least
         change = abs(current - previous)
-        if change <= _TOLERANCE or change * math.exp(min(current, 0.0)) < negligible:
+        if change <= _QUADRATURE_TOLERANCE or change * math.exp(min(current, 0.0)) < negligible:
             return current
         previous = current
     raise SolverError("the integral for the probability of a miss did not converge")
@@ -205,7 +236,12 @@ def _double_exponential(level: int) -> tuple[Array, Array]:
 
 
 def decreasing_root(f: Callable[[float], float], outer: float) -> float:
-    """The root of a decreasing f between 0 and outer by regula falsi that halves a stuck end (the Illinois rule)."""
+    """The root of a decreasing f between 0 and outer by regula falsi that halves a stuck end (the Illinois rule).
+
+    Args:
+        f: decreasing, not positive at ``outer``.
+        outer: upper end; the answer is good to rounding.
+    """
     inner, outer_value = 0.0, f(outer)
     inner_value, side = f(inner), 0
     for _ in range(200):

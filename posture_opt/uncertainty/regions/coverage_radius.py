@@ -17,8 +17,10 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.regions.clearance import decreasing_root, radius_for
 from posture_opt.uncertainty.regions.regions import coverage_factor
 
-_POLAR, _AZIMUTHS = 64, 128  # ten digits of a round ellipsoid, three of a line in space
-_NODES, _HALVINGS = 24, 45  # of an octant; halvings of the first interval leave 3e-14 of it
+_POLAR_NODES, _AZIMUTHS = 64, 128
+"""Directions on the sphere: ten digits of a round ellipsoid, three of a line in space."""
+_OCTANT_NODES, _HALVINGS = 24, 45
+"""Directions along an octant's sides, and bisections: these leave 3e-14 of the first interval."""
 _erfc = np.vectorize(math.erfc, otypes=[float])
 
 
@@ -29,6 +31,10 @@ def coverage_radius(p: float, covariance: Array, bias: Array) -> float:
         p: probability, at least 0.5.
         covariance: (m, m) [m²], m = 1, 2 or 3, positive semidefinite.
         bias: (m,) [m].
+
+    Example:
+        >>> print(f"{coverage_radius(0.95, np.eye(3), np.zeros(3)):.4f}")
+        2.7955
     """
     return radius_for(p, covariance, bias) if len(covariance) < 3 else radius_in_space(p, covariance, bias)
 
@@ -45,12 +51,12 @@ def radius_in_space(p: float, covariance: Array, bias: Array) -> float:
     L = vectors * np.sqrt(values.clip(0))
     # All within k times the largest deviation of the mean lie in this ball, and that is p of them at the least.
     outer = float(np.linalg.norm(bias)) + coverage_factor(p, 3) * math.sqrt(max(float(values[-1]), 0.0))
-    return decreasing_root(lambda r: _miss(L, bias, r) - (1 - p), outer) if values[-1] > 0 else outer
+    return decreasing_root(lambda r: _miss_in_space(L, bias, r) - (1 - p), outer) if values[-1] > 0 else outer
 
 
-def _miss(L: Array, b: Array, r: float) -> float:
+def _miss_in_space(L: Array, b: Array, r: float) -> float:
     """``P(|b + L z| > r)`` for ``|b| ≤ r``; one for a smaller r, which holds less than half of the points."""
-    directions, weights = _sphere()
+    directions, weights = _sphere_rule()
     d = directions @ L.T
     alpha, beta = np.sum(d * d, axis=1), d @ b
     gap = max(r * r - float(b @ b), 0.0)
@@ -63,9 +69,9 @@ def _miss(L: Array, b: Array, r: float) -> float:
 
 
 @functools.cache
-def _sphere() -> tuple[Array, Array]:
+def _sphere_rule() -> tuple[Array, Array]:
     """Directions (k, 3) and weights (k,) of a product rule on the sphere; the weights add up to one."""
-    z, w = np.polynomial.legendre.leggauss(_POLAR)
+    z, w = np.polynomial.legendre.leggauss(_POLAR_NODES)
     phi = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
     s = np.sqrt(1 - z * z)
     directions = np.stack(
@@ -85,7 +91,7 @@ def central_radii(p: float, covariances: Array) -> Array:
     """
     variances = np.linalg.eigvalsh(covariances).clip(0)
     m = variances.shape[1]
-    squares, weights = _directions(m)
+    squares, weights = _octant_rule(m)
     reach = np.sqrt(variances @ squares.T)
     scatters = reach > 0
     per_length = 1 / np.where(scatters, reach, 1.0)
@@ -99,11 +105,11 @@ def central_radii(p: float, covariances: Array) -> Array:
 
 
 @functools.cache
-def _directions(m: int) -> tuple[Array, Array]:
+def _octant_rule(m: int) -> tuple[Array, Array]:
     """Squared components (K, m) of directions in the first octant (quadrant, half line), and their weights (K,)."""
     if m == 1:
         return np.ones((1, 1)), np.ones(1)
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(_OCTANT_NODES)
     t, w = (nodes + 1) / 2, weights / 2
     turn = np.pi / 2 * t
     if m == 2:

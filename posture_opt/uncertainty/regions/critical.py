@@ -18,13 +18,13 @@ Within = Literal["across", "along", "all"]
 
 @dataclass(frozen=True)
 class Critical:
-    """The part of the spread that the task cares about.
+    """The part of the spread that counts for the task.
 
     Args:
         within: ``across`` the direction, ``along`` it, or ``all`` of it.
-        basis: (m, 3) unit vectors, one a row, world.
+        basis: (m, 3) unit vectors, one a row as in the documents, world.
         covariance: (m, m) in that basis [m²].
-        bias: (m,) [m].
+        bias: (m,) mean shift in that basis [m].
         sigma_max: largest standard deviation [m].
         worst_axis: (3,) the direction of it, world; its largest component is positive.
     """
@@ -38,13 +38,20 @@ class Critical:
 
     @classmethod
     def of(cls, within: Within, basis: Array, covariance: Array, bias: Array) -> Critical:
-        """The part in ``basis`` (3, m) of a covariance (3, 3) [m²] and a mean shift (3,) [m], world."""
+        """The part of a spread in a basis.
+
+        Args:
+            within: which part it is.
+            basis: (3, m) orthonormal columns, world.
+            covariance: (3, 3) [m²], world.
+            bias: (3,) mean shift [m], world.
+        """
         C, b = basis.T @ covariance @ basis, basis.T @ bias
         values, vectors = np.linalg.eigh(C)
         if values[-1] <= RANK_TOLERANCE * np.trace(covariance):
             C = np.zeros_like(C)  # what nothing moves: rounding
         worst = basis @ vectors[:, -1]
-        worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, told one way
+        worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, written one way
         sigma_max = deviation(float(values[-1]), covariance)
         return cls(within, basis.T, C, b, sigma_max, worst)
 

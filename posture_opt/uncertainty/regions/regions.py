@@ -20,11 +20,12 @@ from posture_opt.errors import InputError
 from posture_opt.numerics import Array, Mask
 
 Kind = Literal["known", "mean", "prediction"]
+"""What a region is of, see `coverage_factor`."""
 
-# A covariance J S J' carries rounding noise of some 1e-15 of its largest entry; what lies below this is no variance.
 RANK_TOLERANCE = 1e-13
+"""Share of the largest variance below which there is none: J S J' has rounding noise of some 1e-15 of it."""
 NORMAL95 = 1.959963984540054
-"""So many standard deviations hold 95 % of a normal variable; its square is that quantile of χ² with one freedom."""
+"""Standard deviations that hold 95 % of a normal variable; its square is that quantile of χ² with one freedom."""
 
 
 def deviation(variance: float, among: Array) -> float:
@@ -50,11 +51,16 @@ def coverage_factor(p: float, m: int, n: int | None = None, kind: Kind = "predic
         p: probability, 0 < p < 1.
         m: dimension of y.
         n: number of samples behind C; None for a known covariance, which leaves ``chi2`` alone.
+        kind: which question.
 
     Raises:
         InputError: p outside (0, 1), m < 1, n <= m (no ellipsoid bounds the region), or the mean of a known covariance.
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360; JCGM 102:2011, 6.5.2 and table 1 for the known covariance.
+
+    Example:
+        >>> [round(coverage_factor(0.95, m), 4) for m in (1, 2, 3)]
+        [1.96, 2.4477, 2.7955]
     """
     if n is None and kind == "mean":
         raise InputError("where the true mean lies depends on the number of samples, and none was given")
@@ -79,7 +85,7 @@ def hotelling_factor(p: float, m: int, dof: float) -> float:
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
     """
-    _check(p, m)
+    _check_region(p, m)
     rest = dof + 1 - m
     if not rest > 0:
         raise InputError(f"a region in {m} dimensions needs more than {m} samples, there are {dof + 1:g}")
@@ -98,16 +104,26 @@ def interval_factor(p: float, m: int, method: Literal["bonferroni", "sidak"] = "
     Bonferroni ``Phi^-1(1 - (1 - p) / (2 m))`` for any dependence (JCGM 102:2011, 6.5.3 and table 2), Sidak
     ``Phi^-1((1 + p^(1/m)) / 2)``, exact for independent normal components (Z. Sidak, JASA 62 (1967) 626).
 
+    Args:
+        p: probability, 0 < p < 1.
+        m: number of quantities.
+        method: which of the two.
+
     Raises:
         InputError: p outside (0, 1) or m < 1.
     """
-    _check(p, m)
+    _check_region(p, m)
     miss = (1 - p) / m if method == "bonferroni" else -math.expm1(math.log(p) / m)
     return -NormalDist().inv_cdf(miss / 2)
 
 
 def coverage_probability(k: float, m: int) -> float:
-    """The probability within k sigma of a known covariance, ``P(chi2(m) <= k^2)``; ``1 - exp(-k^2 / 2)`` for m = 2."""
+    """The probability within k sigma of a known covariance, ``P(chi2(m) <= k^2)``; ``1 - exp(-k^2 / 2)`` for m = 2.
+
+    Example:
+        >>> [round(coverage_probability(2.0, m), 3) for m in (1, 2, 3)]
+        [0.954, 0.865, 0.739]
+    """
     return _chi_tails(k, m)[0] if k > 0 else 0.0
 
 
@@ -116,10 +132,14 @@ def standard_deviation_interval(n: int, p: float = 0.95) -> tuple[float, float]:
 
     ``sqrt(nu / chi2_(1+p)/2(nu))`` and ``sqrt(nu / chi2_(1-p)/2(nu))`` with ``nu = n - 1``.
 
+    Args:
+        n: number of samples.
+        p: probability of the interval.
+
     Raises:
         InputError: p outside (0, 1) or n < 2.
     """
-    _check(p, n - 1)
+    _check_region(p, n - 1)
     nu = n - 1
     return math.sqrt(nu) / _chi_quantile((1 + p) / 2, nu), math.sqrt(nu) / _chi_quantile((1 - p) / 2, nu)
 
@@ -132,8 +152,12 @@ class Ellipsoid:
     that it spans, and k is the one for r dimensions.
 
     Args:
-        center: (m,).
-        covariance: (m, m) symmetric; eigenvalues below zero by rounding count as zero.
+        center: (m,) the mean.
+        covariance: (m, m) symmetric, in squares of its unit; eigenvalues below zero by rounding count as zero.
+
+    Example:
+        >>> Ellipsoid(np.zeros(2), np.diag([4.0, 1.0])).region(0.95).round(3).tolist()
+        [2.448, 4.895]
     """
 
     center: Array
@@ -142,12 +166,12 @@ class Ellipsoid:
     @property
     def semi_axes(self) -> Array:
         """(m,) standard deviations along the axes, ascending: the roots of the eigenvalues, zero where `rank` ends."""
-        return self._axes[0]
+        return self._principal_axes[0]
 
     @property
     def axes(self) -> Array:
         """(m, m) unit vectors in columns, ``axes[:, i]`` along ``semi_axes[i]``; their largest entry is positive."""
-        return self._axes[1]
+        return self._principal_axes[1]
 
     @property
     def rank(self) -> int:
@@ -162,19 +186,19 @@ class Ellipsoid:
         """(m,) semi-axes, ascending, of the region that holds with probability p; see `coverage_factor`."""
         return self.semi_axes * self.factor(p, n, kind)
 
-    def project(self, basis: ArrayLike) -> Ellipsoid:
+    def project(self, directions: ArrayLike) -> Ellipsoid:
         """The ellipsoid of ``B y``, whose region has the factor of its own, lower dimension.
 
         Args:
-            basis: (k, m) one direction in each row, or (m,) a single direction.
+            directions: B (k, m), one direction in each row, or (m,) a single direction.
         """
-        rows = np.atleast_2d(np.asarray(basis, dtype=float))
+        rows = np.atleast_2d(np.asarray(directions, dtype=float))
         return Ellipsoid(rows @ self.center, rows @ self.covariance @ rows.T)
 
     def mahalanobis(self, points: ArrayLike) -> Array:
         """(N,) distances ``sqrt((y - center)' C^+ (y - center))`` of points (N, m); infinite off the subspace of C."""
         offset = np.atleast_2d(np.asarray(points, dtype=float)) - self.center
-        sigma, axes = self._axes
+        sigma, axes = self._principal_axes
         rank = self.rank
         null, span = np.split(offset @ axes, [len(sigma) - rank], axis=1)
         distance: Array = np.linalg.norm(span / sigma[len(sigma) - rank :], axis=1)
@@ -204,7 +228,8 @@ class Ellipsoid:
         return boundary
 
     @cached_property
-    def _axes(self) -> tuple[Array, Array]:
+    def _principal_axes(self) -> tuple[Array, Array]:
+        """Standard deviations (m,), ascending, and unit vectors (m, m) in columns, both read-only."""
         symmetric = (self.covariance + self.covariance.T) / 2
         variances, axes = np.linalg.eigh(symmetric)
         largest = np.abs(axes).argmax(axis=0)
@@ -217,7 +242,12 @@ class Ellipsoid:
         return semi_axes, axes
 
 
-def _check(p: float, m: int) -> None:
+def _check_region(p: float, m: int) -> None:
+    """Refuse what no region has.
+
+    Raises:
+        InputError: p outside (0, 1) or m < 1.
+    """
     if not 0 < p < 1:
         raise InputError(f"a coverage probability lies between 0 and 1, not at {p:g}")
     if m < 1:
@@ -226,7 +256,7 @@ def _check(p: float, m: int) -> None:
 
 def _chi_quantile(p: float, m: int) -> float:
     """The k with P(chi <= k) = p for m degrees of freedom."""
-    _check(p, m)
+    _check_region(p, m)
     if m == 1:
         return -NormalDist().inv_cdf((1 - p) / 2)
     if m == 2:

@@ -18,9 +18,12 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
 
 Draw = Callable[[int, np.random.Generator], Array]
+"""``(M, generator) -> (M, m)`` trials of the output."""
 
-MIN_BLOCKS = 10  # JCGM 102:2011, 7.8.3
-SMALLEST_BLOCK = 10_000  # JCGM 102:2011, 7.8.3
+MIN_BLOCKS = 10
+"""Blocks at the least (JCGM 102:2011, 7.8.3)."""
+SMALLEST_BLOCK = 10_000
+"""Trials of a block at the least (JCGM 102:2011, 7.8.3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,7 @@ class AdaptiveResult:
 
     @property
     def correlation(self) -> Array:
-        """(m, m); zero beside a quantity that does not vary."""
+        """(m, m) correlations; zero for a quantity that does not vary."""
         return correlation_matrix(self.covariance)
 
     def validates(self, mean: ArrayLike, covariance: ArrayLike) -> bool:
@@ -131,10 +134,10 @@ def adaptive(draw: Draw, p: float = 0.95, digits: int = 2, seed: int = 0, max_bl
     trials: list[Array] = []
     summaries: list[Array] = []
     while True:
-        trials.append(_checked(draw(size, rng), size))
-        summaries.append(_summary(trials[-1], p))
+        trials.append(_checked_trials(draw(size, rng), size))
+        summaries.append(_block_summary(trials[-1], p))
         if len(trials) >= MIN_BLOCKS:
-            reached, tolerances = _stability(np.array(summaries), digits)
+            reached, tolerances = _reached_digits(np.array(summaries), digits)
             stable = reached.within(tolerances)
             if stable or len(trials) == max_blocks:
                 break
@@ -163,6 +166,10 @@ def numerical_tolerance(value: float, digits: int) -> float:
     """Half a unit of the last of ``digits`` significant decimal digits, ``10^l / 2`` with ``value = c 10^l``.
 
     c is a whole number of that many digits; zero has no digits, and its tolerance is zero. JCGM 101:2008, 7.9.2.
+
+    Example:
+        >>> numerical_tolerance(0.0996, 2)
+        0.005
     """
     if value == 0:
         return 0.0
@@ -198,7 +205,12 @@ def sample_covariance_standard_error(samples: ArrayLike) -> Array:
 
 
 def correlation_matrix(covariance: ArrayLike) -> Array:
-    """(m, m) correlations of a covariance (m, m); zero beside a quantity that does not vary."""
+    """(m, m) correlations of a covariance (m, m); zero for a quantity that does not vary.
+
+    Example:
+        >>> correlation_matrix([[4.0, 1.0], [1.0, 1.0]]).tolist()
+        [[1.0, 0.5], [0.5, 1.0]]
+    """
     C = np.asarray(covariance, dtype=float)
     u = np.sqrt(np.diag(C))
     scale = np.outer(u, u)
@@ -207,14 +219,14 @@ def correlation_matrix(covariance: ArrayLike) -> Array:
     return R
 
 
-def _summary(y: Array, p: float) -> Array:
+def _block_summary(y: Array, p: float) -> Array:
     """(2 m + 2,) means, standard uncertainties, largest eigenvalue of the correlations and kp of one block."""
     covariance = np.atleast_2d(np.cov(y, rowvar=False))
     largest = _largest_eigenvalue(correlation_matrix(covariance))
     return np.concatenate([y.mean(axis=0), np.sqrt(np.diag(covariance)), [largest, coverage_factors(y, p)[0]]])
 
 
-def _stability(summaries: Array, digits: int) -> tuple[Digits, Digits]:
+def _reached_digits(summaries: Array, digits: int) -> tuple[Digits, Digits]:
     """Twice the standard errors of the means over blocks (h, 2 m + 2), and what they have to reach."""
     m = (summaries.shape[1] - 2) // 2
     average = summaries.mean(axis=0)
@@ -225,10 +237,16 @@ def _stability(summaries: Array, digits: int) -> tuple[Digits, Digits]:
 
 
 def _largest_eigenvalue(matrix: Array) -> float:
+    """The largest eigenvalue of a symmetric matrix (m, m)."""
     return float(np.linalg.eigvalsh(matrix)[-1])
 
 
-def _checked(y: Array, size: int) -> Array:
+def _checked_trials(y: Array, size: int) -> Array:
+    """The trials (size, m) as floats.
+
+    Raises:
+        InputError: another shape, or numbers that are not finite.
+    """
     y = np.asarray(y, dtype=float)
     if y.ndim != 2 or len(y) != size or not np.isfinite(y).all():
         raise InputError(f"{size} finite trials (M, m) were asked for; {y.shape} came")

@@ -13,23 +13,31 @@ from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
-from posture_opt.uncertainty.moments.pose_covariance import FRAME
+from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME
 from posture_opt.uncertainty.regions.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
 from posture_opt.uncertainty.simulation.adaptive import AdaptiveResult
 from posture_opt.uncertainty.simulation.adaptive import adaptive as adaptive_trials
 from posture_opt.uncertainty.simulation.sampler import PowerSums, Sampler
-from posture_opt.uncertainty.simulation.sampling_errors import Interval, square, variance_intervals, wilson_interval
+from posture_opt.uncertainty.simulation.sampling_errors import (
+    Interval,
+    symmetric_matrix,
+    variance_intervals,
+    wilson_interval,
+)
 from posture_opt.uncertainty.spread.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
 from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-LARGEST = 100_000_000
-_BLOCK = 5_000  # samples walked at once: bounds the memory whatever n is
-_KEPT = 1_000_000  # points kept for figures and files
+MAX_SAMPLES = 100_000_000
+"""Samples of one cloud; two million fix a variance to 0.1 % already."""
+_BLOCK_SAMPLES = 5_000
+"""Samples walked at once: bounds the memory whatever n is."""
+_MAX_KEPT_POINTS = 1_000_000
+"""Points kept for figures and files."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloud(Result):
-    """A sample of the tool pose beside the closed form.
+    """A sample of the tool pose, with the closed form to compare it with.
 
     The 95 % intervals are those of sampling alone, from the fourth moments of the sample itself, so that they
     hold for a bent, non-Gaussian cloud too.
@@ -37,15 +45,21 @@ class Cloud(Result):
     Args:
         spread: the closed form at the same posture.
         n: number of samples; ``seed``: of the generator; both reproduce the cloud.
-        points: (min(n, 1 000 000), 3) the first tool points [m].
-        mean: (3,) [m].
-        covariance: (3, 3) with n − 1 in the denominator [m²].
+        points: (min(n, 1 000 000), 3) the first tool points [m], world.
+        mean: (3,) [m], world.
+        covariance: (3, 3) with n − 1 in the denominator [m²], world.
         covariance_of_covariance: (6, 6) of the entries xx, xy, xz, yy, yz, zz [m⁴].
-        pose_covariance: (6, 6) of shift and rotation vector (v, ω) from the nominal pose, world-aligned axes.
+        pose_covariance: (6, 6) of shift [m] and rotation vector [rad] (v, ω) from the nominal pose, world-aligned axes.
         inside: number of samples in the 95 % region of the closed form; ``hits``: within the clearance of the task.
         notes: sentences for the report.
         adaptive: how n was found, in the coordinates of ``spread.basis`` about the nominal point; None where n was
             given.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> cloud = simulate(load_problem("insert_planar_2r"), "90 deg, -90 deg", n=2000)
+        >>> cloud.points.shape, 0.93 < cloud.coverage95 < 0.97
+        ((2000, 3), True)
     """
 
     spread: Spread
@@ -79,7 +93,7 @@ class Cloud(Result):
     @property
     def covariance_error(self) -> Array:
         """(3, 3) standard error of each entry of the covariance [m²]."""
-        return square(np.sqrt(np.clip(np.diag(self.covariance_of_covariance), 0, None)))
+        return symmetric_matrix(np.sqrt(np.clip(np.diag(self.covariance_of_covariance), 0, None)))
 
     @property
     def covariance_interval(self) -> Array:
@@ -152,7 +166,7 @@ class Cloud(Result):
             "covariance": self.covariance.tolist(),
             "bias": self.bias.tolist(),
             "pose_covariance": self.pose_covariance.tolist(),
-            "pose_covariance_frame": FRAME,
+            "pose_covariance_frame": POSE_FRAME,
             "pose_covariance_integration": None,
             "ellipse": ellipse_json(self.ellipse, self.spread.basis),
             "method": "Monte Carlo",
@@ -162,11 +176,12 @@ class Cloud(Result):
             "success_probability_interval95": None if self.success_interval is None else list(self.success_interval),
             "notes": list(self.notes),
         }
-        drawn = {"n": self.n, "seed": self.seed, "adaptive": self._adaptive()}
-        beside = {"closed_form": closed, "ratio": self.ratio.tolist()}
-        return {**about, **sampled, **drawn, **self._errors(), **beside}
+        drawn = {"n": self.n, "seed": self.seed, "adaptive": self._adaptive_json()}
+        comparison = {"closed_form": closed, "ratio": self.ratio.tolist()}
+        return {**about, **sampled, **drawn, **self._sampling_json(), **comparison}
 
-    def _errors(self) -> dict[str, Any]:
+    def _sampling_json(self) -> dict[str, Any]:
+        """Means and moments with their sampling errors, as the documents list them."""
         return {
             "mean": self.mean.tolist(),
             "bias_standard_error": self.bias_error.tolist(),
@@ -177,7 +192,8 @@ class Cloud(Result):
             "coverage95": {"value": self.coverage95, "interval95": list(self.coverage95_interval)},
         }
 
-    def _adaptive(self) -> dict[str, Any] | None:
+    def _adaptive_json(self) -> dict[str, Any] | None:
+        """How n was found; None where it was given."""
         found = self.adaptive
         if found is None:
             return None
@@ -190,18 +206,27 @@ def simulate(
 ) -> Cloud:
     """Draw n sets of errors ``p ~ N(0, Σ)`` and send each through the full forward model.
 
+    Samples are drawn in blocks, and at most a million points are kept: memory does not grow with n beyond that.
+
     Args:
-        problem: names ``robot`` and ``sources``.
-        posture: n joint values [rad or m], or joint name -> value.
+        problem: names ``arm``, ``sources`` and perhaps ``task``.
+        posture: n joint values [rad or m], or joint name -> value; numbers, or texts with units.
         n: number of samples; not used with ``adaptive``.
         seed: the same seed gives the same cloud.
         adaptive: draw until means, standard deviations, correlations and coverage factor are stable in ``digits``
             significant digits (JCGM 102:2011, 7.8), at most two million.
+        digits: significant digits of the adaptive procedure.
 
     Raises:
         InputError: no posture, no sources, n < 2 or above 1e8, a negative seed, fewer than one digit.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> cloud = simulate(load_problem("insert_planar_2r"), "90 deg, -90 deg", n=2000, seed=0)
+        >>> bool(abs(cloud.ratio - 1).max() < 0.1)
+        True
     """
-    _check(n, seed)
+    _check_arguments(n, seed)
     spread = propagate(problem, posture)
     if not adaptive:
         return cloud_of(spread, n, seed)
@@ -220,11 +245,11 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
     draw = Sampler.of(spread)
     sums = PowerSums(spread)
     kept: list[Array] = []
-    for start in range(0, n, _BLOCK):
-        shift, rotation = draw(rng, min(_BLOCK, n - start))
+    for start in range(0, n, _BLOCK_SAMPLES):
+        shift, rotation = draw(rng, min(_BLOCK_SAMPLES, n - start))
         sums.add(shift, rotation)
-        if start < _KEPT:
-            kept.append(shift[: _KEPT - start] + spread.position)
+        if start < _MAX_KEPT_POINTS:
+            kept.append(shift[: _MAX_KEPT_POINTS - start] + spread.position)
     offset, covariance = sums.moments(n)
     return Cloud(
         spread=spread,
@@ -241,13 +266,18 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
     )
 
 
-def _check(n: Any, seed: Any) -> None:
+def _check_arguments(n: Any, seed: Any) -> None:
+    """Refuse a number of samples or a seed that cannot be used.
+
+    Raises:
+        InputError: both at once.
+    """
     issues = []
     if isinstance(n, bool) or not isinstance(n, int | np.integer):
         issues.append(Issue(f"the number of samples is {n!r}", ("n",), n, "give a whole number such as 5000"))
     elif n < 2:
         issues.append(Issue(f"{n} samples have no covariance", ("n",), n, "give 2 or more; 5000 are usual"))
-    elif n > LARGEST:
+    elif n > MAX_SAMPLES:
         hint = "give at most 1e8; 2e6 fix a variance to 0.1 %"
         issues.append(Issue(f"{n} samples are too many", ("n",), n, hint))
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:

@@ -39,9 +39,9 @@ class Sampler:
         tool_point = spread.tool_point
         names, covariance = tool_point.names, tool_point.covariance
         if tool_point.effects is not None:
-            beside = tool_point.effects
-            names = (*names, *beside.names)
-            covariance = np.block([[covariance, beside.cross], [beside.cross.T, beside.covariance]])
+            effects = tool_point.effects
+            names = (*names, *effects.names)
+            covariance = np.block([[covariance, effects.cross], [effects.cross.T, effects.covariance]])
         kept = np.flatnonzero(np.diag(covariance) > 0)
         root = covariance_root(covariance[np.ix_(kept, kept)])
         return cls(tool_point.arm, spread.q, tuple(names[k] for k in kept), root, tool_point.walk(spread.q)[0])

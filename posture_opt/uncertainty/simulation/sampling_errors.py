@@ -37,7 +37,7 @@ def wilson_interval(inside: int, n: int) -> Interval:
     return max(0.0, (centre - half) / (1 + z2)), min(1.0, (centre + half) / (1 + z2))
 
 
-def square(entries: Array) -> Array:
+def symmetric_matrix(entries: Array) -> Array:
     """(3, 3) symmetric matrix of its entries (6,) xx, xy, xz, yy, yz, zz."""
     full = np.zeros((3, 3))
     for value, (i, j) in zip(entries, PAIRS, strict=True):

@@ -18,8 +18,9 @@ from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
 from posture_opt.units import parse_quantity
 
-_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
-_LARGEST = 10_000_000  # bytes; 500 named rows of 20 digits need half of it
+_HEADER_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_MAX_BYTES = 10_000_000
+"""Largest file; 500 named rows of 20 digits need half of it."""
 
 
 def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = None) -> tuple[tuple[str, ...], Array]:
@@ -29,7 +30,7 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
         joint1.theta, 1.0, 0.2
         joint1.a, 0.2, 4.0
 
-    An entry has the product of the units of its two columns; rows may stand in any order.
+    An entry has the product of the units of its two columns; rows may be in any order.
 
     Args:
         path: the file.
@@ -39,12 +40,12 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
     Raises:
         InputError: everything wrong with the file, each with its line.
     """
-    rows = _rows(path) if text is None else _filled(csv.reader(StringIO(text)))
+    rows = _file_rows(path) if text is None else _filled_rows(csv.reader(StringIO(text)))
     if not rows:
         raise InputError(Issue("the covariance file is empty", file=str(path)))
     line, header = rows[0]
-    names, factors, issues = _header(header[1:], dimensions)
-    matrix, more = _body(rows[1:], names)
+    names, factors, issues = _read_header(header[1:], dimensions)
+    matrix, more = _read_body(rows[1:], names)
     issues += more
     if issues:
         raise InputError([issue.placed(str(path), line) for issue in issues])
@@ -53,7 +54,13 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
 
 
 def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str]) -> str:
-    """The text that ``read_covariance`` reads back: names with units, and the covariance (k, k), SI, in these."""
+    """The text that ``read_covariance`` reads back.
+
+    Args:
+        names: (k,) of the parameters.
+        covariance: (k, k) [SI].
+        units: (k,) rad, mrad, m, mm or the SI unit of an effect, in which it is written.
+    """
     scale = [_scale_of(unit) for unit in units]
     rows = covariance / np.outer(scale, scale)
     title = ", ".join(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
@@ -67,27 +74,29 @@ def _scale_of(unit: str) -> float:
     return known.get(unit, 1.0)
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
+def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every row that is not blank."""
     try:
-        text = content(path, _LARGEST).decode("utf-8-sig")
-        return _filled(csv.reader(StringIO(text, newline="")))
+        text = content(path, _MAX_BYTES).decode("utf-8-sig")
+        return _filled_rows(csv.reader(StringIO(text, newline="")))
     except InputError as error:
         raise naming(path, error) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(Issue(f"cannot read the covariance file {path}: {error}")) from None
 
 
-def _filled(reader: Any) -> list[tuple[int, list[str]]]:
+def _filled_rows(reader: Any) -> list[tuple[int, list[str]]]:
+    """Line number and cells of the rows that are not blank."""
     return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
 
 
-def _header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str], list[float], list[Issue]]:
+def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str], list[float], list[Issue]]:
+    """Names, factors to SI units, and issues of the header without its first cell."""
     names: list[str] = []
     factors: list[float] = []
     issues: list[Issue] = []
     for cell in cells:
-        match = _CELL.match(cell)
+        match = _HEADER_CELL.match(cell)
         name, unit = (match["name"], match["unit"]) if match else (cell.strip(), None)
         issues += name_issues(name, dimensions)
         dimension = dimensions.get(name, "length" if unit == "m" else "angle")
@@ -104,6 +113,7 @@ def _header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str]
 
 
 def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue]) -> float:
+    """The SI value of a unit; 1 with an issue where it is none of the dimension."""
     if dimension == "ratio":
         if unit not in (None, "1"):
             issues.append(Issue(f"{name} is a ratio", (name,), unit, f"write {name} [1]"))
@@ -115,11 +125,12 @@ def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue
         return 1.0
 
 
-def _body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[Array, list[Issue]]:
+def _read_body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[Array, list[Issue]]:
+    """(k, k) the rows in the order of the columns, in the units of the file; issues where a row cannot be used."""
     matrix = np.full((len(names), len(names)), math.nan)
     issues: list[Issue] = []
     for line, cells in rows:
-        match = _CELL.match(cells[0])
+        match = _HEADER_CELL.match(cells[0])
         name = match["name"] if match else cells[0].strip()
         if name not in names:
             issues.append(Issue("the row has no column of the same name", (name,), line=line))
@@ -128,14 +139,15 @@ def _body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[
         elif len(cells) - 1 != len(names):
             issues.append(Issue(f"{len(cells) - 1} numbers in the row, {len(names)} columns", (name,), line=line))
         else:
-            matrix[names.index(name)] = [_number(text, line, name, issues) for text in cells[1:]]
+            matrix[names.index(name)] = [_read_number(text, line, name, issues) for text in cells[1:]]
     missing = [name for i, name in enumerate(names) if np.isnan(matrix[i]).all()]
     if missing and not issues:
         issues.append(Issue(f"no row for {', '.join(missing)}", hint="every column needs the row of the same name"))
-    return matrix, issues or _asymmetries(names, matrix)
+    return matrix, issues or _asymmetry_issues(names, matrix)
 
 
-def _number(text: str, line: int, name: str, issues: list[Issue]) -> float:
+def _read_number(text: str, line: int, name: str, issues: list[Issue]) -> float:
+    """A number of a cell; 0 with an issue where it is none."""
     try:
         value = float(text)
     except ValueError:
@@ -146,7 +158,8 @@ def _number(text: str, line: int, name: str, issues: list[Issue]) -> float:
     return value
 
 
-def _asymmetries(names: Sequence[str], matrix: Array) -> list[Issue]:
+def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:
+    """The first pairs of entries that differ from each other by more than 1e-6 of the largest possible entry."""
     scale = np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
     # 1e-6 of the largest possible entry: a file written with seven digits is symmetric.
     pairs = np.argwhere(np.triu(np.abs(matrix - matrix.T) > 1e-6 * np.maximum(scale, np.abs(matrix)), 1))

@@ -27,7 +27,7 @@ class PositionPerformance:
         n: number of cycles (30 in the standard).
         accuracy: AP, distance of the mean attained position from the commanded one [m].
         accuracy_interval: from AP -+ t s / sqrt(n), s the deviation along the error, and from zero where Hotelling's
-            test does not tell the mean from the commanded position [m].
+            test does not separate the mean from the commanded position [m].
         repeatability: RP = mean(l) + 3 S_l [m].
         repeatability_interval: for Gaussian scatter of the sample's shape, by simulating the test itself [m].
         mean_distance: mean(l) [m].
@@ -47,7 +47,7 @@ class PositionPerformance:
 
 @dataclass(frozen=True)
 class OrientationPerformance:
-    """AP and RP of one angle: ``AP = mean(a) - a_c`` and the half width ``RP = 3 S_a`` [rad]."""
+    """AP and RP of one angle: ``AP = mean(a) - a_c`` and the half width ``RP = 3 S_a`` [rad], from n cycles."""
 
     n: int
     accuracy: float
@@ -89,7 +89,7 @@ def position_performance(
     Source: ISO 9283:1998, 7.2.1 and 7.2.2.
     """
     accuracy, interval = position_accuracy(attained, commanded, p)
-    x = _cycles(attained)
+    x = _checked_cycles(attained)
     n, distance = len(x), np.linalg.norm(x - x.mean(axis=0), axis=1)
     mean, sd = float(distance.mean()), float(distance.std(ddof=1))
     covariance, repeatability = np.atleast_2d(np.cov(x, rowvar=False)), mean + 3 * sd
@@ -108,7 +108,7 @@ def position_performance(
 
 def position_accuracy(attained: ArrayLike, commanded: ArrayLike, p: float = 0.95) -> tuple[float, Interval]:
     """AP and its interval alone, without the simulation behind that of RP; see `position_performance`."""
-    x, goal = _cycles(attained), np.atleast_1d(np.asarray(commanded, dtype=float))
+    x, goal = _checked_cycles(attained), np.atleast_1d(np.asarray(commanded, dtype=float))
     if x.shape[1] != len(goal) or not np.isfinite(goal).all():
         raise InputError(f"a commanded position of {len(goal)} numbers does not fit attained ones of {x.shape[1]}")
     error = x.mean(axis=0) - goal
@@ -126,7 +126,7 @@ def orientation_performance(attained: ArrayLike, commanded: float) -> Orientatio
     Raises:
         InputError, InsufficientDataError: as `position_performance`.
     """
-    angles = _cycles(np.asarray(attained, dtype=float).reshape(-1, 1))[:, 0]
+    angles = _checked_cycles(np.asarray(attained, dtype=float).reshape(-1, 1))[:, 0]
     # Angles on both sides of pi are near to each other: count them from the commanded one.
     offset = np.mod(angles - commanded + math.pi, 2 * math.pi) - math.pi
     return OrientationPerformance(len(offset), float(offset.mean()), 3 * float(offset.std(ddof=1)))
@@ -145,7 +145,7 @@ def repeatability_sampling(
     Raises:
         InputError: n < 3, or a covariance of zero.
     """
-    C = _covariance(covariance)
+    C = _checked_covariance(covariance)
     if n < 3 or not np.trace(C) > 0:
         raise InputError("repeatability needs three cycles or more, and some scatter")
     values, axes = np.linalg.eigh(C)
@@ -166,8 +166,15 @@ def repeatability_from_covariance(covariance: ArrayLike) -> float:
 
     Raises:
         InputError: not a square matrix of that size.
+
+    Source: ISO 9283:1998, 7.2.2, for infinitely many cycles.
+
+    Example:
+        >>> import numpy as np
+        >>> print(f"{repeatability_from_covariance(np.eye(3)):.5f}")
+        3.61609
     """
-    return float(repeatabilities(_covariance(covariance)[None])[0])
+    return float(repeatabilities(_checked_covariance(covariance)[None])[0])
 
 
 def repeatabilities(covariances: ArrayLike) -> Array:
@@ -217,6 +224,7 @@ def _mean_length(e2: Array, e3: Array) -> Array:
 
 
 def _accuracy_margin(covariance: Array, error: Array, n: int, p: float) -> float:
+    """Half width [m] of the interval of AP: ``t_((1+p)/2)(n - 1) s / sqrt(n)``, s the deviation along the error."""
     from scipy.special import stdtrit
 
     size = np.linalg.norm(error)
@@ -226,14 +234,20 @@ def _accuracy_margin(covariance: Array, error: Array, n: int, p: float) -> float
 
 
 def _mere_scatter(covariance: Array, error: Array, n: int, p: float) -> bool:
-    """Whether Hotelling's test of size 1 - p leaves a mean of zero standing."""
+    """Whether Hotelling's test of size 1 - p does not reject a mean of zero."""
     d = len(error)
     if n <= d or np.linalg.matrix_rank(covariance, hermitian=True) < d:
         return False
     return float(n * error @ np.linalg.solve(covariance, error)) <= hotelling_factor(p, d, n - 1) ** 2
 
 
-def _cycles(attained: ArrayLike) -> Array:
+def _checked_cycles(attained: ArrayLike) -> Array:
+    """(n, d) attained positions as floats.
+
+    Raises:
+        InputError: another shape, or a number that is not finite.
+        InsufficientDataError: fewer than three cycles.
+    """
     x = np.asarray(attained, dtype=float)
     if x.ndim != 2 or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
         raise InputError(f"finite attained positions (n, 3) are wanted, not {x.shape}")
@@ -242,7 +256,12 @@ def _cycles(attained: ArrayLike) -> Array:
     return x
 
 
-def _covariance(covariance: ArrayLike) -> Array:
+def _checked_covariance(covariance: ArrayLike) -> Array:
+    """(d, d) a covariance as floats; a number is one on a line.
+
+    Raises:
+        InputError: not square.
+    """
     C = np.atleast_2d(np.asarray(covariance, dtype=float))
     if C.ndim != 2 or C.shape[0] != C.shape[1]:
         raise InputError(f"a square covariance is wanted, not {C.shape}")

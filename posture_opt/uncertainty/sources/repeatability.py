@@ -14,9 +14,12 @@ from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.sources.iso9283 import repeatabilities
 from posture_opt.uncertainty.sources.sources import Sources
 
-_DRAWN = 400  # postures, of which half stay: their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA)
-_TURN = math.pi  # half range of a joint without limits [rad]
-_TRAVEL = 1.0  # the same of a prismatic joint [m]
+_DRAWN_POSTURES = 400
+"""Postures, of which half are kept: their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA)."""
+_HALF_RANGE_RAD = math.pi
+"""Half range of a revolute joint without limits."""
+_HALF_RANGE_M = 1.0
+"""The same of a prismatic joint."""
 
 
 def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float] | None = None) -> Sources:
@@ -29,7 +32,7 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     RP is proportional to s, so one division finds it.
 
     ISO 9283 measures five poses in a cube in the middle of the working space. They differ with every robot and
-    its user; :func:`matching_postures` stand for them.
+    its user; :func:`matching_postures` take their place.
 
     Args:
         repeatability: RP [m] > 0.
@@ -42,10 +45,10 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     Source: ISO 9283:1998, 7.2.2.
     """
     weights = dict(weights or {})
-    _check(robot, repeatability, weights)
+    _check_arguments(robot, repeatability, weights)
     postures = matching_postures(robot)
     columns = _joint_columns(robot, postures)
-    lever = _lever(robot, columns)
+    lever = _typical_lever(robot, columns)
     unit = np.array([weights.get(j.name, 1.0) * (1.0 if j.type == "revolute" else lever) for j in robot.joints])
     scaled = columns * unit[:, None, None]
     typical = float(np.median(repeatabilities(np.einsum("jni,jnk->nik", scaled, scaled))))
@@ -55,7 +58,7 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     sigma = repeatability / typical * unit
     parameters = [robot.factors[i].parameter for i in robot.driven]
     named = {name: float(s) for name, s in zip(parameters, sigma, strict=True) if s > 0}
-    return Sources.scattering(named, (_note(robot, sigma, repeatability, len(postures), bool(weights)),))
+    return Sources.scattering(named, (_matching_note(robot, sigma, repeatability, len(postures), bool(weights)),))
 
 
 def matching_postures(robot: Robot) -> Array:
@@ -65,18 +68,18 @@ def matching_postures(robot: Robot) -> Array:
     distance of the tool point from the first joint. Source: M. Roberts, The unreasonable effectiveness of
     quasirandom sequences (2018).
     """
-    ratio = _plastic(robot.n)
-    fraction = (0.5 + np.outer(np.arange(1, _DRAWN + 1), ratio ** -np.arange(1, robot.n + 1))) % 1.0
-    lower, upper = np.array([_range(joint) for joint in robot.joints]).T
+    ratio = _plastic_number(robot.n)
+    fraction = (0.5 + np.outer(np.arange(1, _DRAWN_POSTURES + 1), ratio ** -np.arange(1, robot.n + 1))) % 1.0
+    lower, upper = np.array([_joint_range(joint) for joint in robot.joints]).T
     postures: Array = lower + fraction * (upper - lower)
     reached = walk(robot.factors, factor_values(robot.factors, list(postures.T)))
     first = next(screw for screw, factor in zip(reached.screws, robot.factors, strict=True) if factor.joint is not None)
-    reach = np.linalg.norm(np.broadcast_to(stack(reached.position) - stack(first.origin), (_DRAWN, 3)), axis=1)
+    reach = np.linalg.norm(np.broadcast_to(stack(reached.position) - stack(first.origin), (_DRAWN_POSTURES, 3)), axis=1)
     order = np.argsort(reach, kind="stable")
-    return postures[np.sort(order[_DRAWN // 4 : 3 * _DRAWN // 4])]
+    return postures[np.sort(order[_DRAWN_POSTURES // 4 : 3 * _DRAWN_POSTURES // 4])]
 
 
-def _plastic(n: int) -> float:
+def _plastic_number(n: int) -> float:
     """The root of ``x^(n+1) = x + 1``, the number whose powers are worst to approximate."""
     x = 2.0
     for _ in range(60):
@@ -84,8 +87,11 @@ def _plastic(n: int) -> float:
     return x
 
 
-def _range(joint: Joint) -> tuple[float, float]:
-    half = _TURN if joint.type == "revolute" else _TRAVEL
+def _joint_range(joint: Joint) -> tuple[float, float]:
+    """(lower, upper) [rad or m] that postures are spread over: the limits, at most a turn, or a range where they are
+    open.
+    """
+    half = _HALF_RANGE_RAD if joint.type == "revolute" else _HALF_RANGE_M
     if math.isfinite(joint.lower) and math.isfinite(joint.upper):
         if joint.type == "revolute" and joint.upper - joint.lower > 2 * half:
             return -half, half  # more than a turn repeats the same places
@@ -96,25 +102,32 @@ def _range(joint: Joint) -> tuple[float, float]:
 
 
 def _joint_columns(robot: Robot, postures: Array) -> Array:
-    """(n, N, 3) shift of the tool point per unit of each joint's error."""
+    """(n, N, 3) shift of the tool point per unit of each joint's error [m/rad or m/m], world, at N postures."""
     reached = walk(robot.factors, factor_values(robot.factors, list(postures.T)))
     columns = [stack(position_column(reached, i)) for i in robot.driven]
     return np.array([np.broadcast_to(column, (len(postures), 3)) for column in columns])
 
 
-def _lever(robot: Robot, columns: Array) -> float:
+def _typical_lever(robot: Robot, columns: Array) -> float:
+    """Root mean square of the shift of the tool point per radian of a revolute joint [m/rad]; 1 without one.
+
+    ``columns`` (n, N, 3) are those of `_joint_columns`.
+    """
     turning = [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]
     mean_square = float(np.mean(np.sum(columns[turning] ** 2, axis=-1))) if turning else 1.0
     return math.sqrt(mean_square) or 1.0
 
 
-def _note(robot: Robot, sigma: Array, repeatability: float, count: int, weighted: bool) -> str:
+def _matching_note(robot: Robot, sigma: Array, repeatability: float, count: int, weighted: bool) -> str:
+    """One sentence on the sigmas (n,) [rad or m] and where they come from."""
     parts = []
     for kind, unit in (("revolute", "mrad"), ("prismatic", "mm")):
         values = {f"{1e3 * s:.3g} {unit}": None for s, j in zip(sigma, robot.joints, strict=True) if j.type == kind}
         if values:
             each = " each" if sum(j.type == kind for j in robot.joints) > 1 and len(values) == 1 else ""
-            parts.append(f"{', '.join(values)}{each} ({kind})" if _mixed(robot) else f"{', '.join(values)}{each}")
+            parts.append(
+                f"{', '.join(values)}{each} ({kind})" if _has_both_types(robot) else f"{', '.join(values)}{each}"
+            )
     given = " with the given weights" if weighted else ""
     return (
         f"joint sigma {', '.join(parts)}{given}, from the data-sheet repeatability RP = {repeatability * 1e3:g} mm "
@@ -123,11 +136,17 @@ def _note(robot: Robot, sigma: Array, repeatability: float, count: int, weighted
     )
 
 
-def _mixed(robot: Robot) -> bool:
+def _has_both_types(robot: Robot) -> bool:
+    """Whether some joints turn and others slide."""
     return len({joint.type for joint in robot.joints}) > 1
 
 
-def _check(robot: Robot, repeatability: float, weights: Mapping[str, float]) -> None:
+def _check_arguments(robot: Robot, repeatability: float, weights: Mapping[str, float]) -> None:
+    """Refuse a repeatability or weights that cannot be used.
+
+    Raises:
+        InputError: everything wrong at once.
+    """
     issues = []
     if not (math.isfinite(repeatability) and repeatability > 0):
         hint = "a data sheet gives for example 0.05 mm"

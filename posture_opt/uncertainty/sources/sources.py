@@ -1,4 +1,4 @@
-"""``Sources``: which model parameters are uncertain, by how much, and how they hang together."""
+"""``Sources``: which model parameters are uncertain, by how much, and how they are correlated."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
 
-_LARGEST = 1e5  # m or rad
-_ROUNDING = 1e-9  # of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero
+_MAX_SIGMA = 1e5
+"""Standard deviation [m or rad] beyond which a unit or an exponent is wrong."""
+_EIGENVALUE_ROUNDING = 1e-9
+"""Of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +23,13 @@ class Sources:
     Args:
         names: (k,) names of model parameters, ``JOINT.PARAMETER``.
         covariance: (k, k), SI units: rad², m², rad m.
-        scatter: (k, k) the part of it that is drawn anew at every repeat; the rest is what is not known of errors that
-            stay. Where nothing is said, no part.
         notes: sentences for the report on where the numbers come from.
+        scatter: (k, k) the part of the covariance that is drawn anew at every repeat; the rest is what is not known of
+            errors that stay. Where it is left out, no part.
+
+    Example:
+        >>> Sources.independent({"joint1.theta": 0.01, "joint1.a": 1e-4}).sigma.tolist()
+        [0.01, 0.0001]
     """
 
     names: tuple[str, ...] = ()
@@ -32,6 +38,7 @@ class Sources:
     scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
+        """Makes both matrices read-only arrays of the right size."""
         size = (len(self.names),) * 2
         for name in ("covariance", "scatter"):
             matrix = np.array(getattr(self, name), dtype=float)
@@ -73,13 +80,17 @@ class Sources:
         return not self.names
 
     def without(self, names: Sequence[str]) -> Sources:
-        """The other sources."""
+        """The sources but for some names, with their covariance and scatter."""
         kept = [k for k, name in enumerate(self.names) if name not in names]
         at = np.ix_(kept, kept)
         return Sources(tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.scatter[at])
 
     def joined(self, other: Sources) -> Sources:
-        """Both sets of sources, the two independent of each other; no name may stand in both."""
+        """Both sets of sources, the two independent of each other.
+
+        Raises:
+            InputError: a name that is in both.
+        """
         twice = sorted(set(self.names) & set(other.names))
         if twice:
             raise InputError(Issue(f"the error of {', '.join(twice)} is stated twice", hint="state it once"))
@@ -107,29 +118,31 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
     if negative:
         return [Issue(f"negative variance of {', '.join(negative)}", hint="a variance is 0 or greater")]
     sigma = np.sqrt(variance)
-    far = [f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > _LARGEST]
+    far = [f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > _MAX_SIGMA]
     if far:
         return [Issue(f"not plausible: the σ of {', '.join(far)}", hint="in m or rad; are unit and exponent right?")]
     idle = sigma == 0
     for i, j in np.argwhere((covariance != 0) & idle[:, None]):
         return [Issue(f"{names[i]} has variance 0 but covaries with {names[j]}", hint="state its variance")]
     correlation = covariance[~idle][:, ~idle] / np.outer(sigma[~idle], sigma[~idle])
-    beyond = np.argwhere(np.triu(np.abs(correlation) > 1 + _ROUNDING, 1))
+    beyond = np.argwhere(np.triu(np.abs(correlation) > 1 + _EIGENVALUE_ROUNDING, 1))
     varying = [name for name, still in zip(names, idle, strict=True) if not still]
     if len(beyond):
-        return [_beyond_one(varying[i], varying[j], correlation[i, j]) for i, j in beyond]
-    return _indefinite(varying, correlation)
+        return [_correlation_issue(varying[i], varying[j], correlation[i, j]) for i, j in beyond]
+    return _definiteness_issues(varying, correlation)
 
 
-def _beyond_one(a: str, b: str, rho: float) -> Issue:
+def _correlation_issue(a: str, b: str, rho: float) -> Issue:
+    """The issue about a correlation beyond ±1."""
     return Issue(f"the correlation of {a} and {b} is {rho:.6g}", hint="a correlation lies between -1 and 1")
 
 
-def _indefinite(names: Sequence[str], correlation: Array) -> list[Issue]:
+def _definiteness_issues(names: Sequence[str], correlation: Array) -> list[Issue]:
+    """The issue about a matrix of correlations (k, k) with a negative eigenvalue, and the sources that cause it."""
     if not len(names):
         return []
     values, vectors = np.linalg.eigh(correlation)
-    if values[0] >= -_ROUNDING * len(names):
+    if values[0] >= -_EIGENVALUE_ROUNDING * len(names):
         return []
     # The eigenvector says which combination of errors would have a negative variance.
     weights = np.abs(vectors[:, 0])

@@ -22,10 +22,13 @@ from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 from posture_opt.units import Angle, Length, Quantity, parse_quantity
 
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
+"""Two parameters and the coefficient of correlation of their errors."""
 
 
-_ANGLES = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
-_LENGTHS = ("d", "a", "x", "y", "z")
+_ANGLE_PARAMETERS = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
+"""Ends of the names of parameters that are angles."""
+_LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")
+"""Ends of the names of parameters that are lengths."""
 
 
 class MeasurementSpec(Spec):
@@ -58,7 +61,12 @@ class UncertaintySpec(Spec):
     measurement: MeasurementSpec | None = None
 
     def build(self, arm: Arm, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
-        """The sources of ``arm``; a covariance file is looked up in ``attached``, name -> text, then from ``folder``.
+        """The sources of an arm.
+
+        Args:
+            arm: with its effects, whose parameters may be uncertain too.
+            folder: where the name of a covariance file starts.
+            attached: name -> text of files that are not on the disk; looked up first.
 
         Raises:
             InputError: everything wrong with the section, keys relative to it.
@@ -69,11 +77,11 @@ class UncertaintySpec(Spec):
         issues = [*self._contradictions(), *self._weight_issues(robot)]
         named = Sources()
         try:
-            from_file = self.covariance and not self.sigma  # both are a contradiction, which is told already
+            from_file = self.covariance and not self.sigma  # both are a contradiction, which is an issue already
             named = self._from_file(dimensions, folder, attached or {}) if from_file else self._from_sigma(dimensions)
         except InputError as error:
             issues += error.issues
-        scatter = {name: _sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
+        scatter = {name: _read_sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
         if issues:
             raise InputError(issues)
         return self.completed(named, robot, scatter)
@@ -89,7 +97,7 @@ class UncertaintySpec(Spec):
         return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:
-        """All of ``build`` that needs neither robot nor files: the last word of a name tells angles from lengths.
+        """All of ``build`` that needs neither robot nor files: the end of a name decides between angles and lengths.
 
         Raises:
             InputError: everything wrong with the section, keys relative to it.
@@ -100,11 +108,12 @@ class UncertaintySpec(Spec):
         except InputError as error:
             issues += error.issues
         for name, text in self.scatter.items():
-            _sigma(name, text, None, issues, "scatter")
+            _read_sigma(name, text, None, issues, "scatter")
         if issues:
             raise InputError(issues)
 
     def _contradictions(self) -> list[Issue]:
+        """Keys that exclude each other, or that lack another one."""
         issues = []
         if self.covariance and (self.sigma or self.correlation):
             hint = "the file holds variances and correlations alike; leave out sigma and correlation"
@@ -115,6 +124,7 @@ class UncertaintySpec(Spec):
         return issues
 
     def _weight_issues(self, robot: Robot) -> list[Issue]:
+        """Weights of joints that the robot lacks, or all of them zero."""
         names = robot.joint_names
         issues = [
             Issue("the robot has no such joint", ("weights", name), name, one_of(name, names, "joints"))
@@ -126,6 +136,11 @@ class UncertaintySpec(Spec):
         return issues
 
     def _from_file(self, dimensions: dict[str, str], folder: Path, attached: Mapping[str, str]) -> Sources:
+        """The sources of the covariance file.
+
+        Raises:
+            InputError: it cannot be read, or is no covariance.
+        """
         assert self.covariance is not None
         text = attached.get(self.covariance)
         try:
@@ -139,10 +154,15 @@ class UncertaintySpec(Spec):
         return Sources(names, covariance, (f"covariance from {self.covariance}",))
 
     def _from_sigma(self, dimensions: dict[str, str] | None) -> Sources:
+        """The sources of ``sigma`` and ``correlation``; without dimensions those that a name has in any robot.
+
+        Raises:
+            InputError: everything wrong with both.
+        """
         issues: list[Issue] = []
-        sigma = {name: _sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
+        sigma = {name: _read_sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
         names = tuple(sigma)
-        pairs = self._pairs(names, issues)
+        pairs = self._correlation_pairs(names, issues)
         if issues:
             raise InputError(issues)
         values = np.array(list(sigma.values()))
@@ -156,7 +176,8 @@ class UncertaintySpec(Spec):
             raise InputError([issue.at("correlation") for issue in issues])
         return Sources(names, covariance)
 
-    def _pairs(self, names: tuple[str, ...], issues: list[Issue]) -> dict[tuple[str, str], float]:
+    def _correlation_pairs(self, names: tuple[str, ...], issues: list[Issue]) -> dict[tuple[str, str], float]:
+        """Pair of names, sorted -> coefficient; what is wrong with it joins ``issues``."""
         pairs: dict[tuple[str, str], float] = {}
         for index, (a, b, rho) in enumerate(self.correlation):
             key = ("correlation", index)
@@ -175,7 +196,13 @@ class UncertaintySpec(Spec):
         return pairs
 
     def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
-        if self.repeatability is None and (robot.repeatability is None or self._stated):
+        """The sources with joint errors from a repeatability: the stated one, or the data sheet's where nothing is
+        stated.
+
+        Raises:
+            InputError: sigma and repeatability both state one joint.
+        """
+        if self.repeatability is None and (robot.repeatability is None or self._states_any):
             return named
         if self.repeatability is None:
             assert robot.repeatability is not None
@@ -193,14 +220,16 @@ class UncertaintySpec(Spec):
             raise InputError([replace(i, key=("repeatability",), hint=hint) for i in error.issues]) from None
 
     @property
-    def _stated(self) -> bool:
+    def _states_any(self) -> bool:
+        """Whether the section states any uncertainty but a repeatability."""
         return bool(self.sigma or self.covariance or self.scatter)
 
 
-def _sigma(
+def _read_sigma(
     name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue],
     word: Literal["sigma", "scatter"] = "sigma",
 ) -> float:  # fmt: skip
+    """A standard deviation [rad or m, SI of an effect]; 0 with an issue where it is none."""
     key = (word, name)
     known = _usual_parameters(name) if dimensions is None else dimensions
     unknown = name_issues(name, known)
@@ -221,4 +250,6 @@ def _sigma(
 def _usual_parameters(name: str) -> dict[str, str]:
     """The parameters that a joint of some robot has, of the joint that ``name`` speaks of, with their dimensions."""
     joint = name.rpartition(".")[0] or name
-    return {f"{joint}.{word}": "angle" for word in _ANGLES} | {f"{joint}.{word}": "length" for word in _LENGTHS}
+    return {f"{joint}.{word}": "angle" for word in _ANGLE_PARAMETERS} | {
+        f"{joint}.{word}": "length" for word in _LENGTH_PARAMETERS
+    }

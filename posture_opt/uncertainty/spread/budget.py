@@ -11,9 +11,10 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.conditional_moments import conditional_moments
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 
-# Central differences in log σ: the truncation error h²/6 and the rounding error ε/h are both below 1e-8.
-_STEP = 1e-4
-_GOAL = 1e-5  # relative error of the variances that the shares are shares of
+_LOG_SIGMA_STEP = 1e-4
+"""Step of central differences in log σ: the truncation error h²/6 and the rounding error ε/h are both below 1e-8."""
+_VARIANCE_TOLERANCE = 1e-5
+"""Relative error of the variances that the shares are shares of."""
 
 
 @dataclass(frozen=True)
@@ -48,26 +49,27 @@ def budgets(
     """The budget along each of the directions (m, 3), see :func:`budget`."""
     U = np.asarray(directions, dtype=float).reshape(-1, 3)
     posture = [float(v) for v in q]
-    names, gradient = tool_point.names, _gradient(tool_point, posture)
+    names, gradient = tool_point.names, _covariance_gradient(tool_point, posture)
     if tool_point.effects is not None:
         names, gradient = _with_effects(tool_point, posture, gradient)
-    return tuple(_shares(names, np.einsum("kab,a,b->k", gradient, u, u)) for u in U)
+    return tuple(_sorted_shares(names, np.einsum("kab,a,b->k", gradient, u, u)) for u in U)
 
 
 def _with_effects(tool_point: ToolPoint, q: list[float], gradient: Array) -> tuple[tuple[str, ...], Array]:
     """Names and gradient with the parameters of effects behind those of the chain, to first order."""
-    beside = tool_point.effects
-    assert beside is not None
+    effects = tool_point.effects
+    assert effects is not None
     reached = tool_point.walk(q)[0]
     E = np.asarray(tool_point.effect_columns(q, reached), dtype=float)
     J = np.asarray(tool_point.jacobian(reached), dtype=float)
-    shared = np.einsum("ak,be,ke->kab", J, E, beside.cross)
-    own = np.einsum("ae,bf,ef->eab", E, E, beside.covariance) + np.einsum("ae,bk,ke->eab", E, J, beside.cross)
+    shared = np.einsum("ak,be,ke->kab", J, E, effects.cross)
+    own = np.einsum("ae,bf,ef->eab", E, E, effects.covariance) + np.einsum("ae,bk,ke->eab", E, J, effects.cross)
     both = np.concatenate([gradient + (shared + np.swapaxes(shared, 1, 2)) / 2, (own + np.swapaxes(own, 1, 2)) / 2])
-    return (*tool_point.names, *beside.names), both
+    return (*tool_point.names, *effects.names), both
 
 
-def _shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]:
+def _sorted_shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]:
+    """The elasticities (k,) over their sum, the largest first; all zero where the sum is rounding."""
     total = float(elasticity.sum())
     size = float(np.abs(elasticity).sum())
     # Below this the sum is what rounding left of terms that cancel, and no share of it means anything.
@@ -77,7 +79,7 @@ def _shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]:
     return tuple(Share(names[k], float(shares[k])) for k in order)
 
 
-def _gradient(tool_point: ToolPoint, q: list[float]) -> Array:
+def _covariance_gradient(tool_point: ToolPoint, q: list[float]) -> Array:
     """(k, 3, 3) ``½ ∂C / ∂ log σ_i`` [m²]."""
     return _by_differences(tool_point, q) if tool_point.method == "exact, planar" else _in_one_walk(tool_point, q)
 
@@ -90,22 +92,24 @@ def _in_one_walk(tool_point: ToolPoint, q: list[float]) -> Array:
     k = len(tool_point.indices)
     steps = np.ones((k, 2 * k, 1))
     each = np.arange(k)
-    steps[each, each], steps[each, each + k] = np.exp(_STEP), np.exp(-_STEP)
+    steps[each, each], steps[each, each + k] = np.exp(_LOG_SIGMA_STEP), np.exp(-_LOG_SIGMA_STEP)
     scale = dict(zip(tool_point.indices, steps, strict=True))
     own: list[float | Array] = list(tool_point.variances(tool_point.shared.own))
     for index, factor in scale.items():
         own[index] = own[index] * factor**2
     segments = [
         replace(segment, loadings={index: scale[index] * row for index, row in segment.loadings.items()})
-        for segment in tool_point.segments(q, _GOAL)
+        for segment in tool_point.segments(q, _VARIANCE_TOLERANCE)
     ]
     _, C = conditional_moments(tool_point.robot.factors, tool_point.arm.reach(q).values, own, segments)
     full = np.array([[np.broadcast_to(entry, (2 * k, 1))[:, 0] for entry in row] for row in C])
-    gradient: Array = np.moveaxis(full[..., :k] - full[..., k:], -1, 0) / (4 * _STEP)
+    gradient: Array = np.moveaxis(full[..., :k] - full[..., k:], -1, 0) / (4 * _LOG_SIGMA_STEP)
     return gradient
 
 
 def _by_differences(tool_point: ToolPoint, q: list[float]) -> Array:
+    """(k, 3, 3) the gradient [m²] by two evaluations for each source, as a planar closed form takes one covariance."""
+
     def covariance(i: int, step: float) -> Array:
         scale = np.ones(len(tool_point.names))
         scale[i] = np.exp(step)
@@ -113,5 +117,5 @@ def _by_differences(tool_point: ToolPoint, q: list[float]) -> Array:
         return np.asarray(varied.moments(q).covariance)
 
     k = len(tool_point.names)
-    changes = [covariance(i, _STEP) - covariance(i, -_STEP) for i in range(k)]
-    return np.array(changes).reshape(k, 3, 3) / (4 * _STEP)
+    changes = [covariance(i, _LOG_SIGMA_STEP) - covariance(i, -_LOG_SIGMA_STEP) for i in range(k)]
+    return np.array(changes).reshape(k, 3, 3) / (4 * _LOG_SIGMA_STEP)

@@ -15,8 +15,8 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.spread.budget import Share
 
-NO_SHARE = 5e-4
-"""Of the variance: a share that is less below zero is none."""
+SHARE_TOLERANCE = 5e-4
+"""Share of the variance: a share that is less below zero is none."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def share_groups(
     """A budget in which no share is negative: sources by themselves, and those together whose errors cancel.
 
     A source with a negative share joins the group that its error cancels with, that of the least
-    ``Σ c_i Cov_ij c_j``, until no share is below zero. Shares of all groups sum to one; the largest stands first.
+    ``Σ c_i Cov_ij c_j``, until no share is below zero. Shares of all groups sum to one; the largest is first.
 
     Args:
         shares: of one variance, see `budget`.
@@ -43,13 +43,13 @@ def share_groups(
     """
     groups = [[k] for k in range(len(shares))]
     total = np.array([share.share for share in shares])
-    if np.all(total > -NO_SHARE):
+    if np.all(total > -SHARE_TOLERANCE):
         return tuple(ShareGroup((share.parameter,), share.share) for share in shares)
-    products = _products([share.parameter for share in shares], tool_point, q, direction)
+    products = _covariance_products([share.parameter for share in shares], tool_point, q, direction)
     while len(groups) > 1:
         sums = [float(total[group].sum()) for group in groups]
         worst = int(np.argmin(sums))
-        if sums[worst] > -NO_SHARE:
+        if sums[worst] > -SHARE_TOLERANCE:
             break
         lost = groups.pop(worst)
         # Where the first order says nothing, in a singular posture, the largest group takes it.
@@ -59,16 +59,16 @@ def share_groups(
     return tuple(sorted(found, key=lambda group: -group.share))
 
 
-def _products(names: Sequence[str], tool_point: ToolPoint, q: Sequence[float], direction: Array) -> Array:
+def _covariance_products(names: Sequence[str], tool_point: ToolPoint, q: Sequence[float], direction: Array) -> Array:
     """(k, k) ``c_i Cov_ij c_j`` [m²] of the named sources, to first order."""
     reached = tool_point.walk([float(v) for v in q])[0]
     known, covariance = list(tool_point.names), tool_point.covariance
     J = np.asarray(tool_point.jacobian(reached), dtype=float)
     if tool_point.effects is not None:
-        beside = tool_point.effects
+        effects = tool_point.effects
         J = np.hstack([J, np.asarray(tool_point.effect_columns(q, reached), dtype=float)])
-        known += beside.names
-        covariance = np.block([[covariance, beside.cross], [beside.cross.T, beside.covariance]])
+        known += effects.names
+        covariance = np.block([[covariance, effects.cross], [effects.cross.T, effects.covariance]])
     c = np.asarray(direction, dtype=float) @ J
     rows = [known.index(name) for name in names]
     return np.asarray((np.outer(c, c) * covariance)[np.ix_(rows, rows)])

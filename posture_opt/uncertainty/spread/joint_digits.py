@@ -1,4 +1,6 @@
-"""How many digits of joint values are worth writing: rounding is to be small beside the scatter of the tool point."""
+"""How many digits of joint values are worth writing: rounding must be small compared with the scatter of the tool
+point.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,14 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
 
-SHARE = 0.01
-"""Of the scatter: by how much rounding may move the tool point, every joint rounded to the worse side."""
-READ = 0.1
+ROUNDING_SHARE = 0.01
+"""Share of the scatter by which rounding may move the tool point, every joint rounded to the worse side."""
+READABLE_ROUNDING_SHARE = 0.1
 """The same for postures that people read: rounding then adds at most half a percent to the standard deviation."""
-UNSTATED = 1e-4
-"""m: the scatter that counts where none is stated; rounding then moves the tool point by less than 1 µm."""
-_FINEST = 1e-12  # rad or m: beyond what a controller, or a float of half a turn, can tell
+UNSTATED_SCATTER_M = 1e-4
+"""The scatter that is assumed where none is stated; rounding then moves the tool point by less than 1 µm."""
+_MIN_STEP = 1e-12
+"""Smallest step [rad or m]: below it no controller, and no float of half a turn, has digits."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class JointDigits:
         return fixed(value / factor, self.decimals(joint, factor))
 
 
-def joint_digits(problem: HasSources, postures: ArrayLike, share: float = SHARE) -> JointDigits:
+def joint_digits(problem: HasSources, postures: ArrayLike, share: float = ROUNDING_SHARE) -> JointDigits:
     """The digits with which rounding moves the tool point by less than a ``share`` of its scatter.
 
     With the columns ``J_j`` of the Jacobian and steps ``h_j``, rounding moves the tool point by at most
@@ -64,11 +67,11 @@ def joint_digits(problem: HasSources, postures: ArrayLike, share: float = SHARE)
             moved = float(sum(length for length, of in zip(reach, types, strict=True) if of == kind))
             if moved > 0:
                 steps[kind] = min(steps[kind], allowed / moved)
-    return JointDigits(max(steps["revolute"], _FINEST), max(steps["prismatic"], _FINEST))
+    return JointDigits(max(steps["revolute"], _MIN_STEP), max(steps["prismatic"], _MIN_STEP))
 
 
 def scatter(problem: HasSources, q: Array) -> float:
     """The standard deviation of the tool point that rounding is compared with at a posture (n,) [m]."""
     tool_point, values = ToolPoint.of(problem.arm, problem.sources), [float(value) for value in q]
     first = np.asarray(tool_point.pose_first_order(values, tool_point.walk(values)[0]), dtype=float)[:3, :3]
-    return math.sqrt(max(float(np.trace(first)), 0.0) / 3) or UNSTATED
+    return math.sqrt(max(float(np.trace(first)), 0.0) / 3) or UNSTATED_SCATTER_M

@@ -1,7 +1,7 @@
 """The probability that a tool point stays within its clearance at each of several places, errors that stay included.
 
 Errors that stay are one draw δ for all places, scatter is a new draw ε at each. With the shifts of the tool point to
-first order in δ, ``P = E_δ Π_k P(|b_k + A_k δ + ε_k| <= c_k)``. Three cases are told apart: without errors that stay
+first order in δ, ``P = E_δ Π_k P(|b_k + A_k δ + ε_k| <= c_k)``. There are three cases: without errors that stay
 it is the product, exactly; without scatter the radius of δ is integrated in closed form along random directions; else
 the inner probabilities are integrated by quadrature and their product is averaged. Averages are randomised
 quasi-Monte Carlo with a standard error from independent shifts of the points.
@@ -16,18 +16,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.numerics import Array
+from posture_opt.uncertainty.moments.gaussian_rules import first_primes
 from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.regions.clearance import success_probability
 from posture_opt.uncertainty.spread.spread import Spread
 from posture_opt.uncertainty.spread.spread_parts import constant_covariance, positive_part, source_columns
 
-_SHIFTS = 16  # independent ones of the points: the standard error has 15 degrees of freedom
-_POINTS = 4096  # of each, where the radius is integrated in closed form
-_FEWER = 1024  # where the inner probabilities are integrated too
-_NODES = 32  # of the inner quadrature, over 14 standard deviations: right to 1e-7
-_WIDE = 7.0
-_NONE = 1e-4  # of the variance: what is no scatter, but higher orders of the errors that stay
-_FLAT = 1e-9  # of the largest singular value: directions of δ that move nothing
+_RANDOM_SHIFTS = 16
+"""Independent shifts of the points: the standard error has 15 degrees of freedom."""
+_DIRECTION_POINTS = 4096
+"""Points of each shift, where the radius is integrated in closed form."""
+_QUADRATURE_POINTS = 1024
+"""Points of each shift, where the inner probabilities are integrated too."""
+_INNER_NODES = 32
+"""Nodes of the inner quadrature, over 14 standard deviations: right to 1e-7."""
+_INNER_RANGE_SIGMA = 7.0
+"""Half range of the inner quadrature in standard deviations."""
+_NO_SCATTER_SHARE = 1e-4
+"""Share of the variance up to which there is no scatter, but higher orders of the errors that stay."""
+_IDLE_SHARE = 1e-9
+"""Share of the largest singular value below which a direction of δ moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,13 @@ class PlaceErrors:
 
     @classmethod
     def of(cls, spread: Spread, basis: Array, clearance: float) -> PlaceErrors:
-        """Of the tool point at a posture, in ``basis`` (3, m), world; its covariance is the exact one."""
+        """The errors of the tool point at a posture; their covariance is the exact one.
+
+        Args:
+            spread: at that posture.
+            basis: (3, m) orthonormal columns of the directions that count, world.
+            clearance: radial [m].
+        """
         names, J = source_columns(spread)
         C = basis.T @ spread.covariance @ basis
         constant = constant_covariance(spread, names)
@@ -56,7 +70,7 @@ class PlaceErrors:
         shared = basis.T @ J[:, kept] @ covariance_root(constant[np.ix_(kept, kept)])
         linear = shared @ shared.T
         scatter = positive_part(C - linear)
-        if np.trace(scatter) <= _NONE * np.trace(C) and np.trace(linear) > 0:
+        if np.trace(scatter) <= _NO_SCATTER_SHARE * np.trace(C) and np.trace(linear) > 0:
             scatter, shared = np.zeros_like(C), shared * math.sqrt(np.trace(C) / np.trace(linear))
         return cls(basis.T @ spread.bias, shared, scatter, clearance)
 
@@ -68,7 +82,13 @@ class PlaceErrors:
 
 @dataclass(frozen=True)
 class JointSuccess:
-    """The probability that all succeed, its standard error, and the product of the single ones."""
+    """The probability that all succeed.
+
+    Args:
+        probability: that all stay within their clearance.
+        standard_error: of it, by randomised integration; 0 in closed form.
+        product: of the single probabilities, as if errors were independent.
+    """
 
     probability: float
     standard_error: float
@@ -81,64 +101,62 @@ def success_of_all(places: Sequence[PlaceErrors], seed: int = 0) -> JointSuccess
     ``shared`` of all places has the same columns. The errors are small enough for the first order in them.
     """
     product = math.prod(place.alone for place in places)
-    reduced = _reduced(places)
+    reduced = _reduced_places(places)
     rank = reduced[0].shared.shape[1]
     if len(places) == 1 or rank == 0:
         return JointSuccess(product, 0.0, product)
     rng = np.random.default_rng(seed)
     if any(np.any(place.scatter) for place in reduced):
-        means = [1.0 - float(np.mean(_given(reduced, _normals(u)))) for u in _points(rank, _FEWER, rng)]
+        means = [
+            1.0 - float(np.mean(_success_given_errors(reduced, _normal_points(u))))
+            for u in _cube_points(rank, _QUADRATURE_POINTS, rng)
+        ]
     elif rank == 1:
-        return JointSuccess(1.0 - float(np.mean(_missed(reduced, np.array([[1.0], [-1.0]])))), 0.0, product)
+        return JointSuccess(
+            1.0 - float(np.mean(_miss_given_direction(reduced, np.array([[1.0], [-1.0]])))), 0.0, product
+        )
     else:
-        means = [float(np.mean(_missed(reduced, _directions(u)))) for u in _points(rank, _POINTS, rng)]
-    error = float(np.std(means, ddof=1)) / math.sqrt(_SHIFTS)
+        means = [
+            float(np.mean(_miss_given_direction(reduced, _unit_directions(u))))
+            for u in _cube_points(rank, _DIRECTION_POINTS, rng)
+        ]
+    error = float(np.std(means, ddof=1)) / math.sqrt(_RANDOM_SHIFTS)
     return JointSuccess(1.0 - float(np.mean(means)), error, product)
 
 
-def _reduced(places: Sequence[PlaceErrors]) -> list[PlaceErrors]:
+def _reduced_places(places: Sequence[PlaceErrors]) -> list[PlaceErrors]:
     """The same places by the few combinations of δ that move anything, the one that moves most first."""
     A = np.vstack([place.shared / place.clearance for place in places])
     _, s, Vt = np.linalg.svd(A, full_matrices=False)
-    kept = Vt[s > _FLAT * max(float(s[0]) if len(s) else 0.0, 1e-300)]
+    kept = Vt[s > _IDLE_SHARE * max(float(s[0]) if len(s) else 0.0, 1e-300)]
     return [PlaceErrors(p.bias, p.shared @ kept.T, p.scatter, p.clearance) for p in places]
 
 
-def _points(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
+def _cube_points(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
     """Some sets of points (count, dimension) inside the unit cube: multiples of irrational steps, shifted at random.
 
     Source: R. D. Richtmyer, Los Alamos report LA-1342 (1951); the steps are roots of primes.
     """
-    steps = np.outer(np.arange(1, count + 1), np.sqrt(_primes(dimension)))
+    steps = np.outer(np.arange(1, count + 1), np.sqrt(first_primes(dimension)))
     # Folded (the baker's transformation), which is smoother; inside of the cube, where quantiles are finite.
-    sets = [np.abs(2 * ((steps + rng.random(dimension)) % 1.0) - 1) for _ in range(_SHIFTS)]
+    sets = [np.abs(2 * ((steps + rng.random(dimension)) % 1.0) - 1) for _ in range(_RANDOM_SHIFTS)]
     return [np.clip(points, 1e-12, 1 - 1e-12) for points in sets]
 
 
-def _primes(count: int) -> Array:
-    found: list[int] = []
-    candidate = 2
-    while len(found) < count:
-        if all(candidate % prime for prime in found):
-            found.append(candidate)
-        candidate += 1
-    return np.array(found, dtype=float)
-
-
-def _normals(u: Array) -> Array:
+def _normal_points(u: Array) -> Array:
     """Standard normal numbers from points in the cube."""
     from scipy.special import ndtri
 
     return np.asarray(ndtri(u))
 
 
-def _directions(u: Array) -> Array:
+def _unit_directions(u: Array) -> Array:
     """Unit vectors, evenly over the sphere, from points in the cube."""
-    z = _normals(u)
+    z = _normal_points(u)
     return np.asarray(z / np.linalg.norm(z, axis=1, keepdims=True))
 
 
-def _missed(places: Sequence[PlaceErrors], directions: Array) -> Array:
+def _miss_given_direction(places: Sequence[PlaceErrors], directions: Array) -> Array:
     """(N,) probability that any place is missed, given the direction of δ: its radius is chi distributed."""
     from scipy.special import gammainc, gammaincc
 
@@ -160,7 +178,7 @@ def _missed(places: Sequence[PlaceErrors], directions: Array) -> Array:
     return np.asarray(gammaincc(half_rank, far**2 / 2) + gammainc(half_rank, near**2 / 2))
 
 
-def _given(places: Sequence[PlaceErrors], delta: Array) -> Array:
+def _success_given_errors(places: Sequence[PlaceErrors], delta: Array) -> Array:
     """(N,) probability that all succeed, given δ (N, r)."""
     p_success = np.ones(len(delta))
     for place in places:
@@ -176,23 +194,25 @@ def within_circle(mean: Array, covariance: Array, radius: float) -> Array:
     values, axes = np.linalg.eigh(covariance)
     sigma, mu = np.sqrt(np.maximum(values, 0.0)), mean @ axes
     if len(sigma) == 1:
-        return _between(mu[:, 0], sigma[0], np.full(len(mu), radius))
+        return _interval_probability(mu[:, 0], sigma[0], np.full(len(mu), radius))
     if sigma[0] < 1e-9 * radius:
         h = np.sqrt(np.maximum(radius**2 - mu[:, 0] ** 2, 0.0))
-        return np.where(np.abs(mu[:, 0]) <= radius, _between(mu[:, 1], sigma[1], h), 0.0)
-    ends = np.clip(mu[:, 0] + np.outer([-_WIDE, _WIDE], np.full(len(mu), sigma[0])), -radius, radius)
+        return np.where(np.abs(mu[:, 0]) <= radius, _interval_probability(mu[:, 1], sigma[1], h), 0.0)
+    ends = np.clip(
+        mu[:, 0] + np.outer([-_INNER_RANGE_SIGMA, _INNER_RANGE_SIGMA], np.full(len(mu), sigma[0])), -radius, radius
+    )
     low, high = np.arcsin(ends / radius)
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(_INNER_NODES)
     total = np.zeros(len(mu))
     for node, weight in zip(nodes, weights, strict=True):
         theta = (low + high) / 2 + node * (high - low) / 2
         x, h = radius * np.sin(theta), radius * np.cos(theta)
         density = np.exp(-(((x - mu[:, 0]) / sigma[0]) ** 2) / 2) / (math.sqrt(2 * math.pi) * sigma[0])
-        total += weight * (high - low) / 2 * h * density * _between(mu[:, 1], sigma[1], h)
+        total += weight * (high - low) / 2 * h * density * _interval_probability(mu[:, 1], sigma[1], h)
     return total
 
 
-def _between(mu: Array, sigma: float, h: Array) -> Array:
+def _interval_probability(mu: Array, sigma: float, h: Array) -> Array:
     """(N,) probability that a Gaussian number lies between -h and h."""
     from scipy.special import ndtr
 

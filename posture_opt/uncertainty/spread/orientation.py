@@ -15,10 +15,13 @@ from posture_opt.uncertainty.spread.spread import Spread
 
 @dataclass(frozen=True)
 class Orientation:
-    """Standard deviations of the rotation of the tool [rad]: the largest tilt of its axis, and the spin about it.
+    """Standard deviations of the rotation of the tool [rad].
 
-    From the covariance of the pose; ``tilt_first_order`` and ``spin_first_order`` are those of ``J Σ Jᵀ``, which terms
-    bound and minimise.
+    From the covariance of the pose; those to first order are of ``J Σ Jᵀ``, which terms bound and minimise.
+
+    Args:
+        tilt: largest one of the tilt of the tool axis; ``spin``: about that axis.
+        tilt_first_order, spin_first_order: the same to first order.
     """
 
     tilt: float
@@ -28,12 +31,17 @@ class Orientation:
 
     @classmethod
     def of(cls, spread: Spread, tool_axis: Vector) -> Orientation:
-        """At the posture of a spread, of the tool axis (3,), tool frame."""
+        """The orientation at the posture of a spread.
+
+        Args:
+            spread: with its pose covariance.
+            tool_axis: (3,) of any length, tool frame.
+        """
         tool_point, q = spread.tool_point, spread.q
         reached, _ = tool_point.walk(q)
         axis = np.array(reached.columns, dtype=float).T @ (np.array(tool_axis) / math.hypot(*tool_axis))
         linear = np.asarray(tool_point.pose_first_order(q, reached), dtype=float)
-        return cls(*_sizes(spread.pose_covariance[3:, 3:], axis), *_sizes(linear[3:, 3:], axis))
+        return cls(*_tilt_and_spin(spread.pose_covariance[3:, 3:], axis), *_tilt_and_spin(linear[3:, 3:], axis))
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, SI."""
@@ -45,7 +53,7 @@ class Orientation:
         }
 
 
-def _sizes(turning: Array, axis: Array) -> tuple[float, float]:
+def _tilt_and_spin(turning: Array, axis: Array) -> tuple[float, float]:
     """Largest standard deviation across an axis (3,), and about it, of a rotation with covariance (3, 3)."""
     across = np.linalg.svd(axis[None])[2][1:].T
     tilt = float(np.linalg.eigvalsh(across.T @ turning @ across)[-1])

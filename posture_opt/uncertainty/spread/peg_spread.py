@@ -20,7 +20,12 @@ from posture_opt.uncertainty.spread.held_part import HeldPart
 
 @dataclass(frozen=True)
 class TiltRisk:
-    """An angle [rad] that the tilt of the peg must stay below, and the probability that it does not."""
+    """An angle that the tilt of the peg must stay below.
+
+    Args:
+        angle: [rad].
+        probability: that the tilt exceeds it.
+    """
 
     angle: float
     probability: float
@@ -51,14 +56,16 @@ class PegSpread:
 
     @cached_property
     def p_success(self) -> JointProbability | None:
-        """That both ends stay within the clearance."""
+        """The probability that both ends stay within the clearance, with its error by integration; None without a
+        clearance.
+        """
         if math.isnan(self.clearance):
             return None
         return both_within(self.covariance, self.clearance, np.concatenate([self.tip.bias, self.top.bias]))
 
     @property
     def success(self) -> float | None:
-        """The probability of it; None without a clearance."""
+        """The probability that both ends stay within the clearance; None without a clearance."""
         return None if self.p_success is None else self.p_success.probability
 
     @property
@@ -68,7 +75,9 @@ class PegSpread:
 
     @property
     def two_point_contact(self) -> TiltRisk | None:
-        """The tilt at which a peg that is in all the way touches the hole at both ends, ``2 clearance / length``."""
+        """The tilt [rad] at which a peg that is in all the way touches the hole at both ends, ``2 clearance /
+        length``.
+        """
         return None if math.isnan(self.clearance) else self._risk(2 * self.clearance / self.part.length)
 
     @property
@@ -84,6 +93,7 @@ class PegSpread:
         return self._risk(2 * self.clearance / (self.part.friction * self.part.diameter))
 
     def _risk(self, angle: float) -> TiltRisk:
+        """The probability that the tilt exceeds an angle [rad]."""
         return TiltRisk(angle, miss_probability(self.tilt, angle))
 
     def top_shift(self, shift: Array, rotation: Array) -> Array:
@@ -113,10 +123,14 @@ class PegSpread:
 def peg_spread(
     part: HeldPart, tip: ToolPoint, q: tuple[float, ...], of_tip: tuple[Critical, Array], clearance: float
 ) -> PegSpread:
-    """Both ends of a peg at the posture ``q`` (n,).
+    """Both ends of a peg at a posture.
 
     Args:
+        part: the peg.
+        tip: the tool point, which is its tip.
+        q: (n,) posture [rad or m].
         of_tip: what counts of the spread of the tip, and the basis (3, m) that it is seen in.
+        clearance: radial [m], NaN without one.
     """
     critical, basis = of_tip
     top = part.behind(tip)

@@ -17,7 +17,7 @@ from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike, limit_notes, read_posture
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.moments.integration import Integration
-from posture_opt.uncertainty.moments.pose_covariance import FRAME, PoseCovariance, pose_covariance
+from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME, PoseCovariance, pose_covariance
 from posture_opt.uncertainty.moments.second_order import Validity, second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
@@ -38,10 +38,10 @@ class HasSources(HasArm, Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spread(Result):
-    """Moments of the tool pose at a posture; everything in the world frame unless said.
+    """Moments of the tool pose at a posture; everything in the world frame unless stated.
 
     Args:
-        problem: what was asked about; ``tool_point`` its robot and sources, as `budget` wants them.
+        problem: what was asked about; ``tool_point`` its robot and sources, as `budget` takes them.
         q: (n,) joint values [rad or m].
         position: (3,) nominal tool point [m].
         quaternion_wxyz: (4,) nominal orientation, w ≥ 0.
@@ -51,6 +51,14 @@ class Spread(Result):
         integration: how a mean over factors that correlated errors share was taken, None in closed form.
         basis: (2, 3) or (3, 3) rows spanning the space of the ellipse: the plane of a planar arm, else all of it.
         notes: sentences for the report.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> spread = propagate(load_problem("insert_planar_2r"), {"joint1": "90 deg", "joint2": "-90 deg"})
+        >>> spread.region(0.95).round(3).tolist()  # semi-axes [m]
+        [0.047, 0.138]
+        >>> spread.budget[0].parameter
+        'joint2.theta'
     """
 
     problem: HasSources
@@ -163,7 +171,7 @@ class Spread(Result):
             "covariance_first_order": self.covariance_first_order.tolist(),
             "bias": self.bias.tolist(),
             "pose_covariance": self.pose_covariance.tolist(),
-            "pose_covariance_frame": FRAME,
+            "pose_covariance_frame": POSE_FRAME,
             "pose_covariance_integration": self.pose.integration and self.pose.integration.to_json(),
             "pose_covariance_within_half_turn": self.pose.within_half_turn,
             "ellipse": ellipse_json(self.ellipse, self.basis),
@@ -183,7 +191,7 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
     With errors ``p ~ N(0, Σ)`` of the parameters the covariance of the tool point is ``C = Cov f(q, p)`` (3, 3) [m²],
     world: in closed form for independent errors and for planar arms; else exact given the factors that correlated
     errors share, and integrated over these until it has converged. It is positive semidefinite at any σ. Effects enter
-    to first order; ``J Σ Jᵀ`` of everything stands beside C.
+    to first order; ``J Σ Jᵀ`` of everything is given next to C.
 
     Args:
         problem: names ``arm`` and ``sources``.
@@ -192,6 +200,12 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
 
     Raises:
         InputError: a posture that is none, or a problem without sources of error.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> spread = propagate(load_problem("insert_planar_2r"), "90 deg, -90 deg")
+        >>> spread.position.round(6).tolist(), spread.method
+        ([1.0, 1.0, 0.0], 'exact')
     """
     robot, sources = problem.arm.robot, problem.sources
     q = read_posture(robot, posture)
@@ -215,7 +229,11 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
 
 
 def require_sources(sources: Sources) -> None:
-    """Raise InputError where nothing is uncertain."""
+    """Refuse a problem in which nothing is uncertain.
+
+    Raises:
+        InputError: with an example of what to add.
+    """
     if sources.empty:
         hint = "add for example uncertainty: {sigma: {joint1.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         raise InputError(Issue("nothing is uncertain, so nothing scatters", ("uncertainty",), hint=hint))
@@ -235,13 +253,18 @@ def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:
     return np.array([e1, e2 if e2[np.abs(e2).argmax()] > 0 else -e2])
 
 
-def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
-    """Semi-axes of one standard deviation [m] and, one a row, their unit vectors in the world."""
+def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Any]:
+    """Semi-axes of one standard deviation [m] and, one a row, their unit vectors in the world.
+
+    Args:
+        ellipse: in the coordinates of some directions.
+        directions: (m, 3) these directions, one a row, world.
+    """
     return {
         "semi_axes_1sigma": ellipse.semi_axes.tolist(),
-        "axes": (ellipse.axes.T @ basis).tolist(),
+        "axes": (ellipse.axes.T @ directions).tolist(),
         "coverage95_factor": ellipse.factor(0.95),
-        "dimension": len(basis),
+        "dimension": len(directions),
     }
 
 
@@ -284,5 +307,6 @@ def quaternion(reached: Walk) -> Array:
 
 
 def _symmetric(matrix: Any) -> Array:
+    """(m, m) the mean of a matrix and its transpose: rounding leaves them apart."""
     array = np.asarray(matrix, dtype=float)
     return np.asarray((array + array.T) / 2)

@@ -20,7 +20,7 @@ from posture_opt.uncertainty.spread.spread import HasSources, require_sources
 
 
 class SpreadFunction:
-    """Moments of the tool point of a problem over many postures; all numbers of the robot are baked in.
+    """Moments of the tool point of a problem over many postures; all numbers of the robot are compiled in.
 
     ``spread_at(Q)`` maps postures (N, n) [rad or m] to the covariances (N, 3, 3) [m²] of the tool point in the
     world that `propagate` gives, and one posture (n,) to one covariance (3, 3). Memory grows linearly in N;
@@ -34,6 +34,12 @@ class SpreadFunction:
     Raises:
         InputError: no sources of error, or ``compiled=True`` and nothing could be compiled; from the calls,
             postures of another shape or not finite.
+
+    Example:
+        >>> from posture_opt import load_problem
+        >>> spread_at = SpreadFunction(load_problem("insert_planar_2r"), compiled=False)
+        >>> spread_at([[0.0, 0.5], [1.0, 1.0]]).shape
+        (2, 3, 3)
     """
 
     def __init__(self, problem: HasSources, compiled: bool | None = None) -> None:
@@ -41,7 +47,7 @@ class SpreadFunction:
         self._tool_point = ToolPoint.of(problem.arm, problem.sources)
         self._plan = FixedPlan.of(self._tool_point)
         self._wanted = compiled
-        self._covariance = self._batch(lambda moments: _mirrored(moments.covariance))
+        self._covariance = self._batch_of(lambda moments: _symmetric_expression(moments.covariance))
 
     @property
     def method(self) -> str:
@@ -60,44 +66,54 @@ class SpreadFunction:
 
     def __call__(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) covariance of the tool point at postures (N, n), by `method` [m²]."""
-        return self._evaluate(self._covariance, Q, (3, 3))
+        return self._evaluate_rows(self._covariance, Q, (3, 3))
 
     def first_order(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) ``J Σ Jᵀ`` at postures (N, n) [m²]."""
-        return self._evaluate(self._first_order, Q, (3, 3))
+        return self._evaluate_rows(self._first_order, Q, (3, 3))
 
     def position(self, Q: ArrayLike) -> Array:
         """(N, 3) nominal tool point in the world at postures (N, n) [m]."""
-        return self._evaluate(self._position, Q, (3,))
+        return self._evaluate_rows(self._position, Q, (3,))
 
     def mean(self, Q: ArrayLike) -> Array:
         """(N, 3) mean tool point in the world at postures (N, n) [m]."""
-        return self._evaluate(self._mean, Q, (3,))
+        return self._evaluate_rows(self._mean, Q, (3,))
 
     @cached_property
     def _first_order(self) -> LaneFunction:
-        return self._batch(lambda moments: _mirrored(moments.first_order))
+        """Rows of postures (N, n) -> entries (N, 9) of ``J Σ Jᵀ`` [m²]."""
+        return self._batch_of(lambda moments: _symmetric_expression(moments.first_order))
 
     @cached_property
     def _position(self) -> LaneFunction:
-        return self._batch(lambda moments: moments.position)
+        """Rows of postures (N, n) -> nominal tool points (N, 3) [m]."""
+        return self._batch_of(lambda moments: moments.position)
 
     @cached_property
     def _mean(self) -> LaneFunction:
-        return self._batch(lambda moments: moments.mean)
+        """Rows of postures (N, n) -> mean tool points (N, 3) [m]."""
+        return self._batch_of(lambda moments: moments.mean)
 
-    def _batch(self, select: Callable[[Moments], Any]) -> LaneFunction:
+    def _batch_of(self, select: Callable[[Moments], Any]) -> LaneFunction:
+        """The function of rows of postures that gives a part of the moments, column by column."""
         q = ca.SX.sym("q", self._tool_point.robot.n)
         # A robot that does not move its tool point leaves numbers, which CasADi must hear of as SX.
         entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q), self._plan.plan)))))
         return LaneFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
 
-    def _evaluate(self, function: LaneFunction, Q: ArrayLike, shape: tuple[int, ...]) -> Array:
-        postures, single = self._read(Q)
+    def _evaluate_rows(self, function: LaneFunction, Q: ArrayLike, shape: tuple[int, ...]) -> Array:
+        """Values (N, …) of postures (N, n), or (…) of a single one (n,), each of the given shape."""
+        postures, single = self._read_postures(Q)
         shaped = function(postures).reshape(-1, *shape)
         return shaped[0] if single else shaped
 
-    def _read(self, Q: ArrayLike) -> tuple[Array, bool]:
+    def _read_postures(self, Q: ArrayLike) -> tuple[Array, bool]:
+        """The postures (N, n) as floats, and whether a single one was given.
+
+        Raises:
+            InputError: another shape, or numbers that are not finite.
+        """
         robot = self._tool_point.robot
         hint = (
             f"give (N, {robot.n}) or ({robot.n},) numbers: {', '.join(robot.joint_names)} (rad, prismatic joints in m)"
@@ -116,7 +132,7 @@ class SpreadFunction:
         return rows, single
 
 
-def _mirrored(matrix: Any) -> ca.SX:
+def _symmetric_expression(matrix: Any) -> ca.SX:
     """The matrix with its upper half on both sides, so that each entry is computed once."""
     C = ca.SX(matrix)
     return ca.SX(ca.triu2symm(ca.triu(C)))
@@ -145,7 +161,7 @@ def spread_expressions(problem: HasSources) -> tuple[ca.Function, dict[str, str]
     q = ca.SX.sym("q", problem.arm.robot.n)
     found = FixedPlan.of(tool_point)
     moments = tool_point.moments(ca.vertsplit(q), found.plan)
-    results = [moments.position, _mirrored(moments.covariance), _mirrored(moments.first_order)]
+    results = [moments.position, _symmetric_expression(moments.covariance), _symmetric_expression(moments.first_order)]
     function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
     joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)
     error = f" (relative error up to {found.relative_error:.1g})" if tool_point.integrated else ""

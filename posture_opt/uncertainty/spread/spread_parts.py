@@ -15,9 +15,12 @@ from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.spread import Spread
 
-_MOST = 3  # parameters named
-_TELLING = 0.8  # of the variance: the combinations that make this much are looked at
-_PART = 0.3  # of the largest weight: parameters with less are no matter
+_MAX_LISTED_PARAMETERS = 3
+"""Parameters that are named."""
+_EXPLAINED_SHARE = 0.8
+"""Share of the variance that the combinations which are looked at make together."""
+_MIN_WEIGHT_SHARE = 0.3
+"""Share of the largest weight below which a parameter is not named."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class SpreadParts:
     Args:
         scatter_sigma, scatter_radius: of what is drawn anew at every repeat.
         systematic_sigma, systematic_radius: of what is not known of errors that stay.
-        parameters: the names that the systematic part comes from, the weightiest first.
+        parameters: the names that the systematic part comes from, the largest contribution first.
     """
 
     scatter_sigma: float
@@ -53,39 +56,48 @@ class SpreadParts:
 
 
 def spread_parts(spread: Spread, basis: Array) -> SpreadParts:
-    """The parts of a spread in the coordinates ``basis`` (m, 3) that a task cares about.
+    """The parts of a spread in the directions that count for a task.
 
     The systematic part is the covariance of the tool point by the errors that stay alone, computed as that of the
-    spread; scatter is the rest, the sides of approach that nobody knows included.
+    spread; scatter is the rest, sides of approach that are not known included.
+
+    Args:
+        spread: at a posture.
+        basis: (3, m) orthonormal columns, world.
     """
     names, J = source_columns(spread)
     C = constant_covariance(spread, names)
     J = basis.T @ J
-    systematic = positive_part(J @ C @ J.T + basis.T @ _bent(spread) @ basis)
+    systematic = positive_part(J @ C @ J.T + basis.T @ _curvature_covariance(spread) @ basis)
     scatter = positive_part(basis.T @ spread.covariance @ basis - systematic)
     values, axes = np.linalg.eigh(systematic)
     parameters = leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
     among = spread.covariance
-    return SpreadParts(*_size(scatter, among), *_size(systematic, among), parameters)
+    return SpreadParts(*_sigma_and_radius(scatter, among), *_sigma_and_radius(systematic, among), parameters)
 
 
 def leading_parameters(names: Sequence[str], c: Array, C: Array) -> tuple[str, ...]:
-    """The parameters whose uncertainty C (k, k) makes most of the variance ``cᵀ C c``, the weightiest first.
+    """The parameters whose uncertainty makes most of the variance ``cᵀ C c``, the largest contribution first.
 
-    Estimates that lean on each other have errors that mostly cancel: the variance is that of the eigenvectors of
+    Estimates that are correlated have errors that mostly cancel: the variance is that of the eigenvectors of
     ``diag(c) C diag(c)``, each of which adds to it, and the parameters are those that these are made of.
+
+    Args:
+        names: (k,) of the parameters.
+        c: (k,) sensitivities [m per unit].
+        C: (k, k) covariance of the parameters [SI].
     """
     values, V = np.linalg.eigh(C * np.outer(c, c))
     part = np.maximum(values, 0.0) * V.sum(axis=0) ** 2
     order = np.argsort(-part)
-    enough = int(np.searchsorted(np.cumsum(part[order]), _TELLING * part.sum())) + 1
+    enough = int(np.searchsorted(np.cumsum(part[order]), _EXPLAINED_SHARE * part.sum())) + 1
     weight = (V[:, order[:enough]] ** 2) @ part[order[:enough]]
-    ranked = np.argsort(-weight, kind="stable")[:_MOST]
-    return tuple(names[i] for i in ranked if weight[i] >= _PART * weight[ranked[0]])
+    ranked = np.argsort(-weight, kind="stable")[:_MAX_LISTED_PARAMETERS]
+    return tuple(names[i] for i in ranked if weight[i] >= _MIN_WEIGHT_SHARE * weight[ranked[0]])
 
 
 def source_columns(spread: Spread) -> tuple[tuple[str, ...], Array]:
-    """Names of all sources and the shift of the tool point by each (3, k)."""
+    """Names (k,) of all sources and the shift of the tool point by one unit of each (3, k) [m per SI unit], world."""
     point = spread.tool_point
     reached = point.walk(spread.q)[0]
     J = np.asarray(point.jacobian(reached), dtype=float)
@@ -106,7 +118,7 @@ def constant_covariance(spread: Spread, names: Sequence[str]) -> Array:
     return C
 
 
-def _bent(spread: Spread) -> Array:
+def _curvature_covariance(spread: Spread) -> Array:
     """(3, 3) what the errors of the chain that stay add to the covariance beyond first order [m²]."""
     sources = spread.problem.sources
     staying = ToolPoint.of(spread.tool_point.arm, Sources(sources.names, sources.constant))
@@ -116,12 +128,15 @@ def _bent(spread: Spread) -> Array:
     return np.asarray(moments.covariance - moments.first_order)
 
 
-def _size(C: Array, among: Array) -> tuple[float, float]:
+def _sigma_and_radius(C: Array, among: Array) -> tuple[float, float]:
+    """Largest standard deviation and 95 % radius [m] of a covariance (m, m) [m²]; zero where it is rounding of
+    ``among``.
+    """
     sigma = deviation(float(np.linalg.eigvalsh(C)[-1]), among)
     return sigma, coverage_radius(0.95, C, np.zeros(len(C))) if sigma > 0 else 0.0
 
 
 def positive_part(C: Array) -> Array:
-    """What rounding and higher orders left below zero is zero."""
+    """(m, m) the matrix with zero in place of negative eigenvalues, which rounding and higher orders leave."""
     values, V = np.linalg.eigh((C + C.T) / 2)
     return np.asarray((V * np.maximum(values, 0.0)) @ V.T)

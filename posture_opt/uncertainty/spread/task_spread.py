@@ -22,7 +22,8 @@ from posture_opt.uncertainty.spread.peg_spread import PegSpread, peg_spread
 from posture_opt.uncertainty.spread.yaw_spread import YawSpread
 
 Vector = tuple[float, float, float]
-_IN_PLANE = 1e-9  # cosine: a direction that leaves the plane of an arm by less lies in it
+_IN_PLANE_COSINE = 1e-9
+"""A direction that leaves the plane of an arm by less lies in it."""
 
 
 class HasDirection(Protocol):
@@ -44,7 +45,7 @@ class HasDirection(Protocol):
     @property
     def yaw_lever(self) -> float: ...
     @property
-    def minds_yaw(self) -> bool: ...
+    def uses_yaw(self) -> bool: ...
     @property
     def expansion(self) -> float | None: ...
 
@@ -61,7 +62,7 @@ class TaskSpread:
         sigma_along: standard deviation along the direction [m].
         tool_point, q: whose budget it is, at which posture.
         peg: where the task has a peg, its two ends; ``critical`` is then that of the worse one.
-        yaw: rotation about the direction, where the task minds it.
+        yaw: rotation about the direction, where the task depends on it.
         expansion: coverage factor of the expanded uncertainty, where one is asked for.
     """
 
@@ -117,13 +118,13 @@ class TaskSpread:
         return int(np.count_nonzero(within))
 
     def of_task(self, task: HasDirection, basis: Array, covariance: Array) -> TaskSpread:
-        """The same with what the task minds besides: the yaw, the expanded uncertainty, the other end of a peg.
+        """The same with what else the task depends on: the yaw, the expanded uncertainty, the other end of a peg.
 
         Args:
             basis: (3, m) of what counts; covariance: (3, 3) of the tool point [m²], world.
         """
         seen = replace(self, expansion=task.expansion)
-        if task.minds_yaw:
+        if task.uses_yaw:
             turning = pose_covariance(self.tool_point, self.q, covariance).covariance[3:, 3:]
             seen = replace(seen, yaw=YawSpread.of(turning, self.direction, task.yaw_lever, self.critical))
         return seen if task.part is None else seen._with_peg(task.part, basis)
@@ -139,6 +140,7 @@ class TaskSpread:
         return self.expansion * self.sigma_along, self.expansion * self.critical.sigma_max
 
     def _with_peg(self, part: HeldPart, basis: Array) -> TaskSpread:
+        """The same with both ends of a peg; the worse end counts."""
         peg = peg_spread(part, self.tool_point, self.q, (self.critical, basis), self.clearance)
         if peg.top.sigma_max <= peg.tip.sigma_max:
             return replace(self, peg=peg)
@@ -155,6 +157,7 @@ class TaskSpread:
         }
 
     def _expanded_json(self) -> dict[str, Any]:
+        """The expanded uncertainty, where one is asked for."""
         if self.expanded is None:
             return {}
         along, worst = self.expanded
@@ -164,9 +167,12 @@ class TaskSpread:
 def task_spread(
     task: HasDirection, tool_point: ToolPoint, q: tuple[float, ...], moments: tuple[Array, Array], normal: Array | None
 ) -> TaskSpread:
-    """What a task makes of the spread of a tool point at a posture.
+    """The part of the spread of a tool point that counts for a task, at a posture.
 
     Args:
+        task: direction, clearance and what else it depends on.
+        tool_point: arm and sources.
+        q: (n,) posture [rad or m].
         moments: mean shift (3,) [m] and covariance (3, 3) [m²] of the tool point, world.
         normal: (3,) of the plane that the tool point never leaves, None for an arm in space.
     """
@@ -188,9 +194,10 @@ def sigma_along(direction: Array, covariance: Array) -> float:
 
 
 def task_basis(within: Within, direction: Array, normal: Array | None) -> Array:
-    """(3, m) orthonormal basis of the part of the spread that counts.
+    """(3, m) orthonormal basis of the part of the spread that counts, world.
 
     Args:
+        within: which part.
         direction: (3,) unit vector, world.
         normal: (3,) of the plane that the tool point never leaves, None for an arm in space. Across a direction in
             that plane there is one axis and not two.
@@ -206,7 +213,7 @@ def task_basis(within: Within, direction: Array, normal: Array | None) -> Array:
 
 def lies_in_plane(direction: Array, normal: Array | None) -> bool:
     """Whether a unit vector (3,) lies in the plane with that normal (3,); not where there is no plane."""
-    return normal is not None and abs(float(normal @ direction)) < _IN_PLANE
+    return normal is not None and abs(float(normal @ direction)) < _IN_PLANE_COSINE
 
 
 def across_basis(direction: Array, normal: Array | None) -> Array:

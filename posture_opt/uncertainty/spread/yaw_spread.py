@@ -28,7 +28,14 @@ class YawSpread:
 
     @classmethod
     def of(cls, turning: Array, direction: Array, lever: float, critical: Critical) -> YawSpread:
-        """From the covariance of the rotation (3, 3) [rad²], world."""
+        """The yaw of a covariance of the rotation.
+
+        Args:
+            turning: (3, 3) [rad²], world.
+            direction: (3,) unit vector that the yaw is about, world.
+            lever: from the tool point to the corner [m].
+            critical: the spread across the direction.
+        """
         variance = max(float(direction @ turning @ direction), 0.0)
         square = float(np.trace(critical.covariance) + critical.bias @ critical.bias) + lever**2 * variance
         return cls(math.sqrt(variance), lever, math.sqrt(max(square, 0.0)))
