@@ -30,7 +30,7 @@ def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: i
     """
     found: Any = select_posture(problem, seed=seed, workers=workers)
     task = task_of(problem)
-    chosen: Solution = found.stations[found.worst] if task.features else found.worst if task.on_path else found
+    chosen: Solution = found.worst if task.features or task.on_path else found
     return chosen
 
 
@@ -69,8 +69,8 @@ def select_posture(
     Args:
         problem: with a task and uncertain parameters.
         seed: of the random starts; the same seed gives the same answer. Default: the problem's.
-        workers: processes that share the batches of starts.
-        progress: called with (done, most) batches.
+        workers: processes that share the search; the answer does not depend on it.
+        progress: called with (done, most) batches, or parts of a path's search.
 
     Raises:
         NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
@@ -83,6 +83,7 @@ def select_posture(
         )
         return of_features
     if task.on_path:
-        of_path: PathSolution = import_module(_PATHS).PathSelector.of(problem).solve(seed=seed)
+        selector = import_module(_PATHS).PathSelector.of(problem)
+        of_path: PathSolution = selector.solve(seed=seed, workers=workers, progress=progress)
         return of_path
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

@@ -129,6 +129,13 @@ def test_document_holds_what_the_interface_says() -> None:
     for feature in document["features"]:
         assert {"posture", "tool", "critical", "covariance", "success_probability"} <= set(feature)
     assert document["posture"] == document["features"][0]["posture"]
+    worst = max(document["features"], key=lambda feature: feature["critical"]["sigma_max"])
+    assert worst is not document["features"][0]
+    assert document["worst_station"] == found.worst_station == worst["name"]
+    assert document["sigma_max"] == found.sigma_max == worst["critical"]["sigma_max"]
+    for key in ("critical", "covariance", "success_probability"):
+        assert document[key] == worst[key]
+    np.testing.assert_array_equal(found.covariance, worst["covariance"])
     assert 0 < document["success_all"] < 1
     assert document["success_all_standard_error"] < 1e-3
     assert document["clearance"] is None or document["clearance"]["distance"] > 0

@@ -52,7 +52,7 @@ def plot_motion(found: PathSolution) -> Figure:
     others = np.unique(np.linspace(0, len(Q) - 1, _GHOSTS).round().astype(int)).tolist()
     ghosts = [
         solid.placed(frames)
-        for frames in (arm.frames(Q[k]) for k in others if k != found.motion.worst)
+        for frames in (arm.frames(Q[k]) for k in others if k != found.worst_index)
         for solid in arm.solids
         if solid.role not in ("base",)
     ]

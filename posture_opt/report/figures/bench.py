@@ -88,7 +88,7 @@ def _draw_features(axes: Any, found: FeaturesSolution) -> None:
     """The features as points [mm], the worst one ringed; their names where there is room."""
     points = 1e3 * np.array([station.target.lower for station in found.stations])
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
-    worst = points[found.worst]
+    worst = points[found.worst_index]
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
     if len(points) <= _NAMED:
         for name, point in zip(found.names, points, strict=True):

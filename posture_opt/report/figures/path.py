@@ -67,7 +67,7 @@ def _spread(axes: Any, found: PathSolution) -> None:
         label = None if k else "corner: another direction counts"
         axes.axvline(way[corner], color="black", lw=0.8, ls=":", zorder=3, label=label)
     axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
-    worst = found.motion.worst
+    worst = found.worst_index
     star = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
     axes.plot(way[worst], factor * sigma[worst], "*", **star, label="worst")
     if found.bound > 0:

@@ -108,7 +108,7 @@ def features_report(found: FeaturesSolution) -> Report:
             Block("What would help", tuple(sentence(r.change) for r in found.relaxations)),
             problem_block(problem, found),
         ))  # fmt: skip
-    worst = found.stations[found.worst]
+    worst = found.worst
     blocks = (
         problem_block(problem, found),
         _postures_block(found),
@@ -136,8 +136,8 @@ def placement_words(w: Array, placement: PlacementRange | None = None) -> str:
 
 
 def _lead(found: FeaturesSolution) -> tuple[str, ...]:
-    worst = found.stations[found.worst]
-    name = found.names[found.worst]
+    worst = found.worst
+    name = found.worst_station
     moved = found.placement.free.any()
     where = "Place the workpiece at" if moved else "The workpiece stands at"
     lines = [f"{where} {placement_words(found.w, found.placement)}."]
@@ -328,10 +328,10 @@ def _summary(found: FeaturesSolution) -> Summary:
         why = sentence(found.reasons[0].message) if found.reasons else "no placement fits"
         facts = [("Workpiece", f"fails least at {placement_words(found.w)}"), ("Why", why)]
         return Summary(f"No placement for: {asked}", tuple(facts))
-    name = found.names[found.worst]
+    name = found.worst_station
     facts = [
         ("Workpiece", placement_words(found.w)),
-        ("Worst feature", f"{name}, {critical_size(found.stations[found.worst].critical)}"),
+        ("Worst feature", f"{name}, {critical_size(found.worst.critical)}"),
     ]
     if found.success is not None:
         facts.append(("All succeed", _success(found)))

@@ -59,7 +59,7 @@ def path_report(found: PathSolution) -> Report:
     worst = found.worst
     problem = problem_of(found)
     at_worst = posture_block(worst)
-    name = f"Posture {_where(found, found.motion.worst)}, where the standard deviation is largest"
+    name = f"Posture {_where(found, found.worst_index)}, where the standard deviation is largest"
     blocks = (
         _problem(found),
         _points(found),
@@ -75,7 +75,7 @@ def path_report(found: PathSolution) -> Report:
 def _lead(found: PathSolution) -> tuple[str, ...]:
     return (
         f"Largest standard deviation {ACROSS}: {critical_size(found.critical)}, "
-        f"{_where(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
+        f"{_where(found, found.worst_index)} of {count(len(found.stations), 'point')}.",
         *(found.jumps or (f"Between listed points, {_moved(found)}.",)),
     )
 

@@ -133,6 +133,16 @@ class Solution(Result):
         return self.task_spread.critical
 
     @property
+    def sigma_max(self) -> float:
+        """Largest standard deviation of the part that counts [m]."""
+        return self.critical.sigma_max
+
+    @property
+    def worst_station(self) -> str | None:
+        """Name of the feature or point that ``sigma_max`` is of; None where there is one target."""
+        return None
+
+    @property
     def sigma_along(self) -> float:
         """Standard deviation along the task's direction [m]."""
         return self.task_spread.sigma_along
@@ -184,13 +194,36 @@ class Solution(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The document ``solution.json``: SI units, finite numbers only."""
-        spread, statistics = self.spread, self.statistics
         return {
             "name": self.problem.name,
             "task": self.optimisation_problem.task.kind,
             "status": self.status,
+            **self.posture_json(),
+            "sigma_max": self.sigma_max,
+            "worst_station": self.worst_station,
+            **self.spread_json(),
+            "clearance": None if self.clearance is None else self.clearance.to_json(),
+            "what_would_help": [change.to_json() for change in self.improvements],
+            "solver": self.statistics.to_json(),
+            "reasons": [vars(reason) for reason in self.reasons],
+            "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
+            "notes": list(self.notes),
+        }
+
+    def posture_json(self) -> dict[str, Any]:
+        """The posture, its tool pose, and what else could be chosen: plain data."""
+        spread = self.spread
+        return {
             "posture": self.posture,
             "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+            "alternatives": [alternative.to_json() for alternative in self.alternatives],
+            "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
+        }
+
+    def spread_json(self) -> dict[str, Any]:
+        """The spread of the tool point, what it is made of and what it is compared with: plain data."""
+        spread, statistics = self.spread, self.statistics
+        return {
             "covariance": spread.covariance.tolist(),
             "covariance_first_order": spread.covariance_first_order.tolist(),
             "bias": spread.bias.tolist(),
@@ -199,18 +232,10 @@ class Solution(Result):
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.task_spread.budget_groups),
             "validity": spread.validity.to_json(),
-            "clearance": None if self.clearance is None else self.clearance.to_json(),
-            "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),
             "orientation": self.orientation.to_json(),
-            "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
-            "what_would_help": [change.to_json() for change in self.improvements],
             "typical_sigma_max": finite_or_none(statistics.typical),
             "worst_sigma_max": finite_or_none(statistics.worst),
-            "solver": statistics.to_json(),
-            "reasons": [vars(reason) for reason in self.reasons],
-            "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
-            "notes": list(self.notes),
         }
 
     def _lower_bound_json(self) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.path_problem import PathProblem
 from posture_opt.selection.paths.path_solution import PathSolution
@@ -28,16 +28,23 @@ _TRIED = 3  # placements whose motions are searched
 
 
 def promising_placements(
-    engine: Engine, targets: Sequence[TaskTarget], placement: PlacementRange, seed: int
+    engine: Engine,
+    targets: Sequence[TaskTarget],
+    placement: PlacementRange,
+    seed: int,
+    workers: int = 1,
+    progress: Progress | None = None,
 ) -> list[Array]:
     """Placements (4,) at which some points of a path have good postures, best first.
 
     Args:
         targets: of all points, in the frame of the workpiece.
+        workers, progress: as of `search_placement`.
     """
     chosen = np.unique(np.linspace(0, len(targets) - 1, min(_POINTS, len(targets))).round().astype(int))
     some = tuple(targets[k] for k in chosen.tolist())
-    found = search_placement(PlacedStations((engine,) * len(some), some, placement, "worst"), seed, wanted=1)
+    stations = PlacedStations((engine,) * len(some), some, placement, "worst")
+    found = search_placement(stations, seed, workers, progress, wanted=1)
     return [placement.tidied(optimum.w) for optimum in found.optima[:_TRIED]]
 
 

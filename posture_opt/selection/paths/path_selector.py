@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
-from posture_opt.numerics import Array, DerivedAgain
+from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import explain_infeasibility, infeasible
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.paths.joint_steps import JointSteps
@@ -31,6 +31,7 @@ from posture_opt.selection.search.multistart import multistart
 from posture_opt.selection.search.relaxation import Reason
 from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.tasks.path_task import PathTask
+from posture_opt.workers import Workers, opened
 
 _ASTRAY = 0.5  # of the distance between two points: off the line by more is no way along it
 _ROUNDS = 3  # of the smooth problem with the workpiece, and of the search where it then stands
@@ -72,8 +73,13 @@ class PathSelector(DerivedAgain):
         """Those of the points."""
         return self.path.targets(self.selector.target, self.selector.reach)
 
-    def solve(self, *, seed: int | None = None) -> PathSolution:
+    def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> PathSolution:
         """The motion, and the placement of the workpiece as far as that is free, of least largest critical spread.
+
+        Args:
+            seed: of the random postures; default: the problem's.
+            workers: processes that share the search for candidates; the answer does not depend on it.
+            progress: called with (done, all) parts of the search.
 
         Raises:
             NoSolutionError: a point that no posture reaches, or no way from point to point with steps as small as
@@ -81,40 +87,51 @@ class PathSelector(DerivedAgain):
                 workpiece may be placed and no placement does, those of its middle.
         """
         seed = self.problem.solver.seed if seed is None else seed
-        return self._placed(seed) if np.any(self.placement.free) else self.solve_here(seed)
+        if np.any(self.placement.free):
+            return self._placed(seed, workers, progress)
+        with opened(workers) as pool:
+            return self.solve_here(seed, pool, progress)
 
-    def _placed(self, seed: int) -> PathSolution:
+    def _placed(self, seed: int, workers: int, progress: Progress | None) -> PathSolution:
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
-        places = promising_placements(self.selector.engine_of_all(self.targets), own, self.placement, seed)
-        central = self._attempted(self.placement.centre, seed)
-        found = [one for w in places if (one := self._attempted(w, seed)) is not None]
-        found += [] if central is None else [central]
-        if not found:
-            return self.solve_here(seed)  # which says why not
-        best = min(found, key=_sigma)
-        for _ in range(_ROUNDS):
-            again = self._attempted(moved_on(best, own, self.placement), seed)
-            if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
-                break
-            best = again
+        engine = self.selector.engine_of_all(self.targets)
+        places = promising_placements(engine, own, self.placement, seed, workers, progress)
+        with opened(workers) as pool:
+            tried = []
+            for w in (*places, self.placement.centre):
+                tried.append(self._attempted(w, seed, pool))
+                if progress is not None:
+                    progress(len(tried), len(places) + 1 + _ROUNDS)
+            central, found = tried[-1], [one for one in tried if one is not None]
+            if not found:
+                return self.solve_here(seed, pool)  # which says why not
+            best = min(found, key=_sigma)
+            for _ in range(_ROUNDS):
+                again = self._attempted(moved_on(best, own, self.placement), seed, pool)
+                if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
+                    break
+                best = again
         middle = math.nan if central is None else _sigma(central)
         return replace(best, central=middle, seconds=time.perf_counter() - began)
 
-    def _attempted(self, w: Array, seed: int) -> PathSolution | None:
+    def _attempted(self, w: Array, seed: int, pool: Workers) -> PathSolution | None:
         try:
-            return replace(self, w=w).solve_here(seed)
+            return replace(self, w=w).solve_here(seed, pool)
         except NoSolutionError:
             return None
 
-    def solve_here(self, seed: int) -> PathSolution:
+    def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> PathSolution:
         """The best motion with the workpiece where it stands.
+
+        Args:
+            pool: works on the candidates; progress: called with (done, all) parts of the search for them.
 
         Raises:
             NoSolutionError: as `solve`.
         """
         began = time.perf_counter()
-        search = self._search(seed, began)
+        search = self._search(seed, began, pool, progress)
         smallest, calm = search.smallest_step
         largest = _TIMES * smallest if self.task.largest_step is None else self.task.largest_step
         if smallest > largest + OVER:
@@ -123,7 +140,9 @@ class PathSelector(DerivedAgain):
             raise NoSolutionError(told, self._solution(search, calm, largest, began, reasons))
         return self._solution(search, search.best(largest), largest, began)
 
-    def _search(self, seed: int, began: float) -> MotionSearch:
+    def _search(
+        self, seed: int, began: float, pool: Workers | None = None, progress: Progress | None = None
+    ) -> MotionSearch:
         """The candidates of all points; where some have none that is clear, with rows that keep the arm clear.
 
         Raises:
@@ -133,7 +152,8 @@ class PathSelector(DerivedAgain):
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
             steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp)
-            found = find_candidates(engine, self.targets, steps, scene, np.random.default_rng(seed))
+            rng = np.random.default_rng(seed)
+            found = find_candidates(engine, self.targets, steps, scene, rng, pool, progress)
             if all(map(len, found.costs)) or engine.optimisation_problem.scene is not None or not scene.active:
                 break
         for k, costs in enumerate(found.costs):

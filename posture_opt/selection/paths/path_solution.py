@@ -95,7 +95,17 @@ class PathSolution(Result):
     @property
     def worst(self) -> Solution:
         """The point that scatters most."""
-        return self.points[self.motion.worst]
+        return self.points[self.worst_index]
+
+    @cached_property
+    def sigmas(self) -> Array:
+        """(K,) largest standard deviation of the part that counts, of each point [m]."""
+        return np.array([point.critical.sigma_max for point in self.points])
+
+    @property
+    def worst_index(self) -> int:
+        """Number of the point with the largest spread, from zero."""
+        return int(np.argmax(self.sigmas))
 
     @property
     def posture(self) -> Posture:
@@ -104,13 +114,13 @@ class PathSolution(Result):
 
     @property
     def covariance(self) -> Array:
-        """(3, 3) exact covariance of the tool point at the first point, world [m²]."""
-        return self.points[0].covariance
+        """(3, 3) exact covariance of the tool point where the spread is largest, world [m²]."""
+        return self.worst.covariance
 
     @property
     def ellipse(self) -> Any:
-        """Ellipse of a planar arm, else ellipsoid, of the tool point at the first point."""
-        return self.points[0].ellipse
+        """Ellipse of a planar arm, else ellipsoid, of the tool point where the spread is largest."""
+        return self.worst.ellipse
 
     @property
     def alternatives(self) -> tuple[Any, ...]:
@@ -121,6 +131,21 @@ class PathSolution(Result):
     def critical(self) -> Critical:
         """The spread across the path where it is largest."""
         return self.worst.critical
+
+    @property
+    def sigma_max(self) -> float:
+        """Largest standard deviation of the part that counts [m], of all points."""
+        return self.critical.sigma_max
+
+    @property
+    def worst_station(self) -> str:
+        """The point with the largest spread: ``point 3``, or ``between points 3 and 4``."""
+        return self.path.numbers[self.worst_index]
+
+    @property
+    def success_probability(self) -> float | None:
+        """Probability to stay within the clearance at the worst point; None without a clearance."""
+        return self.worst.success_probability
 
     @property
     def budget(self) -> tuple[Share, ...]:
@@ -154,9 +179,18 @@ class PathSolution(Result):
         return str(self._presenter.explain())
 
     def to_json(self) -> dict[str, Any]:
-        """The document ``solution.json``: SI units, finite numbers only; the first point at its top level."""
+        """The document ``solution.json``: posture of the first point, spread of the worst, and what holds for all."""
         onward = self.naive.onward
-        return self.points[0].to_json() | {
+        return {
+            "name": self.problem.name,
+            "task": self.optimisation_problem.task.kind,
+            "status": self.status,
+            **self.points[0].posture_json(),
+            "sigma_max": self.sigma_max,
+            "worst_station": self.worst_station,
+            **self.worst.spread_json(),
+            "reasons": [vars(reason) for reason in self.reasons],
+            "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             **({"workpiece": placement_json(self.placement)} if self.on_workpiece else {}),
             "what_would_help": [change.to_json() for change in self.improvements],
@@ -164,7 +198,6 @@ class PathSolution(Result):
             "largest_joint_step": self.largest_joint_step,
             "largest_step": self.largest_step,
             "smallest_step": self.smallest_step,
-            "sigma_max": float(self.motion.sigma.max()),
             "sigma_max_bound": finite_or_none(self.bound),
             "off_line": self.off_line,
             "notes": [*self.jumps, *self.notes],

@@ -27,8 +27,6 @@ from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.spread import Spread
 
-_TIE = 1e-4  # of a standard deviation: features that differ by less are as bad
-
 
 @dataclass(frozen=True)
 class PlacementFigure:
@@ -72,7 +70,8 @@ class PlacementStatistics:
 class FeaturesSolution(Result):
     """The answer for several features on one workpiece; where it is infeasible, what comes nearest and why.
 
-    What is asked of one posture, ``posture`` or ``covariance``, is that of the first feature of the file.
+    ``posture``, ``q`` and ``alternatives`` are those of the first feature of the file; ``spread``, ``covariance``,
+    ``critical`` and ``budget`` those of the worst feature.
 
     Args:
         problem: with the task as it was stated.
@@ -133,28 +132,38 @@ class FeaturesSolution(Result):
 
     @property
     def spread(self) -> Spread:
-        """Of the tool at the first feature."""
-        return self.first.spread
+        """Of the tool at the worst feature."""
+        return self.worst.spread
 
     @property
     def covariance(self) -> Array:
-        """(3, 3) of the tool point at the first feature, world [m²]."""
-        return self.first.covariance
+        """(3, 3) of the tool point at the worst feature, world [m²]."""
+        return self.worst.covariance
 
     @property
     def ellipse(self) -> Any:
-        """Of the tool point at the first feature."""
-        return self.first.ellipse
+        """Of the tool point at the worst feature."""
+        return self.worst.ellipse
 
     @property
     def critical(self) -> Critical:
-        """Of the first feature."""
-        return self.first.critical
+        """Of the worst feature."""
+        return self.worst.critical
+
+    @property
+    def sigma_max(self) -> float:
+        """Largest standard deviation of the part that counts [m], at the worst feature."""
+        return self.critical.sigma_max
+
+    @property
+    def success_probability(self) -> float | None:
+        """Probability to stay within the clearance at the worst feature; None without a clearance."""
+        return self.worst.success_probability
 
     @property
     def budget(self) -> tuple[Share, ...]:
-        """Of the first feature."""
-        return self.first.budget
+        """Of the worst feature."""
+        return self.worst.budget
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
@@ -172,9 +181,19 @@ class FeaturesSolution(Result):
         return np.array([station.critical.sigma_max for station in self.stations])
 
     @property
-    def worst(self) -> int:
-        """Index of the feature with the largest spread, the first one in a tie."""
-        return int(np.argmax(self.sigmas >= (1 - _TIE) * self.sigmas.max()))
+    def worst(self) -> Solution:
+        """The solution of the feature with the largest spread."""
+        return self.stations[self.worst_index]
+
+    @property
+    def worst_station(self) -> str:
+        """Name of the feature with the largest spread."""
+        return self.names[self.worst_index]
+
+    @property
+    def worst_index(self) -> int:
+        """Number of the feature with the largest spread, from zero."""
+        return int(np.argmax(self.sigmas))
 
     @property
     def sigma(self) -> float:
@@ -216,16 +235,20 @@ class FeaturesSolution(Result):
         return bench_map(self.placed, self.w, self.postures)
 
     def to_json(self) -> dict[str, Any]:
-        """The document ``solution.json``: that of the first feature, and what holds for all."""
+        """The document ``solution.json``: posture of the first feature, spread of the worst, and what holds for all."""
         success = self.success if self.status != "infeasible" else None
         return {
-            **self.first.to_json(),
             "name": self.problem.name,
+            "task": self.task.kind,
             "status": self.status,
             "combine": self.task.combine,
+            **self.first.posture_json(),
+            "sigma_max": self.sigma_max,
+            "worst_station": self.worst_station,
+            **self.worst.spread_json(),
             "workpiece": self.workpiece,
             "features": [_feature_json(name, station) for name, station in zip(self.names, self.stations, strict=True)],
-            "worst_feature": {"name": self.names[self.worst], "sigma_max": float(self.sigmas[self.worst])},
+            "worst_feature": {"name": self.worst_station, "sigma_max": self.sigma_max},
             "success_all": None if success is None else success.probability,
             "success_all_standard_error": None if success is None else success.standard_error,
             "success_product": None if success is None else success.product,
