@@ -13,15 +13,14 @@ import numpy as np
 
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.path_problem import PathProblem
+from posture_opt.selection.paths.motion_search import smooth_problem
 from posture_opt.selection.paths.path_solution import PathSolution
-from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.stations.joint_problem import JointPoint
 from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.stations.placement_search import search_placement
+from posture_opt.selection.stations.stations_problem import StationsPoint
 
 _POINTS = 6  # of the path that stand for all of it
 _TRIED = 3  # placements whose motions are searched
@@ -57,6 +56,6 @@ def moved_on(found: PathSolution, targets: Sequence[TaskTarget], placement: Plac
     problem, box = found.optimisation_problem, placement.without_seam
     own = [replace(target, scale=found.targets[0].scale) for target in targets]
     steps = JointSteps.of(problem.robot, problem.nlp)
-    smooth = PathProblem(problem, steps, stacked(own), found.path.parts, box.lower, box.upper)
-    end = smooth.least_spread(JointPoint(found.placement, found.motion.Q), found.largest_step)
+    smooth = smooth_problem(problem, steps, own, found.path, box)
+    end = smooth.solve(StationsPoint(found.placement, found.motion.Q), found.largest_step)
     return placement.tidied(end.point.w)

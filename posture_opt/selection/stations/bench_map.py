@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array
+from posture_opt.selection.stations.combine import combined_sigma
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 
 _AGAIN = 2  # times that placements of the map without a posture are tried again
@@ -74,4 +75,4 @@ def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
 def placement_sigma(placed: PlacedStations, found: Postures) -> Array:
     """(M,) standard deviation [m] at each placement: of the worst feature, or the mean; infinite where one fails."""
     sigma = np.where(found.gap == 0, found.sigma, np.inf)
-    return np.asarray(sigma.mean(axis=1) if placed.combine == "mean" else sigma.max(axis=1))
+    return combined_sigma(placed.combine, sigma)

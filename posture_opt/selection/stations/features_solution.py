@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.stations.bench_map import BenchMap, bench_map
+from posture_opt.selection.stations.combine import combined_sigma
 from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement import PlacementRange, placement_json
 from posture_opt.selection.stations.visiting_order import VisitingOrder, best_order
@@ -198,7 +199,7 @@ class FeaturesSolution(Result):
     @property
     def sigma(self) -> float:
         """Standard deviation [m] of the worst feature; the mean of all where the task asks for that."""
-        return float(self.sigmas.mean() if self.task.combine == "mean" else self.sigmas.max())
+        return float(combined_sigma(self.task.combine, self.sigmas))
 
     @cached_property
     def success(self) -> JointSuccess | None:
@@ -226,7 +227,7 @@ class FeaturesSolution(Result):
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
         """What would lower the spread, where the workpiece stands: smaller errors, a calibration; most gain first."""
-        combined = np.mean if self.task.combine == "mean" else np.max
+        combined = partial(combined_sigma, self.task.combine)
         return () if self.status == "infeasible" else improvements(self.stations, combined)
 
     @cached_property

@@ -14,8 +14,8 @@ import numpy as np
 
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.stations.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
+from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 from posture_opt.workers import opened
 
 _PLACEMENTS = 32  # of a batch, and so many more for each free coordinate beyond two
@@ -151,7 +151,7 @@ def _led(
     More of them are followed through one solve of it, and those that come out best to their end.
     """
     scouts = _leading(stations, found, _SCOUTS * most if stations.placement.free.any() else 1)
-    first = [(m, stations.joint.solve(JointPoint(found.W[m], found.Q[m]))) for m in scouts]
+    first = [(m, stations.joint.solve(StationsPoint(found.W[m], found.Q[m]))) for m in scouts]
     first.sort(key=lambda pair: (pair[1].violation > ROW_TOLERANCE, pair[1].objective))
     ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in first[:most]]
     solves = len(first) + sum(more for _, more in ends)
@@ -200,7 +200,7 @@ def _leading(stations: PlacedStations, found: Postures, most: int) -> list[int]:
 
 
 def _improved(
-    stations: PlacedStations, start: Postures, end: JointOutcome, rng: np.random.Generator
+    stations: PlacedStations, start: Postures, end: StationsOutcome, rng: np.random.Generator
 ) -> tuple[PlacementOptimum | None, int]:
     """The optimum that a placement leads to, and how often the joint problem was solved for it.
 
@@ -219,7 +219,7 @@ def _improved(
         if not gained:
             optimal = optimal or (end.optimal and np.isfinite(now) and value <= _as_good(now))
             break
-        end, solves = stations.joint.solve(JointPoint(found.W[0], found.Q[0])), solves + 1
+        end, solves = stations.joint.solve(StationsPoint(found.W[0], found.Q[0])), solves + 1
     return (PlacementOptimum(best, value, optimal) if np.isfinite(value) else None), solves
 
 
