@@ -13,6 +13,7 @@ import numpy as np
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, styled
 from posture_opt.report.text.units_text import length_unit
+from posture_opt.selection.stations.placement import COORDINATES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 _NAMED = 6  # features that fit as names beside their points
 _UNITS = (1e3, 1e3, 1e3, math.degrees(1.0))
 _LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
-_WORDS = ("x", "y", "z", "yaw")
 
 
 @styled
@@ -52,7 +52,7 @@ def plot_bench(found: FeaturesSolution) -> Figure:
         axes.set_aspect("equal")
     others = [k for k in range(4) if k not in bench.axes and found.placement.free[k]]
     if others:
-        held = ", ".join(f"{_WORDS[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
+        held = ", ".join(f"{COORDINATES[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
         axes.set_title(f"at {held}, as in the answer")
     legend_beside(figure)
     return figure

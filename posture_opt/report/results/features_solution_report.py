@@ -37,6 +37,7 @@ from posture_opt.report.text.units_text import (
 )
 from posture_opt.report.text.words import CRITERIA, direction_words, part_words
 from posture_opt.selection.stations.features_solution import PlacementFigure
+from posture_opt.selection.stations.placement import COORDINATES
 from posture_opt.uncertainty.spread.joint_digits import READ, joint_digits
 from posture_opt.units import fixed, number
 
@@ -124,7 +125,7 @@ def features_report(found: FeaturesSolution) -> Report:
 def placement_words(w: Array, placement: PlacementRange | None = None) -> str:
     """A placement in a line: x 512.0 mm, y -20.0 mm, z 100.0 mm, yaw 12.00 deg; at which ends of its range it lies."""
     texts = []
-    for k, name in enumerate(("x", "y", "z", "yaw")):
+    for k, name in enumerate(COORDINATES):
         text = f"{name} {angle(float(w[k])) if k == 3 else f'{fixed(1e3 * float(w[k]), 1)} mm'}"
         if placement is not None and not placement.free[k]:
             text += " (fixed)"
@@ -212,7 +213,7 @@ def problem_block(problem: ProblemData, found: FeaturesSolution) -> Block:
 
 def _range_words(placement: PlacementRange) -> str:
     texts = []
-    for k, name in enumerate(("x", "y", "z", "yaw")):
+    for k, name in enumerate(COORDINATES):
         write = stated_angle if k == 3 else stated_length
         low, high = write(float(placement.lower[k])), write(float(placement.upper[k]))
         texts.append(f"{name} {low} to {high}" if placement.free[k] else f"{name} {low}")

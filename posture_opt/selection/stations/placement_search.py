@@ -7,16 +7,15 @@ postures together; after it every feature is solved again from random starts, le
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.search.batches import independent_batches, recurrences
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
-from posture_opt.workers import opened
 
 _PLACEMENTS = 32  # of a batch, and so many more for each free coordinate beyond two
 _STARTS = 12  # random postures of a feature at a placement
@@ -93,12 +92,13 @@ def search_placement(
     stations = stations.scaled(stations.scale_of(probe))
     whole: PlacementSearch | None = None
     values: list[float] = []
-    for batch in _batches(stations, seed, workers):
+    for found in independent_batches(_batch, (stations, seed), range(_MOST), workers):
+        batch: PlacementSearch = replace(found, stations=stations)
         whole = batch if whole is None else _joined(whole, batch)
         values.append(batch.optima[0].objective if batch.optima else np.inf)
         if progress is not None:
             progress(len(values), _MOST)
-        recurred = sum(value <= _as_good(min(values)) for value in values) if np.isfinite(min(values)) else 0
+        recurred = recurrences(values, _as_good)
         if recurred >= wanted or (not whole.optima and len(values) >= _FAILED):
             break
     assert whole is not None
@@ -108,14 +108,6 @@ def search_placement(
 def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
     optima = _distinct(one.stations, [*one.optima, *other.optima])
     return PlacementSearch(one.stations, optima, one.screened.joined(other.screened), 0, 0, one.solves + other.solves)
-
-
-def _batches(stations: PlacedStations, seed: int, workers: int) -> Iterator[PlacementSearch]:
-    with opened(workers) as pool:
-        for first in range(0, _MOST, workers):
-            mine = range(first, min(first + workers, _MOST))
-            for found in pool.in_order(_batch, (stations, seed), mine):
-                yield replace(found, stations=stations)
 
 
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
