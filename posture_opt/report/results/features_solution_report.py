@@ -74,7 +74,7 @@ class FeaturesSolutionPresenter(Presenter["FeaturesSolution"]):
         arm: Drawings = {"arm": partial(plot_solution, found.stations[0])}
         if found.status == "infeasible":
             return arm
-        worst = found.stations[found.worst]
+        worst = found.worst
         bench: Drawings = {"bench": partial(plot_bench, found)} if found.placement.free.sum() > 1 else {}
         return {
             **bench,
