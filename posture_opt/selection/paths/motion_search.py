@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.path_candidates import PathCandidates, held
@@ -21,7 +22,6 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import as_good
 from posture_opt.selection.search.relaxation import Reason
-from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.stations.stations_problem import (
     Station,
     StationsOutcome,

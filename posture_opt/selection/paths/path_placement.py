@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion_search import smooth_problem
-from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.stations.placed_stations import PlacedStations
-from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.stations.placement_search import search_placement
 from posture_opt.selection.stations.stations_problem import StationsPoint
 
@@ -47,15 +47,15 @@ def promising_placements(
     return [placement.tidied(optimum.w) for optimum in found.optima[:_TRIED]]
 
 
-def moved_on(found: PathSolution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
+def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
     """The placement (4,) that a motion leads to where the part may move with it.
 
     Args:
         targets: of all points, in the frame of the workpiece.
     """
     problem, box = found.optimisation_problem, placement.without_seam
-    own = [replace(target, scale=found.targets[0].scale) for target in targets]
+    own = [replace(target, scale=found.target.scale) for target in targets]
     steps = JointSteps.of(problem.robot, problem.nlp)
     smooth = smooth_problem(problem, steps, own, found.path, box)
-    end = smooth.solve(StationsPoint(found.placement, found.motion.Q), found.largest_step)
+    end = smooth.solve(StationsPoint(found.w, found.postures), found.largest_step)
     return placement.tidied(end.point.w)

@@ -14,22 +14,26 @@ import numpy as np
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import explain_infeasibility, infeasible
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
+from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
+from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion, off_lines
 from posture_opt.selection.paths.motion_search import OVER, MotionSearch
 from posture_opt.selection.paths.naive import naive_motions
+from posture_opt.selection.paths.path_answer import PathAnswer
 from posture_opt.selection.paths.path_candidates import find_candidates
 from posture_opt.selection.paths.path_placement import moved_on, promising_placements
-from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.multistart import multistart
+from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
-from posture_opt.selection.stations.placement import PlacementRange
+from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.workers import Workers, opened
 
@@ -73,7 +77,7 @@ class PathSelector(DerivedAgain):
         """Those of the points."""
         return self.path.targets(self.selector.target, self.selector.reach)
 
-    def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> PathSolution:
+    def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
         """The motion, and the placement of the workpiece as far as that is free, of least largest critical spread.
 
         Args:
@@ -92,7 +96,7 @@ class PathSelector(DerivedAgain):
         with opened(workers) as pool:
             return self.solve_here(seed, pool, progress)
 
-    def _placed(self, seed: int, workers: int, progress: Progress | None) -> PathSolution:
+    def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
         engine = self.selector.engine_of_all(self.targets)
@@ -112,16 +116,18 @@ class PathSelector(DerivedAgain):
                 if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
                     break
                 best = again
-        middle = math.nan if central is None else _sigma(central)
-        return replace(best, central=middle, seconds=time.perf_counter() - began)
+        assert best.placement is not None
+        centre = None if central is None else PlacementFigure(self.placement.centre, _sigma(central))
+        statistics = replace(best.statistics, seconds=time.perf_counter() - began)
+        return replace(best, placement=replace(best.placement, at_centre=centre), statistics=statistics)
 
-    def _attempted(self, w: Array, seed: int, pool: Workers) -> PathSolution | None:
+    def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
         try:
             return replace(self, w=w).solve_here(seed, pool)
         except NoSolutionError:
             return None
 
-    def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> PathSolution:
+    def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> Solution:
         """The best motion with the workpiece where it stands.
 
         Args:
@@ -164,20 +170,25 @@ class PathSelector(DerivedAgain):
 
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
-    ) -> PathSolution:
+    ) -> Solution:
         naive = naive_motions(search.engine, search.found, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
-        return PathSolution(
-            problem=self.problem, optimisation_problem=problem, path=self.path, targets=search.found.targets,
-            motion=motion, status="infeasible" if reasons else "optimal" if motion.optimal else "feasible",
-            largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound(motion),
-            off_line=float(astray.max()), naive=naive, jumps=tuple(self._jumps(motion, astray)),
-            placement=self.w, central=math.nan,
-            candidates=tuple(map(len, search.found.costs)), seconds=time.perf_counter() - began, notes=notes,
-            reasons=tuple(reasons),
+        followed = PathAnswer(
+            self.path, motion, largest, search.smallest_step[0], search.bound(motion), float(astray.max()), naive,
+            tuple(map(len, search.found.costs)), tuple(self._jumps(motion, astray)),
         )  # fmt: skip
+        status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
+        seconds, none = time.perf_counter() - began, np.zeros((0, motion.Q.shape[1]))
+        points = tuple(
+            Solution(self.problem, problem, target, status, q, _counted(count, seconds, problem), none, notes,
+                     tuple(reasons))
+            for target, q, count in zip(search.found.targets, motion.Q, followed.candidates, strict=True)
+        )  # fmt: skip
+        placement = Placement(self.placement.lower, self.placement.upper, self.w)
+        stands = None if self.task.workpiece is None else placement
+        return replace(points[0], points=points, names=tuple(self.path.numbers), placement=stands, followed=followed)
 
     def _jumps(self, motion: Motion, astray: Array) -> Iterator[str]:
         """Where no motion leads along the path, but only away from it and back."""
@@ -201,7 +212,13 @@ class PathSelector(DerivedAgain):
         raise NoSolutionError("\n".join(reason.message for reason in told), solution)
 
 
-def _sigma(found: PathSolution) -> float:
+def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:
+    """Of a point, whose candidates are compared together with those of all others."""
+    sampled = Sampled.none(problem.robot)
+    return SearchStatistics(candidates, candidates, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
+
+
+def _sigma(found: Solution) -> float:
     return float(found.motion.sigma.max())
 
 

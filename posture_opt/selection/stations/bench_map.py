@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.stations.combine import combined_sigma
+from posture_opt.selection.answer.combine import combined_sigma
+from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 
 _AGAIN = 2  # times that placements of the map without a posture are tried again
@@ -30,6 +31,21 @@ class BenchMap:
     axes: tuple[int, int]
     values: tuple[Array, Array]
     sigma: Array
+
+
+@dataclass(frozen=True)
+class PlacementOnBench(Placement):
+    """A placement that can be mapped.
+
+    Args:
+        stations: the features in the frame of the workpiece.
+    """
+
+    stations: PlacedStations | None = None
+
+    def bench(self, postures: Array) -> BenchMap | None:
+        """The spread over the first two free coordinates, from the postures (K, n); None where fewer are free."""
+        return None if self.stations is None else bench_map(self.stations, self.w, postures)
 
 
 def bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | None:

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.selection.answer.combine import combined_numbers
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.program.pose_request import PARTS, PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
-from posture_opt.selection.stations.combine import combined_numbers
-from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.stations.stations_problem import Station, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
 

@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
+from posture_opt.selection.answer.combine import combined_symbols
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.stations.combine import combined_symbols
 from posture_opt.selection.stations.station_function import StationFunction
 from posture_opt.selection.tasks.workpiece import Combine
 
