@@ -35,6 +35,13 @@ def test_every_result_is_public_and_tried_here() -> None:
     assert public == {kind.__name__ for kind in Result.__subclasses__()} == {name.split()[0] for name in MADE}
 
 
+@pytest.mark.parametrize("name", ["FeaturesSolution", "PathSolution"])
+def test_former_names_are_those_of_today(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=f"posture_opt.{name} is posture_opt.Solution now"):
+        assert getattr(po, name) is po.Solution
+    assert name not in po.__all__
+
+
 def test_it_prints_in_a_few_lines(result: Result) -> None:
     text = result.summary()
     assert repr(result) == text
