@@ -105,7 +105,7 @@ def test_no_random_placement_is_better(name: str) -> None:
         assert value >= found.sigma * (1 - 1e-4)
 
 
-@pytest.mark.conformance  # always: test_joint_problem.py
+@pytest.mark.conformance  # always: test_stations_problem.py
 def test_fixed_placement_gives_the_single_solves() -> None:
     problem, found = solved("insert_ur10_plate")
     w = {"x": "0.7 m", "y": "-0.1 m", "z": "50 mm", "yaw": "30 deg"}
