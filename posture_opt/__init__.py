@@ -30,6 +30,7 @@ Inside everything is SI and radians. Wrong input raises ``errors.InputError``, a
 from __future__ import annotations
 
 import re
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -61,10 +62,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.comparison.arm_comparison import ArmComparison, compare
     from posture_opt.selection.comparison.plan_comparison import Comparison, compare_plans
     from posture_opt.selection.maps.target_map import TargetMap, map_targets
-    from posture_opt.selection.paths.path_solution import PathSolution
     from posture_opt.selection.posture_batch import PostureBatch, select_postures
     from posture_opt.selection.select_posture import select_posture
-    from posture_opt.selection.stations.features_solution import FeaturesSolution
     from posture_opt.selection.tasks.task import Task
     from posture_opt.uncertainty.simulation.cloud import Cloud, simulate
     from posture_opt.uncertainty.spread.spread import Spread, propagate
@@ -72,6 +71,8 @@ if TYPE_CHECKING:
     from posture_opt.validation.accuracy_map import AccuracyMap, map_accuracy
     from posture_opt.validation.assessment import Assessment, assess
     from posture_opt.validation.spread_check import SpreadCheck, check_spread
+
+    FeaturesSolution = PathSolution = Solution
 
 __version__ = "0.1.0"
 
@@ -88,10 +89,8 @@ __all__ = [
     "Compensation",
     "Diagnosis",
     "Exported",
-    "FeaturesSolution",
     "MeasurementPlan",
     "Measurements",
-    "PathSolution",
     "PostureBatch",
     "PostureSelector",
     "Problem",
@@ -142,10 +141,8 @@ _HOMES = {
     "Comparison": "selection.comparison.plan_comparison",
     "Diagnosis": "diagnosis.diagnosis",
     "Exported": "export.export_format",
-    "FeaturesSolution": "selection.stations.features_solution",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
-    "PathSolution": "selection.paths.path_solution",
     "PostureBatch": "selection.posture_batch",
     "PostureSelector": "selection.answer.selector",
     "Problem": "problem.problem",
@@ -180,10 +177,17 @@ _HOMES = {
     "simulate": "uncertainty.simulation.cloud",
 }
 
+_RENAMED = {"FeaturesSolution": "Solution", "PathSolution": "Solution"}
+"""Names of before -> what they are now; they are importable for one release."""
+
 
 def __getattr__(name: str) -> Any:
     if name == "errors":
         return import_module("posture_opt.errors")
+    if name in _RENAMED:
+        new = _RENAMED[name]
+        warnings.warn(f"posture_opt.{name} is posture_opt.{new} now", DeprecationWarning, stacklevel=2)
+        return getattr(import_module(f"posture_opt.{_HOMES[new]}"), new)
     if name not in _HOMES:
         raise AttributeError(f"module 'posture_opt' has no attribute '{name}'")
     value = getattr(import_module(f"posture_opt.{_HOMES[name]}"), name)

@@ -26,13 +26,20 @@ from tests.helpers.folders import names as names_in
 @pytest.fixture(scope="module", params=MADE)
 def result(request: pytest.FixtureRequest) -> Result:
     made = MADE[request.param]()
-    assert type(made).__name__ == request.param
+    assert type(made).__name__ == request.param.split()[0]
     return made
 
 
 def test_every_result_is_public_and_tried_here() -> None:
     public = {name for name in po.__all__ if isinstance(kind := getattr(po, name), type) and issubclass(kind, Result)}
-    assert public == {kind.__name__ for kind in Result.__subclasses__()} == set(MADE)
+    assert public == {kind.__name__ for kind in Result.__subclasses__()} == {name.split()[0] for name in MADE}
+
+
+@pytest.mark.parametrize("name", ["FeaturesSolution", "PathSolution"])
+def test_former_names_are_those_of_today(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=f"posture_opt.{name} is posture_opt.Solution now"):
+        assert getattr(po, name) is po.Solution
+    assert name not in po.__all__
 
 
 def test_it_prints_in_a_few_lines(result: Result) -> None:

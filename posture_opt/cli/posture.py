@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import click
 
@@ -14,8 +14,6 @@ from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
-
-Answer: TypeAlias = "po.Solution | po.FeaturesSolution | po.PathSolution"
 
 
 def solve(common: Common, explain: bool, **given: Any) -> None:
@@ -34,7 +32,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
         raise reason
 
 
-def _solved(problem: Problem, common: Common) -> tuple[Answer, NoSolutionError | None]:
+def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
     with progress_bar(common, "searching") as progress, placed(problem):
         try:
@@ -45,7 +43,7 @@ def _solved(problem: Problem, common: Common) -> tuple[Answer, NoSolutionError |
             return error.solution, error
 
 
-def _text(solution: Answer, explain: bool, full: bool) -> str:
+def _text(solution: po.Solution, explain: bool, full: bool) -> str:
     """The report, with the optimisation problem behind it where that is asked for."""
     text = solution.report(full=full)
     return f"{text}\n{solution.explain()}" if explain else text

@@ -13,11 +13,8 @@ from posture_opt import __version__
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer, select_posture
-from posture_opt.selection.stations.features_solution import FeaturesSolution
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 
 CONVENTION = (
@@ -113,11 +110,10 @@ def _arrivals(arm: Arm) -> Iterator[str]:
 
 
 def _stops(answer: Answer) -> tuple[str, list[tuple[Array, str]]]:
-    if isinstance(answer, Solution):
+    if answer.followed is not None:
+        return "along the path", [(q, f"point {k}") for k, q in enumerate(answer.postures, start=1)]
+    if not answer.points:
         return "the best posture", [(answer.q, "")]
-    if isinstance(answer, PathSolution):
-        return "along the path", [(point.q, f"point {k}") for k, point in enumerate(answer.points, start=1)]
-    assert isinstance(answer, FeaturesSolution)
     order = answer.order.order
     return "the features, in the order of the least travel", [(answer.postures[k], answer.names[k]) for k in order]
 

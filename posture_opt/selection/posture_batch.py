@@ -43,12 +43,17 @@ class BatchAnswer:
 
     @property
     def sigma_max(self) -> float:
-        """Largest standard deviation of the part that counts [m], of the first posture; NaN without a solution."""
-        return math.nan if self.code or self.document is None else float(self.document["critical"]["sigma_max"])
+        """Largest standard deviation of the part that counts [m], over all postures; NaN without a solution."""
+        return math.nan if self.code or self.document is None else float(self.document["sigma_max"])
+
+    @property
+    def worst_station(self) -> str | None:
+        """The feature or point that ``sigma_max`` is of; None where there is one target, or no solution."""
+        return None if self.code or self.document is None else self.document["worst_station"]
 
     @property
     def success_probability(self) -> float:
-        """To stay within the clearance; NaN without one."""
+        """To stay within the clearance, at the worst feature or point; NaN without one."""
         value = None if self.code or self.document is None else self.document.get("success_probability")
         return math.nan if value is None else float(value)
 
@@ -59,6 +64,7 @@ class BatchAnswer:
             "code": self.code,
             "status": self.status,
             "sigma_max": finite_or_none(self.sigma_max),
+            "worst_station": self.worst_station,
             "success_probability": finite_or_none(self.success_probability),
             "reasons": list(self.reasons),
             "solution": self.document,

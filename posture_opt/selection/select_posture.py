@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
@@ -13,11 +13,7 @@ from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 
-if TYPE_CHECKING:
-    from posture_opt.selection.paths.path_solution import PathSolution
-    from posture_opt.selection.stations.features_solution import FeaturesSolution
-
-Answer: TypeAlias = "Solution | FeaturesSolution | PathSolution"
+Answer: TypeAlias = Solution
 _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "posture_opt.selection.paths.path_selector"
 """Imported where a task needs them: one target is answered without."""
 
@@ -28,10 +24,7 @@ def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: i
     Raises:
         NoSolutionError, InputError: as `select_posture`.
     """
-    found: Any = select_posture(problem, seed=seed, workers=workers)
-    task = task_of(problem)
-    chosen: Solution = found.stations[found.worst] if task.features else found.worst if task.on_path else found
-    return chosen
+    return select_posture(problem, seed=seed, workers=workers).worst
 
 
 def at_one_feature(
@@ -58,7 +51,7 @@ def at_one_feature(
 @interruptible()
 def select_posture(
     problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
-) -> Answer:
+) -> Solution:
     """The posture whose spread hurts the task least, with alternatives and evidence; for a path one at each point.
 
     By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that the task
@@ -69,8 +62,8 @@ def select_posture(
     Args:
         problem: with a task and uncertain parameters.
         seed: of the random starts; the same seed gives the same answer. Default: the problem's.
-        workers: processes that share the batches of starts.
-        progress: called with (done, most) batches.
+        workers: processes that share the search; the answer does not depend on it.
+        progress: called with (done, most) batches, or parts of a path's search.
 
     Raises:
         NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
@@ -78,11 +71,12 @@ def select_posture(
     """
     task = task_of(problem)
     if task.features:
-        of_features: FeaturesSolution = import_module(_FEATURES).select_for_features(
+        of_features: Solution = import_module(_FEATURES).select_for_features(
             problem, seed=seed, workers=workers, progress=progress
         )
         return of_features
     if task.on_path:
-        of_path: PathSolution = import_module(_PATHS).PathSelector.of(problem).solve(seed=seed)
+        selector = import_module(_PATHS).PathSelector.of(problem)
+        of_path: Solution = selector.solve(seed=seed, workers=workers, progress=progress)
         return of_path
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

@@ -46,8 +46,8 @@ MADE: dict[str, Callable[[], Result]] = {name: cache(make) for name, make in {
     "PostureBatch": lambda: po.select_postures(
         {name: po.load_problem(name) for name in ("insert_planar_2r", "insert_planar_2r_fixed_hole")}
     ),
-    "PathSolution": lambda: po.select_posture(followed()),
-    "FeaturesSolution": lambda: po.select_posture(po.load_problem("insert_scara_tray")),
+    "Solution of a path": lambda: po.select_posture(followed()),
+    "Solution of features": lambda: po.select_posture(po.load_problem("insert_scara_tray")),
     "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),
     "Cloud": lambda: po.simulate(po.load_problem("insert_planar_2r"), [0.3, 0.5], n=200),
     "TargetMap": lambda: po.map_targets(po.load_problem("insert_planar_2r_fixed_hole"), counts=(3, 3)),

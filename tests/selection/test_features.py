@@ -16,7 +16,6 @@ from posture_opt.problem.load import load_problem, problems_folder
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.comparison.plan_comparison import compare_plans
 from posture_opt.selection.select_posture import planned_posture
-from posture_opt.selection.stations.features_solution import FeaturesSolution
 from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
 from tests.helpers import factors
 from tests.helpers.variants import conformance
@@ -30,7 +29,7 @@ SHARED = {
 
 
 @cache
-def solved(name: str) -> tuple[Problem, FeaturesSolution]:
+def solved(name: str) -> tuple[Problem, po.Solution]:
     """A problem file, or one with another aim, and its answer."""
     file, _, aim = name.partition(", ")
     problem = load_problem(problems_folder() / f"{file}.yaml")
@@ -39,7 +38,7 @@ def solved(name: str) -> tuple[Problem, FeaturesSolution]:
         two = {**document["task"], "features": document["task"]["features"][:2], "clearance": "40 um"}
         problem = po.problem_from_dict({**document, "uncertainty": SHARED, "task": two})
     found = po.select_posture(problem.with_task(combine=aim) if aim else problem)
-    assert isinstance(found, FeaturesSolution)
+    assert len(found.stations) == len(found.problem.task.features)
     return problem, found
 
 
@@ -106,7 +105,7 @@ def test_no_random_placement_is_better(name: str) -> None:
         assert value >= found.sigma * (1 - 1e-4)
 
 
-@pytest.mark.conformance  # always: test_joint_problem.py
+@pytest.mark.conformance  # always: test_stations_problem.py
 def test_fixed_placement_gives_the_single_solves() -> None:
     problem, found = solved("insert_ur10_plate")
     w = {"x": "0.7 m", "y": "-0.1 m", "z": "50 mm", "yaw": "30 deg"}
@@ -129,6 +128,13 @@ def test_document_holds_what_the_interface_says() -> None:
     for feature in document["features"]:
         assert {"posture", "tool", "critical", "covariance", "success_probability"} <= set(feature)
     assert document["posture"] == document["features"][0]["posture"]
+    worst = max(document["features"], key=lambda feature: feature["critical"]["sigma_max"])
+    assert worst is not document["features"][0]
+    assert document["worst_station"] == found.worst_station == worst["name"]
+    assert document["sigma_max"] == found.sigma_max == worst["critical"]["sigma_max"]
+    for key in ("critical", "covariance", "success_probability"):
+        assert document[key] == worst[key]
+    np.testing.assert_array_equal(found.covariance, worst["covariance"])
     assert 0 < document["success_all"] < 1
     assert document["success_all_standard_error"] < 1e-3
     assert document["clearance"] is None or document["clearance"]["distance"] > 0

@@ -13,21 +13,21 @@ import numpy as np
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, styled
 from posture_opt.report.text.units_text import length_unit
+from posture_opt.selection.answer.placement import COORDINATES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.stations.bench_map import BenchMap
-    from posture_opt.selection.stations.features_solution import FeaturesSolution
 
 _NAMED = 6  # features that fit as names beside their points
 _UNITS = (1e3, 1e3, 1e3, math.degrees(1.0))
 _LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
-_WORDS = ("x", "y", "z", "yaw")
 
 
 @styled
-def plot_bench(found: FeaturesSolution) -> Figure:
+def plot_bench(found: Solution) -> Figure:
     """Spread over two coordinates of the placement; hatched: not every feature can be done there.
 
     Colours are the standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates
@@ -38,6 +38,7 @@ def plot_bench(found: FeaturesSolution) -> Figure:
     """
     bench = found.bench
     assert bench is not None, "a map has two axes"
+    assert found.placement is not None
     figure = new_figure(5.2)
     axes = figure.add_subplot()
     _draw_map(figure, axes, found, bench)
@@ -52,13 +53,13 @@ def plot_bench(found: FeaturesSolution) -> Figure:
         axes.set_aspect("equal")
     others = [k for k in range(4) if k not in bench.axes and found.placement.free[k]]
     if others:
-        held = ", ".join(f"{_WORDS[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
+        held = ", ".join(f"{COORDINATES[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
         axes.set_title(f"at {held}, as in the answer")
     legend_beside(figure)
     return figure
 
 
-def _draw_map(figure: Figure, axes: Any, found: FeaturesSolution, bench: BenchMap) -> None:
+def _draw_map(figure: Figure, axes: Any, found: Solution, bench: BenchMap) -> None:
     """Colours where all features can be done, hatching elsewhere."""
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
@@ -84,11 +85,11 @@ def _draw_map(figure: Figure, axes: Any, found: FeaturesSolution, bench: BenchMa
         bar.set_label(f"standard deviation, {what} [{unit}]")
 
 
-def _draw_features(axes: Any, found: FeaturesSolution) -> None:
+def _draw_features(axes: Any, found: Solution) -> None:
     """The features as points [mm], the worst one ringed; their names where there is room."""
     points = 1e3 * np.array([station.target.lower for station in found.stations])
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
-    worst = points[found.worst]
+    worst = points[found.worst_index]
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
     if len(points) <= _NAMED:
         for name, point in zip(found.names, points, strict=True):

@@ -26,7 +26,7 @@ from posture_opt.report.text.words import source_words
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from posture_opt.selection.paths.path_solution import PathSolution
+    from posture_opt.selection.answer.solution import Solution
 
 _NAMED = 5  # sources that are drawn by themselves
 _SMALL = 0.02  # of the variance, on the mean along the path: sources below are lumped
@@ -38,7 +38,7 @@ _LINES = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black"), _DA
 
 
 @styled
-def plot_path(found: PathSolution) -> Figure:
+def plot_path(found: Solution) -> Figure:
     """The largest standard deviation in the part that counts, divided by the sources' shares in its variance, and the
     joints, each as its change from the first point on.
     """
@@ -53,7 +53,7 @@ def plot_path(found: PathSolution) -> Figure:
     return figure
 
 
-def _spread(axes: Any, found: PathSolution) -> None:
+def _spread(axes: Any, found: Solution) -> None:
     sigma, way = found.motion.sigma, 1e3 * found.path.lengths
     unit, factor = length_unit(sigma.tolist())
     every = np.unique(np.linspace(0, len(sigma) - 1, min(_MOST, len(sigma))).round().astype(int))
@@ -67,7 +67,7 @@ def _spread(axes: Any, found: PathSolution) -> None:
         label = None if k else "corner: another direction counts"
         axes.axvline(way[corner], color="black", lw=0.8, ls=":", zorder=3, label=label)
     axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
-    worst = found.motion.worst
+    worst = found.worst_index
     star = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
     axes.plot(way[worst], factor * sigma[worst], "*", **star, label="worst")
     if found.bound > 0:
@@ -76,7 +76,7 @@ def _spread(axes: Any, found: PathSolution) -> None:
     axes.set_ylabel(f"standard deviation across the path [{unit}]")
 
 
-def _corners(found: PathSolution) -> list[int]:
+def _corners(found: Solution) -> list[int]:
     """The points at which the direction of travel turns at once, and with it what is across it: shares jump there."""
     along = np.diff(found.path.points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -84,11 +84,11 @@ def _corners(found: PathSolution) -> list[int]:
     return (np.flatnonzero(turns) + 1).tolist()
 
 
-def _listed(found: PathSolution, way: Array, values: Array) -> tuple[Array, Array]:
+def _listed(found: Solution, way: Array, values: Array) -> tuple[Array, Array]:
     return way[found.path.listed], values[found.path.listed]
 
 
-def _shares(found: PathSolution, points: Codes) -> tuple[list[str], Array]:
+def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
     """Names of the main sources, and their shares (m, N) in the variance along the worst axis of some points.
 
     A source whose errors cancel others' has a share below zero somewhere and no meaning by itself: it is lumped.
@@ -106,7 +106,7 @@ def _shares(found: PathSolution, points: Codes) -> tuple[list[str], Array]:
     return [*names, "others"], np.array([*shares, np.maximum(left, 0.0)])
 
 
-def _joints(axes: Any, found: PathSolution) -> None:
+def _joints(axes: Any, found: Solution) -> None:
     way, Q = 1e3 * found.path.lengths, found.motion.Q
     for k, (joint, (colour, dashes)) in enumerate(
         zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)

@@ -106,10 +106,14 @@ class Presenter(SummaryPresenter[R]):
         """Further files of ``save`` by name."""
         return {}
 
+    def delivered(self) -> tuple[str, ...]:
+        """Those of them that people look for."""
+        return self.delivers
+
     def report_text(self, full: bool = True) -> str:
         """The report, or one screen of it, as plain text, as wide as the terminal."""
         width, report = terminal_width(), self.report()
-        saved = (*self.delivers, f"{self.document}.json")
+        saved = (*self.delivered(), f"{self.document}.json")
         return render(report if full else on_a_screen(report, width, saved, self.brief()), width)
 
     @abstractmethod

@@ -58,6 +58,7 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
             "sigma_max [m]": [answer.sigma_max for answer in answers],
             "success probability": [answer.success_probability for answer in answers],
             "reason": ["; ".join(answer.reasons) for answer in answers],
+            "worst station": [answer.worst_station or "" for answer in answers],
         }
 
     def files(self) -> Files:

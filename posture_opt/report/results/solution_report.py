@@ -1,109 +1,269 @@
-"""The report on a solution: problem, posture, spread, budget, alternatives, checks."""
+"""The report on a solution: one posture, one at each feature with their placement, or one at each point of a path."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.figures.arm import plot_solution
+from posture_opt.report.figures.arm import plot_motion, plot_solution
+from posture_opt.report.figures.bench import plot_bench
 from posture_opt.report.figures.cloud import plot_cross_section
+from posture_opt.report.figures.path import plot_path
 from posture_opt.report.figures.solution import plot_joint_map, plot_task_budget
 from posture_opt.report.interactive.arm_view import ArmView
 from posture_opt.report.interactive.solution_postures import solution_postures
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.budget_parts import main_fact
-from posture_opt.report.parts.collision_parts import collision_facts, distance_facts
+from posture_opt.report.parts.collision_parts import collision_facts
 from posture_opt.report.parts.improvement_parts import improvements_block
 from posture_opt.report.parts.parts import (
-    ellipse_facts,
-    first_order_fact,
     frame_notes,
     input_facts,
-    joint_table,
     joint_values,
-    lean,
-    mean_fact,
-    method_fact,
-    nearest_limit,
     note_facts,
     robot_facts,
     sentence,
     source_facts,
-    tool_facts,
-    validity_sentence,
 )
-from posture_opt.report.parts.solution_checks import checks_block, explain_report, gain_facts, ranking_sentence
+from posture_opt.report.parts.path_parts import (
+    ACROSS,
+    path_checks,
+    path_columns,
+    path_facts,
+    path_lead,
+    path_summary,
+    path_workpiece,
+    point_words,
+    points_block,
+    step_words,
+)
+from posture_opt.report.parts.placement_parts import (
+    COMBINED,
+    features_block,
+    features_checks,
+    features_columns,
+    features_facts,
+    features_lead,
+    features_summary,
+    no_placement_lead,
+    order_block,
+    placement_of,
+    placements_block,
+)
+from posture_opt.report.parts.posture_parts import (
+    alternatives_block,
+    bound_words,
+    changes_block,
+    nearest_block,
+    posture_block,
+    spread_block,
+    target_words,
+)
+from posture_opt.report.parts.solution_checks import checks_block, explain_report
 from posture_opt.report.parts.task_parts import (
     clearance_facts,
-    critical_rows,
     critical_size,
     minimised_words,
-    orientation_rows,
     spread_lead,
     task_budget_block,
     task_facts,
 )
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.results.target_map_report import map_csv
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.text import render
-from posture_opt.report.text.units_text import (
-    joint_unit,
-    length,
-    length_unit,
-    percent,
-    place,
-    probability,
-    stated,
-)
-from posture_opt.report.text.words import part_words
-from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.units import fixed, number
+from posture_opt.report.text.units_text import joint_unit, length, length_unit, place, probability, stated_length
+from posture_opt.report.text.words import CRITERIA, part_words
+from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
 if TYPE_CHECKING:
+    from posture_opt.report.page.save import Files
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.selection.program.task_target import TaskTarget
-    from posture_opt.selection.terms.term import Stated, Term
 
 _STATUS = {"optimal": "Best posture", "feasible": "Best posture found", "infeasible": "No posture"}
 
 
-def solution_report(solution: Solution) -> Report:
-    """The blocks of a solution, or those of a failure: why, and what comes nearest."""
-    problem = solution.problem
-    title = problem.name or "Posture selection"
-    if solution.status == "infeasible":
-        least = [f"Smallest change that makes it feasible: {r.change}." for r in solution.relaxations[:1]]
-        return Report(title, ("No posture meets the requirements of this task.", *least), (
-            Block("Why", tuple(sentence(reason.message) for reason in solution.reasons)),
-            *changes_block(solution),
-            problem_block(problem, solution),
-            nearest_block(solution),
-        ))  # fmt: skip
-    blocks = [
-        problem_block(problem, solution),
-        posture_block(solution),
-        spread_block(solution),
-        task_budget_block(problem, solution.task_spread),
-        improvements_block(
-            problem, solution.improvements, part_words(solution.critical.within, solution.task_spread.kind)
-        ),
-        alternatives_block(solution),
-        checks_block(solution),
-    ]
-    return Report(title, lead(solution), tuple(block for block in blocks if block.items))
+class SolutionPresenter(Presenter["Solution"]):
+    """A solution, or the nearest posture where there is none: what there is of stations, placement and path."""
+
+    document = "solution"
+
+    @property
+    def along_path(self) -> bool:
+        """Whether the stations are the points of a path."""
+        return self.result.followed is not None
+
+    @property
+    def of_features(self) -> bool:
+        """Whether the stations are features that share a placement."""
+        return bool(self.result.points) and not self.along_path
+
+    @property
+    def part(self) -> str:
+        """The part of the spread that counts, in words."""
+        critical = self.result.critical
+        return ACROSS if self.along_path else part_words(critical.within, self.result.task_spread.kind)
+
+    def summary(self) -> Summary:
+        found = self.result
+        return path_summary(found) if self.along_path else features_summary(found) if self.of_features else _one(found)
+
+    def report(self) -> Report:
+        found = self.result
+        title = self.problem.name or ("Postures along a path" if self.along_path else "Posture selection")
+        if found.status == "infeasible":
+            return Report(title, self._failed_lead(), tuple(self._failed_blocks()))
+        blocks = (
+            self.problem_block(),
+            *self._station_blocks(),
+            task_budget_block(self.problem, found.task_spread),
+            improvements_block(self.problem, found.improvements, self.part),
+            *(() if found.points else (alternatives_block(found),)),
+            path_checks(found) if self.along_path else features_checks(found) if found.points else checks_block(found),
+        )
+        lead = path_lead if self.along_path else features_lead if self.of_features else _one_lead
+        return Report(title, lead(found), tuple(block for block in blocks if block.items))
+
+    def _station_blocks(self) -> tuple[Block, ...]:
+        """The postures, and what the stations share."""
+        found, worst = self.result, self.result.worst
+        if self.of_features:
+            return features_block(found), placements_block(found), order_block(found)
+        if not self.along_path:
+            return posture_block(found), spread_block(found)
+        name = f"Posture {point_words(found, found.worst_index)}, where the standard deviation is largest"
+        return points_block(found), Block(name, posture_block(worst).items, figure="arm"), spread_block(worst)
+
+    def _failed_lead(self) -> tuple[str, ...]:
+        found = self.result
+        if self.along_path:
+            return ("No motion along this path meets the requirements.",)
+        if self.of_features:
+            return no_placement_lead(found)
+        least = [f"Smallest change that makes it feasible: {change.change}." for change in found.relaxations[:1]]
+        return ("No posture meets the requirements of this task.", *least)
+
+    def _failed_blocks(self) -> list[Block]:
+        """Why, what would help, what was asked, and what comes nearest."""
+        found = self.result
+        why = Block("Why", tuple(sentence(reason.message) for reason in found.reasons))
+        if self.along_path:
+            return [why, self.problem_block(), points_block(found)]
+        if self.of_features:
+            helps = Block("What would help", tuple(sentence(change.change) for change in found.relaxations))
+            return [why, helps, self.problem_block()]
+        return [why, *changes_block(found), self.problem_block(), nearest_block(found)]
+
+    def problem_block(self) -> Block:
+        """What was asked."""
+        found, problem = self.result, self.problem
+        task, asked = found.optimisation_problem.task, self._asked()
+        notes = note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes))
+        rows = [*robot_facts(problem), ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim())]
+        if self.along_path:
+            rows.append(("Joint steps", f"between listed points: at most {step_words(found, found.largest_step)}"))
+        rows += input_facts(problem)
+        if task.subject_to:
+            rows.append(("Requirements", ", ".join(bound_words(term) for term in task.subject_to)))
+        rows += self._clearance()
+        rows += [*collision_facts(problem.scene), *source_facts(problem), *notes]
+        briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece")]
+        short = (rows[0], ("Task", task.kind), *briefly, *input_facts(problem), *source_facts(problem), *notes)
+        return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
+
+    def _asked(self) -> list[tuple[str, str]]:
+        """Where the tool point is to go."""
+        found = self.result
+        if self.along_path:
+            return [*path_facts(found), *path_workpiece(found)]
+        if self.of_features:
+            return features_facts(found)
+        direction = task_facts(found.optimisation_problem.task, found.target.direction)[1]
+        return [direction, ("Target", target_words(found.target))]
+
+    def _aim(self) -> str:
+        """What is minimised."""
+        task, found = self.result.optimisation_problem.task, self.result
+        if self.along_path:
+            return f"at the worst point, {CRITERIA[task.criterion].format(part=ACROSS)}"
+        if not self.of_features:
+            return ", and ".join(minimised_words(task))
+        what = CRITERIA[found.task.criterion].format(part=self.part)
+        return COMBINED["success"] if found.combine == "success" else f"{what}: {COMBINED[found.combine]}"
+
+    def _clearance(self) -> list[tuple[str, str]]:
+        """The clearance and the peg; of features the clearance that is theirs by default."""
+        if not self.of_features:
+            return clearance_facts(self.result.task_spread)
+        clearance = self.result.task.clearance
+        return [] if clearance is None else [("Clearance", f"{stated_length(clearance)} (radial)")]
+
+    def drawings(self) -> Drawings:
+        """The bench or the path, where there is a choice or one; the arm; cloud, budget and map of joints."""
+        found, worst = self.result, self.result.worst
+        budget = partial(plot_task_budget, worst.spread, worst.task_spread)
+        if self.along_path:
+            return {"path": partial(plot_path, found), "arm": partial(plot_motion, found), "budget": budget}
+        drawings: Drawings = {"arm": partial(plot_solution, found.first)}
+        if found.status == "infeasible":
+            return drawings
+        if self.of_features and placement_of(found).free.sum() > 1:
+            drawings = {"bench": partial(plot_bench, found), **drawings}
+        drawings |= {"cloud": partial(plot_cross_section, worst.spread, worst.task_spread), "budget": budget}
+        if not found.points and found.optimisation_problem.robot.n == 2:
+            drawings["joint_map"] = partial(plot_joint_map, found)
+        return drawings
+
+    def view(self) -> ArmView:
+        """The answer and its alternatives; a posture for each feature; the listed points, coloured by their scatter."""
+        found, robot, scene = self.result, self.result.optimisation_problem.robot, self.problem.scene
+        if self.of_features:
+            postures = solution_postures(found.stations, found.names, "feature")
+            return ArmView(robot, postures, "Feature", scene, points=True)
+        if not self.along_path:
+            return ArmView(robot, solution_postures(*self._shown_alternatives(), "alternative"), "Posture", scene)
+        unit, factor = length_unit([float(s) for s in found.motion.sigma])
+        names = [f"point {k}" for k in range(1, len(found.stations) + 1)]
+        postures = tuple(
+            replace(posture, value=round(factor * station.critical.sigma_max, 5))
+            for posture, station in zip(solution_postures(found.stations, names, "point"), found.stations, strict=True)
+        )
+        values = f"standard deviation [{unit}]"
+        return ArmView(robot, postures, "Point of the path", scene, points=True, line=True, values=values)
+
+    def _shown_alternatives(self) -> tuple[list[Solution], list[str]]:
+        """The answer and its alternatives, with their names."""
+        found, joints = self.result, self.result.optimisation_problem.robot.joint_names
+        others = found.alternatives[1:] if found.status != "infeasible" else ()
+        every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
+        names = ["best posture" if found.status != "infeasible" else "nearest posture"]
+        return every, [*names, *(f"alternative {rank}" for rank in range(2, len(every) + 1))]
+
+    def columns(self) -> Columns:
+        found = self.result
+        if self.along_path:
+            return path_columns(found)
+        return features_columns(found) if self.of_features else _one_columns(found)
+
+    def delivered(self) -> tuple[str, ...]:
+        return ("postures.csv",) if self.along_path else ()
+
+    def files(self) -> Files:
+        """All points of a path: places to 0.1 µm, joints as finely as rounding asks for, scatter to six digits."""
+        if not self.along_path:
+            return {}
+        found, joints = self.result, self.result.optimisation_problem.robot.joints
+        digits = joint_digits(found.problem, found.postures)
+        decimals = max(6, *(digits.decimals(joint, 1 / joint_unit(joint.type)[1]) for joint in joints))
+        return {"postures.csv": map_csv(path_columns(found), len(joints), decimals).encode()}
+
+    def explain(self) -> str:
+        """The optimisation problem of the worst station with its values there."""
+        return render(explain_report(self.result.worst))
 
 
-def changes_block(solution: Solution) -> tuple[Block, ...]:
-    """Changes of which any one makes the task possible, where there is a choice."""
-    changes = tuple(f"- {sentence(relaxation.change)}" for relaxation in solution.relaxations)
-    return (Block("Each of these changes makes the task feasible", changes),) if len(changes) > 1 else ()
-
-
-def lead(solution: Solution) -> tuple[str, ...]:
+def _one_lead(solution: Solution) -> tuple[str, ...]:
     """The spread that the task cares about, the posture, where the workpiece goes, and doubts about the optimum."""
     size, *p_success = spread_lead(solution.task_spread)
     posture = f"Best posture: {joint_values(solution.problem, solution.q)}."
@@ -113,123 +273,7 @@ def lead(solution: Solution) -> tuple[str, ...]:
     return (size, posture, *p_success, *(placed if free else []), *([] if sure else doubt))
 
 
-def problem_block(problem: ProblemData, solution: Solution) -> Block:
-    """What was asked."""
-    optimisation_problem, target = solution.optimisation_problem, solution.target
-    task = optimisation_problem.task
-    rows = [
-        *robot_facts(problem),
-        *task_facts(task, target.direction),
-        ("Target", target_words(target)),
-        ("Minimised", ", and ".join(minimised_words(task))),
-        *input_facts(problem),
-    ]
-    if task.subject_to:
-        rows.append(("Requirements", ", ".join(_bound_words(term) for term in task.subject_to)))
-    rows += clearance_facts(solution.task_spread)
-    rows += collision_facts(problem.scene)
-    rows += source_facts(problem)
-    notes = note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
-    told = (*input_facts(problem), *source_facts(problem), *notes)
-    short = (rows[0], ("Task", task.kind), ("Target", target_words(target)), *told)
-    return Block("Problem", (Facts((*rows, *notes)),), brief=(Facts(short),))
-
-
-def target_words(target: TaskTarget) -> str:
-    """Where the tool point is to go."""
-    if target.kind == "point":
-        return f"the point {place(target.lower)}"
-    if target.kind == "anywhere":
-        return "anywhere in reach (the workpiece may be moved)"
-    return f"anywhere in the box from {place(target.lower)} to {place(target.upper)} (the workpiece may be moved)"
-
-
-def _bound_words(term: Term) -> str:
-    of = f" {part_words(term.part, '')}" if term.part is not None else ""
-    name = f"{term.kind.replace('_', ' ')}{of}"
-    return ", ".join(f"{name}{f' of {bound.joint}' * bool(bound.joint)} {_sides(bound)}" for bound in term.stated())
-
-
-def _sides(bound: Stated) -> str:
-    if bound.low == bound.high:
-        return f"at {stated(bound.low, bound.unit)}"
-    sides = [f"at least {stated(bound.low, bound.unit)}"] * math.isfinite(bound.low)
-    sides += [f"at most {stated(bound.high, bound.unit)}"] * math.isfinite(bound.high)
-    return " and ".join(sides)
-
-
-def posture_block(solution: Solution) -> Block:
-    """The joints, the tool, and where the workpiece goes."""
-    facts = tool_facts(solution.spread)
-    target, optimisation_problem = solution.target, solution.optimisation_problem
-    if target.tilt and optimisation_problem.axis_rows:
-        leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.axis))
-        allowed = f"{math.degrees(target.tilt):.6g} deg allowed"
-        facts.append(("Tool axis", f"tilted {fixed(leaning)} deg from the task direction ({allowed})"))
-    facts += distance_facts(solution.problem.scene, solution.clearance)
-    robot = solution.optimisation_problem.robot
-    brief = Facts((*nearest_limit(robot, solution.q), *facts))
-    return Block(
-        "Posture", (joint_table(solution.problem, robot, solution.q), Facts(tuple(facts))), figure="arm", brief=(brief,)
-    )
-
-
-def nearest_block(solution: Solution) -> Block:
-    """The posture that violates the requirements least."""
-    table = joint_table(solution.problem, solution.optimisation_problem.robot, solution.q)
-    facts = (*tool_facts(solution.spread), *distance_facts(solution.problem.scene, solution.clearance))
-    return Block("Nearest posture", (table, Facts(facts)), figure="arm")
-
-
-def spread_block(solution: Solution) -> Block:
-    """The uncertainty of the tool point, the part that counts first."""
-    spread, critical = solution.spread, solution.critical
-    first = solution.basis.T @ spread.covariance_first_order @ solution.basis
-    among = [float(s) for s in spread.ellipse.semi_axes]  # the whole block in one unit
-    rows = critical_rows(solution.task_spread, among, "target")
-    short = len(rows)
-    rows += ellipse_facts(spread, among)
-    rows.append(mean_fact(spread, among))
-    linear = deviation(float(np.linalg.eigvalsh(first)[-1]), spread.covariance)
-    rows.append(first_order_fact(critical.sigma_max, linear, among))
-    rows += orientation_rows(solution)
-    rows.append(method_fact(spread))
-    items = (Facts(tuple(rows)), validity_sentence(spread))
-    contributions = main_fact(solution.problem.arm, solution.task_spread.budget_groups)
-    brief = Facts((*rows[:short], contributions, *gain_facts(solution)[:1]))
-    return Block("Spread of the tool point", items, figure="cloud", brief=(brief,))
-
-
-def alternatives_block(solution: Solution) -> Block:
-    """The other local optima."""
-    alternatives = solution.alternatives
-    if len(alternatives) < 2:
-        return Block("Alternatives", ("No other local optimum was found.",), figure="joint_map", brief=())
-    joints = solution.optimisation_problem.robot.joints
-    unit, factor = length_unit([a.sigma_max for a in alternatives])
-    headers = ["rank", f"std. dev. [{unit}]", "difference"]
-    headers += [f"{j.name} [{joint_unit(j.type)[0]}]" for j in joints]
-    free = solution.target.kind != "point"
-    headers += [f"{c} [mm]" for c in "xyz"] if free else []
-    rows = []
-    for rank, a in enumerate(alternatives, start=1):
-        row = [str(rank), number(a.sigma_max * factor), _more(a.sigma_max, alternatives[0].sigma_max)]
-        row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
-        row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
-        rows.append(tuple(row))
-    views = tuple(f"alternative-{rank}" for rank in range(1, len(rows) + 1))
-    table = Table(tuple(headers), tuple(rows), views=views)
-    return Block("Alternatives", (*ranking_sentence(solution), table), figure="joint_map")
-
-
-def _more(sigma: float, best: float) -> str:
-    more = sigma / best - 1 if best > 0 else 0.0
-    if abs(more) < 5e-5:
-        return "-" if sigma == best else "same"
-    return f"+{percent(more)}" if more > 0 else percent(more)
-
-
-def _summary(solution: Solution) -> Summary:
+def _one(solution: Solution) -> Summary:
     critical = solution.critical
     place_words = "Tool point" if solution.status != "infeasible" else "Nearest point"
     facts = [
@@ -246,52 +290,10 @@ def _summary(solution: Solution) -> Summary:
     return Summary(f"{_STATUS[solution.status]} of: {asked}", tuple(facts))
 
 
-def _columns(solution: Solution) -> dict[str, list[float]]:
+def _one_columns(solution: Solution) -> dict[str, list[float]]:
     """The distinct postures that are locally best, the best first."""
     found = solution.alternatives
     joints = {joint.name: joint_unit(joint.type) for joint in solution.optimisation_problem.robot.joints}
     postures = {f"{name} [{unit}]": [a.posture[name] * k for a in found] for name, (unit, k) in joints.items()}
     points = {f"{c} [mm]": [1e3 * float(a.position[i]) for a in found] for i, c in enumerate("xyz")}
     return {**postures, **points, "sigma_max [mm]": [1e3 * a.sigma_max for a in found]}
-
-
-class SolutionPresenter(Presenter["Solution"]):
-    """A solution, or the nearest posture where there is none."""
-
-    document = "solution"
-
-    def summary(self) -> Summary:
-        return _summary(self.result)
-
-    def report(self) -> Report:
-        return solution_report(self.result)
-
-    def drawings(self) -> Drawings:
-        """The arm; where there is a posture, its cloud across the direction, its budget, and a map of two joints."""
-        found = self.result
-        drawings: Drawings = {"arm": partial(plot_solution, found)}
-        if found.status == "infeasible":
-            return drawings
-        drawings["cloud"] = partial(plot_cross_section, found.spread, found.task_spread)
-        drawings["budget"] = partial(plot_task_budget, found.spread, found.task_spread)
-        if found.optimisation_problem.robot.n == 2:
-            drawings["joint_map"] = partial(plot_joint_map, found)
-        return drawings
-
-    def view(self) -> ArmView:
-        """The answer and its alternatives."""
-        found = self.result
-        joints = found.optimisation_problem.robot.joint_names
-        others = found.alternatives[1:] if found.status != "infeasible" else ()
-        every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
-        names = ["best posture" if found.status != "infeasible" else "nearest posture"]
-        names += [f"alternative {rank}" for rank in range(2, len(every) + 1)]
-        postures = solution_postures(every, names, "alternative")
-        return ArmView(found.optimisation_problem.robot, postures, "Posture", found.problem.scene)
-
-    def columns(self) -> Columns:
-        return _columns(self.result)
-
-    def explain(self) -> str:
-        """The optimisation problem with its values at the solution."""
-        return render(explain_report(self.result))

@@ -1,30 +1,40 @@
-"""``Solution``: the best posture, its alternatives, its probability of success, and how sure one may be of it."""
+"""``Solution``: the best posture at one station or at several, what they share, and how sure one may be of it.
+
+A single target is one station. Several features of a workpiece share its placement; the points of a path are joined by
+steps of the joints besides.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, Literal
+from functools import cached_property, partial
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from posture_opt.collision.scene import Clearance
-from posture_opt.numerics import Array, finite_or_none
+from posture_opt.numerics import Array, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
+from posture_opt.selection.answer.combine import combined_sigma
 from posture_opt.selection.answer.end_moments import end_moments
 from posture_opt.selection.answer.improvements import Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
+from posture_opt.selection.answer.shared_placement import Placement
+from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
+from posture_opt.uncertainty.spread.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.orientation import Orientation
 from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, propagate
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
@@ -45,18 +55,42 @@ class Alternative:
         return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
 
 
+class FollowedPath(Protocol):
+    """What an answer along a path has beside its stations."""
+
+    @property
+    def listed(self) -> Mask:
+        """(K,) whether the point is one of the task's own."""
+
+    def to_json(self, found: Solution) -> dict[str, Any]:
+        """What ``solution.json`` says of the path: plain data."""
+
+
+def _part(part: str, name: str) -> Any:
+    """What only some answers have: an attribute of their part; None where an answer has no such part."""
+    return property(lambda found: getattr(getattr(found, part), name, None), doc=f"``{name}`` of ``{part}``, or None.")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Result):
     """The answer to one problem; where it is infeasible, the nearest posture and the reasons.
 
+    Of several stations ``q``, ``posture`` and ``alternatives`` are those of the first; ``sigma_max``, ``spread``,
+    ``covariance``, ``critical``, ``success_probability`` and ``budget`` those of the worst, which ``worst_station``
+    names. ``stations[k]`` is the answer at one of them alone.
+
     Args:
         problem: with ``robot``, ``sources``, ``task`` and ``name``.
-        q: (n,) the posture [rad or m].
+        q: (n,) the posture [rad or m], at the first station.
         reasons: why there is no solution; empty where there is one.
         relaxations: changes that would each make one possible, cheapest first.
         ranked: (k, n) distinct local optima, best first; the alternatives.
         feasible: (N, n) postures of the search that do the task, none where they are not kept.
         engine: the functions that found it; None where they are not kept.
+        points: the answers at each of K stations, listed and added; empty where there is one target.
+        names: of these.
+        placement: of the workpiece that they share; None where the task names none.
+        followed: of a path, how its points are joined.
     """
 
     problem: ProblemData
@@ -71,6 +105,94 @@ class Solution(Result):
     relaxations: tuple[Relaxation, ...] = ()
     feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
     engine: Engine | None = None
+    points: tuple[Solution, ...] = ()
+    names: tuple[str, ...] = ()
+    placement: Placement | None = None
+    followed: FollowedPath | None = None
+
+    w, workpiece, placed = _part("placement", "w"), _part("placement", "workpiece"), _part("placement", "stations")
+    centre, typical, others = (_part("placement", name) for name in ("at_centre", "typical", "others"))
+    path, motion, naive = _part("followed", "path"), _part("followed", "motion"), _part("followed", "naive")
+    largest_step, smallest_step = _part("followed", "largest_step"), _part("followed", "smallest_step")
+    bound, off_line, jumps = _part("followed", "bound"), _part("followed", "off_line"), _part("followed", "jumps")
+    largest_joint_step, candidates = _part("followed", "largest_joint_step"), _part("followed", "candidates")
+    seconds, task = _part("statistics", "seconds"), _part("problem", "task")
+
+    @property
+    def stations(self) -> tuple[Solution, ...]:
+        """The answer at each feature or listed point; at the one target, itself."""
+        every = self.points or (self,)
+        listed = (True,) * len(every) if self.followed is None else self.followed.listed
+        return tuple(point for point, asked in zip(every, listed, strict=True) if asked)
+
+    @property
+    def central(self) -> float:
+        """Standard deviation [m] with the workpiece in the middle of its ranges; NaN where that is not known."""
+        return math.nan if self.placement is None else self.placement.central
+
+    @property
+    def first(self) -> Solution:
+        """The answer at the first feature or listed point."""
+        return self.stations[0]
+
+    @cached_property
+    def postures(self) -> Array:
+        """(K, n) at all stations, listed and added [rad or m]."""
+        return np.array([point.q for point in self.points or (self,)])
+
+    @cached_property
+    def sigmas(self) -> Array:
+        """(K,) largest standard deviation of the part that counts, at each station [m]."""
+        return np.array([point.critical.sigma_max for point in self.points or (self,)])
+
+    @property
+    def worst_index(self) -> int:
+        """Number of the station with the largest spread among ``points``, from zero."""
+        return int(np.argmax(self.sigmas)) if self.points else 0
+
+    @property
+    def worst(self) -> Solution:
+        """The answer at the station with the largest spread."""
+        return self.points[self.worst_index] if self.points else self
+
+    @property
+    def worst_station(self) -> str | None:
+        """Name of the feature or point with the largest spread; None where there is one target."""
+        return self.names[self.worst_index] if self.points else None
+
+    @property
+    def combine(self) -> Combine:
+        """What is made of the stations' standard deviations."""
+        return "worst" if self.problem.task is None else self.problem.task.combine
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation [m] of the worst station; the mean of all where the task asks for that."""
+        return float(combined_sigma(self.combine, self.sigmas))
+
+    @cached_property
+    def success(self) -> JointSuccess | None:
+        """The probability that all features succeed; None without a clearance, and for a peg whose length counts.
+
+        Of a peg, tip and top are one draw of the scatter at each feature, which this does not join with what stays.
+        """
+        if self.followed is not None or any(
+            point.success_probability is None or point.task_spread.peg is not None for point in self.stations
+        ):
+            return None
+        return success_of_all(
+            [PlaceErrors.of(point.spread, point.basis, point.target.clearance) for point in self.stations]
+        )
+
+    @cached_property
+    def order(self) -> VisitingOrder:
+        """In which order to visit the stations, so that the joints travel least."""
+        return best_order(self.optimisation_problem.robot, self.postures)
+
+    @property
+    def bench(self) -> Any:
+        """The spread over the first two free coordinates of the placement; None where fewer are free."""
+        return None if self.placement is None else self.placement.bench(self.postures)
 
     @cached_property
     def most_manipulable(self) -> ManipulablePosture | None:
@@ -85,7 +207,7 @@ class Solution(Result):
     @cached_property
     def spread(self) -> Spread:
         """The spread of the tool at the posture."""
-        return propagate(self.problem, self.q)
+        return self.worst.spread if self.points else propagate(self.problem, self.q)
 
     @property
     def covariance(self) -> Array:
@@ -116,11 +238,13 @@ class Solution(Result):
     @property
     def basis(self) -> Array:
         """(3, m) basis of the part of the spread that counts."""
-        return critical_basis(self.optimisation_problem, self.target)
+        return critical_basis(self.worst.optimisation_problem, self.worst.target)
 
     @cached_property
     def task_spread(self) -> TaskSpread:
         """The spread as the task sees it."""
+        if self.points:
+            return self.worst.task_spread
         task, target, spread = self.optimisation_problem.task, self.target, self.spread
         critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
         axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
@@ -131,6 +255,11 @@ class Solution(Result):
     def critical(self) -> Critical:
         """The spread across the direction (or along it, or all of it, as the task says)."""
         return self.task_spread.critical
+
+    @property
+    def sigma_max(self) -> float:
+        """Largest standard deviation of the part that counts [m]."""
+        return self.critical.sigma_max
 
     @property
     def sigma_along(self) -> float:
@@ -155,18 +284,21 @@ class Solution(Result):
     @cached_property
     def lower_bound(self) -> LowerBound | None:
         """A spread that no posture can beat at this target."""
-        return lower_bound(self.optimisation_problem.tool_point, self.target, self.basis)
+        return lower_bound(self.worst.optimisation_problem.tool_point, self.worst.target, self.basis)
 
     @cached_property
     def clearance(self) -> Clearance | None:
         """The least distance of the arm to what it is checked against; None where nothing is."""
-        found: Clearance | None = self.problem.scene.clearance(self.q)
+        found: Clearance | None = self.problem.scene.clearance(self.postures)
         return found
 
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
-        """What would lower the spread: smaller errors, a calibration, the part elsewhere; most gain first."""
-        return () if self.status == "infeasible" else improvements((self,), np.max, place=self)
+        """What would lower the spread: smaller errors, a calibration, the one target elsewhere; most gain first."""
+        if self.status == "infeasible":
+            return ()
+        combined = partial(combined_sigma, self.combine)
+        return improvements(self.points or (self,), combined, place=None if self.points else self)
 
     def sigma_under(self, sources: Sources) -> float:
         """σ_max [m] of the part that counts, in this posture under other errors."""
@@ -180,17 +312,70 @@ class Solution(Result):
 
     def gain_over(self, sigma: float) -> float:
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
-        return 1.0 - self.critical.sigma_max / sigma if sigma > 0 else 0.0
+        return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
     def to_json(self) -> dict[str, Any]:
         """The document ``solution.json``: SI units, finite numbers only."""
-        spread, statistics = self.spread, self.statistics
         return {
             "name": self.problem.name,
             "task": self.optimisation_problem.task.kind,
             "status": self.status,
+            **self.first.posture_json(),
+            "sigma_max": self.sigma_max,
+            "worst_station": self.worst_station,
+            **self.worst.spread_json(),
+            "clearance": None if self.clearance is None else self.clearance.to_json(),
+            "what_would_help": [change.to_json() for change in self.improvements],
+            "solver": self.statistics.to_json(),
+            "reasons": [vars(reason) for reason in self.reasons],
+            "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
+            "notes": list(self.notes),
+            **({} if self.placement is None else {"workpiece": self.placement.workpiece}),
+            **({} if self.followed is None else self.followed.to_json(self)),
+            **(self._features_json() if self.points and self.followed is None else {}),
+        }
+
+    def _features_json(self) -> dict[str, Any]:
+        success = self.success if self.status != "infeasible" else None
+        return {
+            "combine": self.combine,
+            "features": [point.station_json(name) for name, point in zip(self.names, self.points, strict=True)],
+            "worst_feature": {"name": self.worst_station, "sigma_max": self.sigma_max},
+            "success_all": None if success is None else success.probability,
+            "success_all_standard_error": None if success is None else success.standard_error,
+            "success_product": None if success is None else success.product,
+            "visiting_order": {
+                "order": [self.names[k] for k in self.order.order],
+                "joint_travel": self.order.travel,
+                "as_listed": self.order.as_listed,
+            },
+            "placements": None if self.placement is None else self.placement.to_json(),
+            "solver": {
+                **self.statistics.to_json(),
+                **(self.placement.search_json if self.placement is not None else {}),
+            },
+        }
+
+    def station_json(self, name: str) -> dict[str, Any]:
+        """What the document of several features says of one of them: plain data."""
+        document = {"name": name, "status": self.status, **self.posture_json(), **self.spread_json()}
+        kept = ("name", "status", "posture", "tool", "critical", "covariance", "success_probability")
+        return {key: document[key] for key in kept}
+
+    def posture_json(self) -> dict[str, Any]:
+        """The posture, its tool pose, and what else could be chosen: plain data."""
+        spread = self.spread
+        return {
             "posture": self.posture,
             "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+            "alternatives": [alternative.to_json() for alternative in self.alternatives],
+            "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
+        }
+
+    def spread_json(self) -> dict[str, Any]:
+        """The spread of the tool point, what it is made of and what it is compared with: plain data."""
+        spread, statistics = self.spread, self.statistics
+        return {
             "covariance": spread.covariance.tolist(),
             "covariance_first_order": spread.covariance_first_order.tolist(),
             "bias": spread.bias.tolist(),
@@ -199,18 +384,10 @@ class Solution(Result):
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.task_spread.budget_groups),
             "validity": spread.validity.to_json(),
-            "clearance": None if self.clearance is None else self.clearance.to_json(),
-            "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),
             "orientation": self.orientation.to_json(),
-            "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
-            "what_would_help": [change.to_json() for change in self.improvements],
             "typical_sigma_max": finite_or_none(statistics.typical),
             "worst_sigma_max": finite_or_none(statistics.worst),
-            "solver": statistics.to_json(),
-            "reasons": [vars(reason) for reason in self.reasons],
-            "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
-            "notes": list(self.notes),
         }
 
     def _lower_bound_json(self) -> dict[str, Any] | None:

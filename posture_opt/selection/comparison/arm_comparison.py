@@ -13,10 +13,8 @@ from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.plan_comparison import PredictedError, predicted_error
-from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer, select_posture
-from posture_opt.selection.stations.features_solution import FeaturesSolution
 
 _TIE = 1e-12  # of a standard deviation
 
@@ -166,7 +164,7 @@ def compare(
 
 def stations_of(answer: Answer) -> tuple[Solution, ...]:
     """The postures of an answer: one, one a feature, or one a listed point of a path."""
-    return answer.stations if isinstance(answer, FeaturesSolution | PathSolution) else (answer,)
+    return answer.stations
 
 
 def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[str, ...]]:

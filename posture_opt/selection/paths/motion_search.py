@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,17 +11,26 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.path_candidates import PathCandidates, held
-from posture_opt.selection.paths.path_problem import PathProblem
 from posture_opt.selection.paths.step_graph import StepGraph
-from posture_opt.selection.paths.task_path import TaskPath, stacked
+from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import as_good
 from posture_opt.selection.search.relaxation import Reason
-from posture_opt.selection.stations.joint_problem import JointOutcome, JointPoint
+from posture_opt.selection.stations.stations_problem import (
+    Station,
+    StationsOutcome,
+    StationsPoint,
+    StationsProblem,
+    StationSteps,
+)
 
+MAX_ITERATIONS = 200  # of IPOPT in one smooth problem
 _PATIENCE = 2  # smooth problems in a row that bring nothing
 _SEEDS = 3  # ways that the smooth problem starts from
 _APART = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
@@ -59,13 +68,12 @@ class MotionSearch(DerivedAgain):
         return StepGraph(self.steps, self.found.postures, self.found.costs, self.path.parts)
 
     @cached_property
-    def smooth(self) -> tuple[PathProblem, ...]:
+    def smooth(self) -> tuple[StationsProblem, ...]:
         """Without rows that keep the arm clear, and with them: they are dear, and often nothing is in the way."""
-        parameters, fixed = stacked(self.found.targets), np.zeros(4)
         problems = [self.engine.optimisation_problem]
         if self.guard is not self.engine and self.scene.active:
             problems.append(self.guard.optimisation_problem)
-        return tuple(PathProblem(p, self.steps, parameters, self.path.parts, fixed, fixed) for p in problems)
+        return tuple(smooth_problem(p, self.steps, self.found.targets, self.path) for p in problems)
 
     def bound(self, motion: Motion) -> float:
         """σ_max [m] that no motion gets below at its worst point, as far as its best posture was found.
@@ -107,7 +115,7 @@ class MotionSearch(DerivedAgain):
         ends: list[Motion] = []
         idle = 0
         for start in starts:
-            ends.append(self._smoothed(start, lambda problem, point: problem.least_spread(point, largest)))
+            ends.append(self._smoothed(start, lambda problem, point: problem.solve(point, largest)))
             able = [end.objective for end in ends if end.feasible and end.optimal]
             better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
             idle = 0 if better or len(able) < 2 else idle + 1
@@ -150,10 +158,10 @@ class MotionSearch(DerivedAgain):
             Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])
         return self._motion(Q)
 
-    def _smoothed(self, start: Motion, solved: Callable[[PathProblem, JointPoint], JointOutcome]) -> Motion:
+    def _smoothed(self, start: Motion, solved: Callable[[StationsProblem, StationsPoint], StationsOutcome]) -> Motion:
         """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be."""
         for problem in self.smooth:
-            end = solved(problem, JointPoint(np.zeros(4), start.Q))
+            end = solved(problem, StationsPoint(np.zeros(4), start.Q))
             motion = self._motion(end.point.Q, end.optimal)
             if motion.clear:
                 break
@@ -176,3 +184,22 @@ class MotionSearch(DerivedAgain):
             f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {hint:g} deg, or list more points"
         )
         return [Reason("largest_step", message, smallest - largest, "rad")]
+
+
+def smooth_problem(
+    problem: OptimisationProblem,
+    steps: JointSteps,
+    targets: Sequence[TaskTarget],
+    path: TaskPath,
+    box: PlacementRange | None = None,
+) -> StationsProblem:
+    """The postures of all points of a path as one smooth problem.
+
+    Args:
+        targets: of the points, in the frame of the workpiece.
+        box: where that may stand; default: it is the world.
+    """
+    stations = tuple(Station(problem, target) for target in targets)
+    lower, upper = (np.zeros(4), np.zeros(4)) if box is None else (box.lower, box.upper)
+    joined = StationSteps(steps.counted, path.parts)
+    return StationsProblem(stations, lower, upper, steps=joined, max_iterations=MAX_ITERATIONS)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.pose_request import PoseRequest, held_request
@@ -17,6 +17,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.multistart import feasible_starts
 from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.workers import Serial, Workers
 
 _ANCHORS = 6  # points that random postures are led to
 _STARTS = 48  # of them at each anchor, times the freedom that is left, and at most:
@@ -50,7 +51,13 @@ class PathCandidates:
 
 
 def find_candidates(
-    engine: Engine, targets: Sequence[TaskTarget], steps: JointSteps, scene: Scene, rng: np.random.Generator
+    engine: Engine,
+    targets: Sequence[TaskTarget],
+    steps: JointSteps,
+    scene: Scene,
+    rng: np.random.Generator,
+    pool: Workers | None = None,
+    progress: Progress | None = None,
 ) -> PathCandidates:
     """Candidates for all points.
 
@@ -59,9 +66,11 @@ def find_candidates(
 
     Args:
         scene: what the arm must not collide with.
+        pool: works on the anchors, whose searches are independent; the candidates do not depend on it.
+        progress: called with (done, all) anchors.
     """
     search = _Following(engine, tuple(targets), steps)
-    return search.screened(search.all(rng), scene)
+    return search.screened(search.all(rng, Serial() if pool is None else pool, progress), scene)
 
 
 @dataclass(frozen=True)
@@ -70,7 +79,7 @@ class _Following:
     targets: tuple[TaskTarget, ...]
     steps: JointSteps
 
-    def all(self, rng: np.random.Generator) -> tuple[_Following, list[Array]]:
+    def all(self, rng: np.random.Generator, pool: Workers, progress: Progress | None) -> tuple[_Following, list[Array]]:
         """The same search with the scale of its first postures, and the postures of each point."""
         engine, count = self.engine, len(self.targets)
         anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(_ANCHORS, count))})
@@ -81,15 +90,26 @@ class _Following:
         search = self._scaled(own)
         own = [search._restored(Q, target) for Q, target in zip(own, search.targets, strict=True)]
         found = [[self.steps.wrapped(Q)] for Q in own]
-        for k in anchors:
-            Q = own[k][engine.clusters(own[k])[0]] if len(own[k]) else own[k]
-            search._follow(k, Q, found, 0)
-            if len(Q) and engine.optimisation_problem.freedom:
-                optima = engine.descended(Q, search.targets[k], _SETTLED)
-                order = np.lexsort((optima.objective, optima.excess))
-                nearest, _ = engine.clusters(optima.q[order])
-                search._follow(k, optima.q[order][nearest][:_FOLLOWED], found, _RENEWED)
+        done: dict[int, list[tuple[int, Array]]] = {}
+        for part, followed in pool.run(_followed_from, search, [(k, own[k]) for k in anchors]):
+            done[part] = followed
+            if progress is not None:
+                progress(len(done), len(anchors))
+        for part in sorted(done):
+            for j, Q in done[part]:
+                found[j].append(Q)
         return search, [self.steps.rested(np.vstack(Q)) for Q in found]
+
+    def from_anchor(self, k: int, Q: Array) -> Iterator[tuple[int, Array]]:
+        """The point and its postures (N, n), of all points, that postures (N, n) of anchor ``k`` lead to."""
+        engine = self.engine
+        Q = Q[engine.clusters(Q)[0]] if len(Q) else Q
+        yield from self._follow(k, Q, 0)
+        if len(Q) and engine.optimisation_problem.freedom:
+            optima = engine.descended(Q, self.targets[k], _SETTLED)
+            order = np.lexsort((optima.objective, optima.excess))
+            nearest, _ = engine.clusters(optima.q[order])
+            yield from self._follow(k, optima.q[order][nearest][:_FOLLOWED], _RENEWED)
 
     def _scaled(self, own: Sequence[Array]) -> _Following:
         """The same search with objectives divided by the median variance of some postures (K arrays)."""
@@ -101,14 +121,13 @@ class _Following:
         scale = self.engine.scale_of(variances)
         return replace(self, targets=tuple(replace(target, scale=scale) for target in self.targets))
 
-    def _follow(self, k: int, Q: Array, found: list[list[Array]], improved: int) -> None:
-        """Postures (N, n) of point ``k`` followed to both ends of the path; each point's join ``found``."""
+    def _follow(self, k: int, Q: Array, improved: int) -> Iterator[tuple[int, Array]]:
+        """Postures (N, n) of point ``k`` followed to both ends of the path."""
         if not len(Q):
             return
-        found[k].append(self.steps.wrapped(Q))
+        yield k, self.steps.wrapped(Q)
         for way in (range(k + 1, len(self.targets)), range(k - 1, -1, -1)):
-            for j, reached in self._followed(Q, way, improved):
-                found[j].append(reached)
+            yield from self._followed(Q, way, improved)
 
     def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
         for j in way:
@@ -147,6 +166,10 @@ class _Following:
             postures.append(Q[met])
             costs.append(objective[met])
         return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
+
+
+def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:
+    return list(search.from_anchor(*anchor))
 
 
 def held(engine: Engine, target: TaskTarget) -> PoseRequest:

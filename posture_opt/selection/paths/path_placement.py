@@ -11,45 +11,51 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.placement import PlacementRange
+from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.path_problem import PathProblem
-from posture_opt.selection.paths.path_solution import PathSolution
-from posture_opt.selection.paths.task_path import stacked
+from posture_opt.selection.paths.motion_search import smooth_problem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.stations.joint_problem import JointPoint
 from posture_opt.selection.stations.placed_stations import PlacedStations
-from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.stations.placement_search import search_placement
+from posture_opt.selection.stations.stations_problem import StationsPoint
 
 _POINTS = 6  # of the path that stand for all of it
 _TRIED = 3  # placements whose motions are searched
 
 
 def promising_placements(
-    engine: Engine, targets: Sequence[TaskTarget], placement: PlacementRange, seed: int
+    engine: Engine,
+    targets: Sequence[TaskTarget],
+    placement: PlacementRange,
+    seed: int,
+    workers: int = 1,
+    progress: Progress | None = None,
 ) -> list[Array]:
     """Placements (4,) at which some points of a path have good postures, best first.
 
     Args:
         targets: of all points, in the frame of the workpiece.
+        workers, progress: as of `search_placement`.
     """
     chosen = np.unique(np.linspace(0, len(targets) - 1, min(_POINTS, len(targets))).round().astype(int))
     some = tuple(targets[k] for k in chosen.tolist())
-    found = search_placement(PlacedStations((engine,) * len(some), some, placement, "worst"), seed, wanted=1)
+    stations = PlacedStations((engine,) * len(some), some, placement, "worst")
+    found = search_placement(stations, seed, workers, progress, wanted=1)
     return [placement.tidied(optimum.w) for optimum in found.optima[:_TRIED]]
 
 
-def moved_on(found: PathSolution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
+def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
     """The placement (4,) that a motion leads to where the part may move with it.
 
     Args:
         targets: of all points, in the frame of the workpiece.
     """
     problem, box = found.optimisation_problem, placement.without_seam
-    own = [replace(target, scale=found.targets[0].scale) for target in targets]
+    own = [replace(target, scale=found.target.scale) for target in targets]
     steps = JointSteps.of(problem.robot, problem.nlp)
-    smooth = PathProblem(problem, steps, stacked(own), found.path.parts, box.lower, box.upper)
-    end = smooth.least_spread(JointPoint(found.placement, found.motion.Q), found.largest_step)
+    smooth = smooth_problem(problem, steps, own, found.path, box)
+    end = smooth.solve(StationsPoint(found.w, found.postures), found.largest_step)
     return placement.tidied(end.point.w)

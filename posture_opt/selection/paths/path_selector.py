@@ -12,25 +12,30 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
-from posture_opt.numerics import Array, DerivedAgain
+from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import explain_infeasibility, infeasible
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
+from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
+from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion, off_lines
 from posture_opt.selection.paths.motion_search import OVER, MotionSearch
 from posture_opt.selection.paths.naive import naive_motions
+from posture_opt.selection.paths.path_answer import PathAnswer
 from posture_opt.selection.paths.path_candidates import find_candidates
 from posture_opt.selection.paths.path_placement import moved_on, promising_placements
-from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.multistart import multistart
+from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
-from posture_opt.selection.stations.placement import PlacementRange
+from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.path_task import PathTask
+from posture_opt.workers import Workers, opened
 
 _ASTRAY = 0.5  # of the distance between two points: off the line by more is no way along it
 _ROUNDS = 3  # of the smooth problem with the workpiece, and of the search where it then stands
@@ -72,8 +77,13 @@ class PathSelector(DerivedAgain):
         """Those of the points."""
         return self.path.targets(self.selector.target, self.selector.reach)
 
-    def solve(self, *, seed: int | None = None) -> PathSolution:
+    def solve(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
         """The motion, and the placement of the workpiece as far as that is free, of least largest critical spread.
+
+        Args:
+            seed: of the random postures; default: the problem's.
+            workers: processes that share the search for candidates; the answer does not depend on it.
+            progress: called with (done, all) parts of the search.
 
         Raises:
             NoSolutionError: a point that no posture reaches, or no way from point to point with steps as small as
@@ -81,40 +91,53 @@ class PathSelector(DerivedAgain):
                 workpiece may be placed and no placement does, those of its middle.
         """
         seed = self.problem.solver.seed if seed is None else seed
-        return self._placed(seed) if np.any(self.placement.free) else self.solve_here(seed)
+        if np.any(self.placement.free):
+            return self._placed(seed, workers, progress)
+        with opened(workers) as pool:
+            return self.solve_here(seed, pool, progress)
 
-    def _placed(self, seed: int) -> PathSolution:
+    def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
-        places = promising_placements(self.selector.engine_of_all(self.targets), own, self.placement, seed)
-        central = self._attempted(self.placement.centre, seed)
-        found = [one for w in places if (one := self._attempted(w, seed)) is not None]
-        found += [] if central is None else [central]
-        if not found:
-            return self.solve_here(seed)  # which says why not
-        best = min(found, key=_sigma)
-        for _ in range(_ROUNDS):
-            again = self._attempted(moved_on(best, own, self.placement), seed)
-            if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
-                break
-            best = again
-        middle = math.nan if central is None else _sigma(central)
-        return replace(best, central=middle, seconds=time.perf_counter() - began)
+        engine = self.selector.engine_of_all(self.targets)
+        places = promising_placements(engine, own, self.placement, seed, workers, progress)
+        with opened(workers) as pool:
+            tried = []
+            for w in (*places, self.placement.centre):
+                tried.append(self._attempted(w, seed, pool))
+                if progress is not None:
+                    progress(len(tried), len(places) + 1 + _ROUNDS)
+            central, found = tried[-1], [one for one in tried if one is not None]
+            if not found:
+                return self.solve_here(seed, pool)  # which says why not
+            best = min(found, key=_sigma)
+            for _ in range(_ROUNDS):
+                again = self._attempted(moved_on(best, own, self.placement), seed, pool)
+                if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
+                    break
+                best = again
+        assert best.placement is not None
+        centre = None if central is None else PlacementFigure(self.placement.centre, _sigma(central))
+        statistics = replace(best.statistics, seconds=time.perf_counter() - began)
+        return replace(best, placement=replace(best.placement, at_centre=centre), statistics=statistics)
 
-    def _attempted(self, w: Array, seed: int) -> PathSolution | None:
+    def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
         try:
-            return replace(self, w=w).solve_here(seed)
+            return replace(self, w=w).solve_here(seed, pool)
         except NoSolutionError:
             return None
 
-    def solve_here(self, seed: int) -> PathSolution:
+    def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> Solution:
         """The best motion with the workpiece where it stands.
+
+        Args:
+            pool: works on the candidates; progress: called with (done, all) parts of the search for them.
 
         Raises:
             NoSolutionError: as `solve`.
         """
         began = time.perf_counter()
-        search = self._search(seed, began)
+        search = self._search(seed, began, pool, progress)
         smallest, calm = search.smallest_step
         largest = _TIMES * smallest if self.task.largest_step is None else self.task.largest_step
         if smallest > largest + OVER:
@@ -123,7 +146,9 @@ class PathSelector(DerivedAgain):
             raise NoSolutionError(told, self._solution(search, calm, largest, began, reasons))
         return self._solution(search, search.best(largest), largest, began)
 
-    def _search(self, seed: int, began: float) -> MotionSearch:
+    def _search(
+        self, seed: int, began: float, pool: Workers | None = None, progress: Progress | None = None
+    ) -> MotionSearch:
         """The candidates of all points; where some have none that is clear, with rows that keep the arm clear.
 
         Raises:
@@ -133,7 +158,8 @@ class PathSelector(DerivedAgain):
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
             steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp)
-            found = find_candidates(engine, self.targets, steps, scene, np.random.default_rng(seed))
+            rng = np.random.default_rng(seed)
+            found = find_candidates(engine, self.targets, steps, scene, rng, pool, progress)
             if all(map(len, found.costs)) or engine.optimisation_problem.scene is not None or not scene.active:
                 break
         for k, costs in enumerate(found.costs):
@@ -144,20 +170,25 @@ class PathSelector(DerivedAgain):
 
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
-    ) -> PathSolution:
+    ) -> Solution:
         naive = naive_motions(search.engine, search.found, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
-        return PathSolution(
-            problem=self.problem, optimisation_problem=problem, path=self.path, targets=search.found.targets,
-            motion=motion, status="infeasible" if reasons else "optimal" if motion.optimal else "feasible",
-            largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound(motion),
-            off_line=float(astray.max()), naive=naive, jumps=tuple(self._jumps(motion, astray)),
-            placement=self.w, central=math.nan,
-            candidates=tuple(map(len, search.found.costs)), seconds=time.perf_counter() - began, notes=notes,
-            reasons=tuple(reasons),
+        followed = PathAnswer(
+            self.path, motion, largest, search.smallest_step[0], search.bound(motion), float(astray.max()), naive,
+            tuple(map(len, search.found.costs)), tuple(self._jumps(motion, astray)),
         )  # fmt: skip
+        status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
+        seconds, none = time.perf_counter() - began, np.zeros((0, motion.Q.shape[1]))
+        points = tuple(
+            Solution(self.problem, problem, target, status, q, _counted(count, seconds, problem), none, notes,
+                     tuple(reasons))
+            for target, q, count in zip(search.found.targets, motion.Q, followed.candidates, strict=True)
+        )  # fmt: skip
+        placement = Placement(self.placement.lower, self.placement.upper, self.w)
+        stands = None if self.task.workpiece is None else placement
+        return replace(points[0], points=points, names=tuple(self.path.numbers), placement=stands, followed=followed)
 
     def _jumps(self, motion: Motion, astray: Array) -> Iterator[str]:
         """Where no motion leads along the path, but only away from it and back."""
@@ -181,7 +212,13 @@ class PathSelector(DerivedAgain):
         raise NoSolutionError("\n".join(reason.message for reason in told), solution)
 
 
-def _sigma(found: PathSolution) -> float:
+def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:
+    """Of a point, whose candidates are compared together with those of all others."""
+    sampled = Sampled.none(problem.robot)
+    return SearchStatistics(candidates, candidates, 0, 0, 0, 0, sampled, None, math.nan, 1, 0, seconds)
+
+
+def _sigma(found: Solution) -> float:
     return float(found.motion.sigma.max())
 
 

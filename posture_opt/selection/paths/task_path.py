@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.selection.program.task_target import Reach, TaskTarget
+from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_about_z
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
@@ -46,9 +46,10 @@ class TaskPath:
 
     def moved(self, w: Array) -> TaskPath:
         """The same path in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
-        c, s = np.cos(w[3]), np.sin(w[3])
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return replace(self, points=self.points @ R.T + w[:3], tangents=self.tangents @ R.T, axes=self.axes @ R.T)
+        points, along, axes = (
+            turned_about_z(rows.T, np.cos(w[3]), np.sin(w[3])).T for rows in (self.points, self.tangents, self.axes)
+        )
+        return replace(self, points=points + w[:3], tangents=along, axes=axes)
 
     def targets(self, base: TaskTarget, reach: Reach) -> list[TaskTarget]:
         """The target of each point: the spread across the tangent, the tool along the axis."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from posture_opt.numerics import Progress
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import MultistartResult, as_good, multistart
-from posture_opt.workers import opened
+from posture_opt.workers import Part, opened
 
 STARTS_PER_BATCH = (
     32  # of a batch where two degrees of freedom are left or fewer, and so many more for each further one
@@ -71,7 +72,8 @@ def until_recurrence(
     if not any(candidate.feasible for candidate in whole.found):
         return whole  # requirements that cannot be met are not met by more starts either
     values = [_best(whole)]
-    for batch in _batches(engine, whole.target, seed, starts, workers):
+    shared = engine, whole.target, seed, starts
+    for batch in independent_batches(_batch, shared, range(1, MAX_BATCHES), workers):
         whole = whole.joined(batch, engine)
         values.append(_best(batch))
         if progress is not None:
@@ -81,29 +83,33 @@ def until_recurrence(
             if whole.unseen_better * whole.polished <= EXPECTED_BETTER_OPTIMA
             else 3 * BATCHES_THAT_AGREE
         )
-        if _recurred(values) >= enough:
+        if recurrences(values, as_good) >= enough:
             break
-    return replace(whole, batches=len(values), recurred=_recurred(values))
+    return replace(whole, batches=len(values), recurred=recurrences(values, as_good))
 
 
-def _recurred(values: list[float]) -> int:
-    """How many batches found the best optimum."""
-    limit = as_good(min(values))
-    return sum(value <= limit for value in values) if np.isfinite(limit) else 0
+def recurrences(values: Sequence[float], limit: Callable[[float], float]) -> int:
+    """How many batches found the best optimum.
+
+    Args:
+        values: the best objective of each batch, infinite where it found nothing feasible.
+        limit: the objective up to which an optimum counts as one of the given objective.
+    """
+    best = min(values)
+    return sum(value <= limit(best) for value in values) if np.isfinite(best) else 0
+
+
+def independent_batches(part: Part, shared: Any, numbers: range, workers: int) -> Iterator[Any]:
+    """``part(shared, k)`` of the batches k in their order, as many at a time as there are workers."""
+    with opened(workers) as pool:
+        for first in range(numbers.start, numbers.stop, workers):
+            yield from pool.in_order(part, shared, range(first, min(first + workers, numbers.stop)))
 
 
 def _best(found: MultistartResult) -> float:
     """The objective of the best feasible posture of a batch; infinite where there is none."""
     feasible = [candidate.objective for candidate in found.found if candidate.feasible]
     return min(feasible, default=float("inf"))
-
-
-def _batches(engine: Engine, target: TaskTarget, seed: int, starts: int, workers: int) -> Iterator[MultistartResult]:
-    """The further batches in the order of their numbers, as many at a time as there are workers."""
-    with opened(workers) as pool:
-        for first in range(1, MAX_BATCHES, workers):
-            mine = range(first, min(first + workers, MAX_BATCHES))
-            yield from pool.in_order(_batch, (engine, target, seed, starts), mine)
 
 
 def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array
+from posture_opt.selection.answer.combine import combined_sigma
+from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 
 _AGAIN = 2  # times that placements of the map without a posture are tried again
@@ -29,6 +31,21 @@ class BenchMap:
     axes: tuple[int, int]
     values: tuple[Array, Array]
     sigma: Array
+
+
+@dataclass(frozen=True)
+class PlacementOnBench(Placement):
+    """A placement that can be mapped.
+
+    Args:
+        stations: the features in the frame of the workpiece.
+    """
+
+    stations: PlacedStations | None = None
+
+    def bench(self, postures: Array) -> BenchMap | None:
+        """The spread over the first two free coordinates, from the postures (K, n); None where fewer are free."""
+        return None if self.stations is None else bench_map(self.stations, self.w, postures)
 
 
 def bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | None:
@@ -74,4 +91,4 @@ def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
 def placement_sigma(placed: PlacedStations, found: Postures) -> Array:
     """(M,) standard deviation [m] at each placement: of the worst feature, or the mean; infinite where one fails."""
     sigma = np.where(found.gap == 0, found.sigma, np.inf)
-    return np.asarray(sigma.mean(axis=1) if placed.combine == "mean" else sigma.max(axis=1))
+    return combined_sigma(placed.combine, sigma)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array
+from posture_opt.selection.answer.shared_placement import PlacementStatistics
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.relaxation import Relaxation
-from posture_opt.selection.stations.features_solution import FeaturesSolution, PlacementStatistics
+from posture_opt.selection.stations.bench_map import PlacementOnBench
 from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
 from posture_opt.selection.tasks import Task
@@ -46,9 +48,10 @@ class FeaturesFailure:
         notes = (f"{', '.join(others)} cannot be done there either",) if others else ()
         relaxations = (*self._moves(), *_of_the_only_one(names, solved))
         statistics = PlacementStatistics(looked, 0, 0, 0, 1, 0, time.perf_counter() - began)
-        solution = FeaturesSolution(
-            self.problem, self.task, self.stations, "infeasible", w, tuple(solved), statistics, names,
-            notes=notes, reasons=reasons, relaxations=tuple(relaxations),
+        box = self.stations.placement
+        solution = joined_features(
+            self.problem, solved, names, PlacementOnBench(box.lower, box.upper, w, statistics, stations=self.stations),
+            status="infeasible", notes=notes, reasons=reasons, relaxations=tuple(relaxations),
         )  # fmt: skip
         return NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
@@ -69,6 +72,23 @@ class FeaturesFailure:
             change = f"let the yaw go to {np.degrees(turned[3]):.0f} deg: every feature can be done then"
             found.append(Relaxation(change, (), {}, away))
         return sorted(found, key=lambda one: one.cost)
+
+
+def joined_features(
+    problem: ProblemData, solved: Sequence[Solution], names: Sequence[str], placement: PlacementOnBench, **stated: Any
+) -> Solution:
+    """The answer for several features from that for each of them.
+
+    Args:
+        stated: fields of the whole answer: status, notes, reasons and what would help.
+    """
+    statistics = placement.statistics
+    assert statistics is not None
+    first = replace(solved[0].statistics, seconds=statistics.seconds)
+    return replace(
+        solved[0], problem=problem, statistics=first, points=tuple(solved), names=tuple(names), placement=placement,
+        **stated,
+    )  # fmt: skip
 
 
 def _of_the_only_one(names: Sequence[str], solved: Sequence[Solution]) -> list[Relaxation]:

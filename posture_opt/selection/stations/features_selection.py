@@ -10,22 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue, NoSolutionError
+from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.answer.shared_placement import PlacementFigure, PlacementStatistics
 from posture_opt.selection.answer.solution import Solution, Status, critical_basis
+from posture_opt.selection.answer.visiting_order import best_order, nearest_ties, nearest_turns
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.search_outcome import is_clear
-from posture_opt.selection.stations.bench_map import placement_sigma
-from posture_opt.selection.stations.features_failure import FeaturesFailure
-from posture_opt.selection.stations.features_solution import (
-    FeaturesSolution,
-    PlacementFigure,
-    PlacementStatistics,
-)
+from posture_opt.selection.stations.bench_map import PlacementOnBench, placement_sigma
+from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
-from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.stations.placement_search import (
     FOUND_BY,
     PlacementOptimum,
@@ -33,7 +30,6 @@ from posture_opt.selection.stations.placement_search import (
     failing,
     search_placement,
 )
-from posture_opt.selection.stations.visiting_order import best_order, nearest_ties, nearest_turns
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all
@@ -47,7 +43,7 @@ _SAME = 1e-4  # of a standard deviation: features that differ by less are the sa
 
 def select_for_features(
     problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
-) -> FeaturesSolution:
+) -> Solution:
     """The placement and the postures whose spread hurts the task least.
 
     ``min over w, q_1 … q_K`` of the largest or the mean standard deviation of the features, or of the probability that
@@ -73,7 +69,7 @@ class _FeaturesSelection:
         placement = PlacementRange.of(problem.task.workpiece)
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
 
-    def answer(self, workers: int, progress: Progress | None) -> FeaturesSolution:
+    def answer(self, workers: int, progress: Progress | None) -> Solution:
         began = time.perf_counter()
         if not self.placement.free.any():
             return self._where_it_stands(workers, progress, began)
@@ -158,7 +154,7 @@ class _FeaturesSelection:
         found = own.stations.best(other.w[None], 24, np.random.default_rng(self.seed), other.found.Q)
         return PlacementOptimum(found, float(own.stations.combined(found)[0]), False)
 
-    def _at(self, search: PlacementSearch, optimum: PlacementOptimum, began: float) -> FeaturesSolution:
+    def _at(self, search: PlacementSearch, optimum: PlacementOptimum, began: float) -> Solution:
         """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""
         stations = search.stations
         selector = self._selector(stations.combine)
@@ -182,7 +178,7 @@ class _FeaturesSelection:
         return self._solution(
             stations, optimum.w, solved, statistics,
             optimal=optimum.optimal,
-            centre=figure.of(every, 0),
+            at_centre=figure.of(every, 0),
             typical=None if middle is None else figure.of(every, int(middle)),
             others=tuple(figure.of(other.found, 0) for other in rest[:_MOST_OTHERS]),
         )  # fmt: skip
@@ -190,7 +186,7 @@ class _FeaturesSelection:
     def _solution(
         self, stations: PlacedStations, w: Array, solved: Sequence[Solution], statistics: PlacementStatistics,
         *, optimal: bool = True, **beside: Any,
-    ) -> FeaturesSolution:  # fmt: skip
+    ) -> Solution:  # fmt: skip
         robot = solved[0].optimisation_problem.robot
         solved = self._ties(solved)
         Q = np.array([solution.q for solution in solved])
@@ -199,18 +195,10 @@ class _FeaturesSelection:
             solved = [replace(solution, q=q) for solution, q in zip(solved, turned, strict=True)]
         status: Status = "optimal" if optimal and all(s.status == "optimal" for s in solved) else "feasible"
         notes = tuple(dict.fromkeys(note for solution in solved for note in solution.notes))
-        return FeaturesSolution(
-            self.problem,
-            self.task,
-            stations,
-            status,
-            w,
-            tuple(solved),
-            statistics,
-            tuple(feature.name for feature in self.task.features),
-            notes=notes,
-            **beside,
-        )
+        names = [feature.name for feature in self.task.features]
+        box = self.placement
+        placement = PlacementOnBench(box.lower, box.upper, w, statistics, stations=stations, **beside)
+        return joined_features(self.problem, solved, names, placement, status=status, notes=notes)
 
     def _ties(self, solved: Sequence[Solution]) -> Sequence[Solution]:
         """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
@@ -224,7 +212,7 @@ class _FeaturesSelection:
         chosen = nearest_ties(robot, options)
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
 
-    def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> FeaturesSolution:
+    def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> Solution:
         """A placement that is fixed leaves single problems."""
         combine = self.task.combine
         selector = self._selector(combine)
@@ -258,6 +246,11 @@ class _FeaturesSelection:
                 selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
             except NoSolutionError as error:
                 errors.append(error)
+        if not errors:
+            raise SolverError(
+                "each feature can be done by itself, but no placement was found at which all of them can be done; more "
+                "starts may help (solver: {starts: 500})"
+            )
         return self._explained(stations).error(every.W[m], failed, errors, len(every.W), began)
 
 

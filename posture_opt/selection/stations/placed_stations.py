@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.selection.answer.combine import combined_numbers
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.program.pose_request import PARTS, PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
-from posture_opt.selection.stations.joint_problem import JointProblem, Station
-from posture_opt.selection.stations.placement import PlacementRange
+from posture_opt.selection.stations.stations_problem import Station, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap")
@@ -88,12 +89,12 @@ class PlacedStations(DerivedAgain):
         return PlacedStations, (self.engines, self.targets, self.placement, self.combine)
 
     @cached_property
-    def joint(self) -> JointProblem:
+    def joint(self) -> StationsProblem:
         """All stations and the placement as one nonlinear program."""
         pairs = zip(self.engines, self.targets, strict=True)
         stations = tuple(Station(engine.optimisation_problem, target) for engine, target in pairs)
         box = self.placement.without_seam
-        return JointProblem(stations, box.lower, box.upper, self.combine)
+        return StationsProblem(stations, box.lower, box.upper, self.combine)
 
     def scaled(self, scale: float) -> PlacedStations:
         """The same stations with the objectives divided by another variance [m²]."""
@@ -107,14 +108,7 @@ class PlacedStations(DerivedAgain):
 
     def combined(self, found: Postures) -> Array:
         """(M,) the objective of all stations together at each placement, as the joint problem has it."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            if self.combine == "worst":
-                return np.asarray((found.main + found.extra).max(axis=1))
-            extra = found.extra.mean(axis=1)
-            if self.combine == "mean":
-                return np.asarray(np.sqrt(np.maximum(found.main, 0.0)).mean(axis=1) + extra)
-            total = np.log(np.sum(-np.log1p(-np.exp(np.minimum(found.main, -1e-9))), axis=1)) + extra
-        return np.where(np.all(found.gap == 0, axis=1), total, np.inf)
+        return combined_numbers(self.combine, found.main, found.extra)
 
     def at(self, w: Array) -> list[TaskTarget]:
         """The targets at a placement, world."""

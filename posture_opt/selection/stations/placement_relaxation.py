@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.numerics import Array
+from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.stations.placed_stations import PlacedStations
-from posture_opt.selection.stations.placement import PlacementRange
 
 _TRIED = 192  # placements beyond the range
 _ALONG = 12  # of the way back

@@ -7,16 +7,15 @@ postures together; after it every feature is solved again from random starts, le
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.search.batches import independent_batches, recurrences
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.stations.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
-from posture_opt.workers import opened
+from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 
 _PLACEMENTS = 32  # of a batch, and so many more for each free coordinate beyond two
 _STARTS = 12  # random postures of a feature at a placement
@@ -93,12 +92,13 @@ def search_placement(
     stations = stations.scaled(stations.scale_of(probe))
     whole: PlacementSearch | None = None
     values: list[float] = []
-    for batch in _batches(stations, seed, workers):
+    for found in independent_batches(_batch, (stations, seed), range(_MOST), workers):
+        batch: PlacementSearch = replace(found, stations=stations)
         whole = batch if whole is None else _joined(whole, batch)
         values.append(batch.optima[0].objective if batch.optima else np.inf)
         if progress is not None:
             progress(len(values), _MOST)
-        recurred = sum(value <= _as_good(min(values)) for value in values) if np.isfinite(min(values)) else 0
+        recurred = recurrences(values, _as_good)
         if recurred >= wanted or (not whole.optima and len(values) >= _FAILED):
             break
     assert whole is not None
@@ -108,14 +108,6 @@ def search_placement(
 def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
     optima = _distinct(one.stations, [*one.optima, *other.optima])
     return PlacementSearch(one.stations, optima, one.screened.joined(other.screened), 0, 0, one.solves + other.solves)
-
-
-def _batches(stations: PlacedStations, seed: int, workers: int) -> Iterator[PlacementSearch]:
-    with opened(workers) as pool:
-        for first in range(0, _MOST, workers):
-            mine = range(first, min(first + workers, _MOST))
-            for found in pool.in_order(_batch, (stations, seed), mine):
-                yield replace(found, stations=stations)
 
 
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
@@ -151,7 +143,7 @@ def _led(
     More of them are followed through one solve of it, and those that come out best to their end.
     """
     scouts = _leading(stations, found, _SCOUTS * most if stations.placement.free.any() else 1)
-    first = [(m, stations.joint.solve(JointPoint(found.W[m], found.Q[m]))) for m in scouts]
+    first = [(m, stations.joint.solve(StationsPoint(found.W[m], found.Q[m]))) for m in scouts]
     first.sort(key=lambda pair: (pair[1].violation > ROW_TOLERANCE, pair[1].objective))
     ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in first[:most]]
     solves = len(first) + sum(more for _, more in ends)
@@ -200,7 +192,7 @@ def _leading(stations: PlacedStations, found: Postures, most: int) -> list[int]:
 
 
 def _improved(
-    stations: PlacedStations, start: Postures, end: JointOutcome, rng: np.random.Generator
+    stations: PlacedStations, start: Postures, end: StationsOutcome, rng: np.random.Generator
 ) -> tuple[PlacementOptimum | None, int]:
     """The optimum that a placement leads to, and how often the joint problem was solved for it.
 
@@ -219,7 +211,7 @@ def _improved(
         if not gained:
             optimal = optimal or (end.optimal and np.isfinite(now) and value <= _as_good(now))
             break
-        end, solves = stations.joint.solve(JointPoint(found.W[0], found.Q[0])), solves + 1
+        end, solves = stations.joint.solve(StationsPoint(found.W[0], found.Q[0])), solves + 1
     return (PlacementOptimum(best, value, optimal) if np.isfinite(value) else None), solves
 
 

@@ -1,28 +1,16 @@
-"""The report on several features: the placement, a posture each, what another place costs, the order of visits."""
+"""What reports say of several features: a posture each, the placement, what others cost, the order of visits."""
 
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.figures.arm import plot_solution
-from posture_opt.report.figures.bench import plot_bench
-from posture_opt.report.figures.cloud import plot_cross_section
-from posture_opt.report.figures.solution import plot_task_budget
-from posture_opt.report.interactive.arm_view import ArmView
-from posture_opt.report.interactive.solution_postures import solution_postures
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.collision_parts import collision_facts
-from posture_opt.report.parts.improvement_parts import improvements_block
-from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, sentence, source_facts
-from posture_opt.report.parts.solution_checks import explain_report
-from posture_opt.report.parts.task_parts import critical_size, task_budget_block
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.text import render
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.parts.task_parts import critical_size
+from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.report.text.units_text import (
     angle,
     count,
@@ -35,96 +23,48 @@ from posture_opt.report.text.units_text import (
     stated_angle,
     stated_length,
 )
-from posture_opt.report.text.words import CRITERIA, direction_words, part_words
-from posture_opt.selection.stations.features_solution import PlacementFigure
+from posture_opt.report.text.words import direction_words, part_words
+from posture_opt.selection.answer.placement import COORDINATES
+from posture_opt.selection.answer.shared_placement import PlacementFigure
 from posture_opt.uncertainty.spread.joint_digits import READABLE_ROUNDING_SHARE, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.selection.stations.features_solution import FeaturesSolution
-    from posture_opt.selection.stations.placement import PlacementRange
+    from posture_opt.selection.answer.placement import PlacementRange
+    from posture_opt.selection.answer.shared_placement import Placement, PlacementStatistics
+    from posture_opt.selection.answer.solution import Solution
 
 _TOLD = 1e-4  # of a probability: what a report tells apart
 _SAME = 5e-4  # of a standard deviation: less is no difference
-_COMBINED = {
+COMBINED = {
     "worst": "the largest of all features",
     "mean": "the mean of all features",
     "success": "the probability of missing any feature",
 }
 
 
-class FeaturesSolutionPresenter(Presenter["FeaturesSolution"]):
-    """Features on one workpiece, or where they fail least."""
-
-    document = "solution"
-
-    def summary(self) -> Summary:
-        return _summary(self.result)
-
-    def report(self) -> Report:
-        return features_report(self.result)
-
-    def drawings(self) -> Drawings:
-        """Where there is a choice, the bench; the arm at the first feature; cloud and budget of the worst one."""
-        found = self.result
-        if not found.stations:
-            return {}
-        arm: Drawings = {"arm": partial(plot_solution, found.stations[0])}
-        if found.status == "infeasible":
-            return arm
-        worst = found.stations[found.worst]
-        bench: Drawings = {"bench": partial(plot_bench, found)} if found.placement.free.sum() > 1 else {}
-        return {
-            **bench,
-            **arm,
-            "cloud": partial(plot_cross_section, worst.spread, worst.task_spread),
-            "budget": partial(plot_task_budget, worst.spread, worst.task_spread),
-        }
-
-    def view(self) -> ArmView | None:
-        """A posture for each feature; None where there is none."""
-        found = self.result
-        if not found.stations:
-            return None
-        postures = solution_postures(found.stations, found.names, "feature")
-        return ArmView(found.optimisation_problem.robot, postures, "Feature", found.problem.scene, points=True)
-
-    def columns(self) -> Columns:
-        return _columns(self.result)
-
-    def explain(self) -> str:
-        """The optimisation problem of the first feature with its values at the solution."""
-        return render(explain_report(self.result.first))
+def placement_of(found: Solution) -> Placement:
+    """The placement of an answer that has one."""
+    assert found.placement is not None
+    return found.placement
 
 
-def features_report(found: FeaturesSolution) -> Report:
-    """The blocks of an answer, or those of a failure: which feature, why, and what would help."""
-    problem = found.problem
-    title = problem.name or "Posture selection"
-    if found.status == "infeasible":
-        return Report(title, _failed_lead(found), (
-            Block("Why", tuple(sentence(reason.message) for reason in found.reasons)),
-            Block("What would help", tuple(sentence(r.change) for r in found.relaxations)),
-            problem_block(problem, found),
-        ))  # fmt: skip
-    worst = found.stations[found.worst]
-    blocks = (
-        problem_block(problem, found),
-        _postures_block(found),
-        _placements_block(found),
-        _order_block(found),
-        task_budget_block(problem, worst.task_spread),
-        improvements_block(problem, found.improvements, part_words(worst.critical.within, found.task.kind)),
-        _checks_block(found),
-    )
-    return Report(title, _lead(found), tuple(block for block in blocks if block.items))
+def statistics_of(found: Solution) -> PlacementStatistics:
+    """How the placement was searched for."""
+    statistics = placement_of(found).statistics
+    assert statistics is not None
+    return statistics
+
+
+def is_free(found: Solution) -> bool:
+    """Whether there was a choice of placement."""
+    return bool(placement_of(found).free.any())
 
 
 def placement_words(w: Array, placement: PlacementRange | None = None) -> str:
     """A placement in a line: x 512.0 mm, y -20.0 mm, z 100.0 mm, yaw 12.00 deg; at which ends of its range it lies."""
     texts = []
-    for k, name in enumerate(("x", "y", "z", "yaw")):
+    for k, name in enumerate(COORDINATES):
         text = f"{name} {angle(float(w[k])) if k == 3 else f'{fixed(1e3 * float(w[k]), 1)} mm'}"
         if placement is not None and not placement.free[k]:
             text += " (fixed)"
@@ -135,12 +75,13 @@ def placement_words(w: Array, placement: PlacementRange | None = None) -> str:
     return ", ".join(texts)
 
 
-def _lead(found: FeaturesSolution) -> tuple[str, ...]:
-    worst = found.stations[found.worst]
-    name = found.names[found.worst]
-    moved = found.placement.free.any()
+def features_lead(found: Solution) -> tuple[str, ...]:
+    """The placement, the worst feature, and what placing the workpiece gained."""
+    worst = found.worst
+    name = found.worst_station
+    moved = is_free(found)
     where = "Place the workpiece at" if moved else "The workpiece stands at"
-    lines = [f"{where} {placement_words(found.w, found.placement)}."]
+    lines = [f"{where} {placement_words(found.w, placement_of(found))}."]
     part = part_words(worst.critical.within, found.task.kind)
     worst_of = f"Standard deviation {part} at the worst of {count(len(found.names), 'feature')}, {name}"
     lines.append(f"{worst_of}: {critical_size(worst.critical)}.")
@@ -148,23 +89,25 @@ def _lead(found: FeaturesSolution) -> tuple[str, ...]:
         lines.append(f"Mean over the features: {length(found.sigma)}.")
     typical = found.typical if moved else None
     if typical is not None and typical.success is None:
-        lines.append(f"This is {_gain(found, typical)} at a typical feasible placement.")
+        lines.append(f"This is {gain_words(found, typical)} at a typical feasible placement.")
     if found.success is not None:
-        lines.append(f"Probability that all features succeed: {_success(found)}{_typical_success(typical)}.")
+        lines.append(f"Probability that all features succeed: {success_words(found)}{_typical_success(typical)}.")
     if found.status != "optimal":
         lines.append("The solver did not confirm an optimum; this is the best placement found.")
     return tuple(lines)
 
 
-def _failed_lead(found: FeaturesSolution) -> tuple[str, ...]:
-    looked = found.statistics.placements
+def no_placement_lead(found: Solution) -> tuple[str, ...]:
+    """Where the features fail least."""
+    looked = statistics_of(found).placements
     where = f"No placement was found at which every feature is feasible ({looked:,} tried). The nearest is at"
-    if not found.placement.free.any():
+    if not is_free(found):
         where = "Not every feature is feasible with the workpiece"
-    return (f"{where} {placement_words(found.w, found.placement)}.",)
+    return (f"{where} {placement_words(found.w, placement_of(found))}.",)
 
 
-def _success(found: FeaturesSolution) -> str:
+def success_words(found: Solution) -> str:
+    """The probability that all features succeed."""
     success = found.success
     assert success is not None
     text = probability(success.probability)
@@ -179,51 +122,37 @@ def _typical_success(typical: PlacementFigure | None) -> str:
     return f" ({probability(typical.success)} at a typical feasible placement)"
 
 
-def _gain(found: FeaturesSolution, other: PlacementFigure) -> str:
+def gain_words(found: Solution, other: PlacementFigure) -> str:
+    """The standard deviation beside that of another placement."""
     gain = 1 - found.sigma / other.sigma
     if abs(gain) < _SAME:
         return "the same as"
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} than"
 
 
-def problem_block(problem: ProblemData, found: FeaturesSolution) -> Block:
-    """What was asked."""
-    task = found.task
-    what = CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))
-    minimised = _COMBINED["success"] if task.combine == "success" else f"{what}: {_COMBINED[task.combine]}"
-    rows = [
-        *robot_facts(problem),
-        ("Task", f"{task.kind} - {task.summary}"),
-        ("Direction", f"{direction_words(np.array(task.direction))} in the frame of the workpiece"),
+def features_facts(found: Solution) -> list[tuple[str, str]]:
+    """How many features are asked for, and where the workpiece may stand."""
+    return [
+        ("Direction", f"{direction_words(np.array(found.task.direction))} in the frame of the workpiece"),
         ("Features", f"{len(found.names)}, in one placement of the workpiece"),
-        ("Range", _range_words(found.placement)),
-        ("Minimised", minimised),
-        *input_facts(problem),
+        ("Range", range_words(placement_of(found))),
     ]
-    if task.clearance is not None:
-        rows.append(("Clearance", f"{stated_length(task.clearance)} (radial)"))
-    rows += collision_facts(problem.scene)
-    rows += source_facts(problem)
-    rows += note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes))
-    notes = note_facts((*problem.notes, *found.notes))
-    short = (rows[0], ("Range", _range_words(found.placement)), *source_facts(problem), *notes)
-    return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
 
-def _range_words(placement: PlacementRange) -> str:
+def range_words(placement: PlacementRange) -> str:
+    """Where the workpiece may stand."""
     texts = []
-    for k, name in enumerate(("x", "y", "z", "yaw")):
+    for k, name in enumerate(COORDINATES):
         write = stated_angle if k == 3 else stated_length
         low, high = write(float(placement.lower[k])), write(float(placement.upper[k]))
         texts.append(f"{name} {low} to {high}" if placement.free[k] else f"{name} {low}")
     return ", ".join(texts)
 
 
-def _postures_block(found: FeaturesSolution) -> Block:
-    joints, digits = (
-        found.optimisation_problem.robot.joints,
-        joint_digits(found.problem, found.postures, READABLE_ROUNDING_SHARE),
-    )
+def features_block(found: Solution) -> Block:
+    """A posture for each feature."""
+    joints = found.optimisation_problem.robot.joints
+    digits = joint_digits(found.problem, found.postures, READABLE_ROUNDING_SHARE)
     unit, factor = length_unit([float(s) for s in found.sigmas])
     p_success = [station.success_probability for station in found.stations]
     known = all(p is not None for p in p_success)
@@ -246,9 +175,9 @@ def _share(p: float | None) -> str:
     return "" if p is None else f"{100 * p:.4g}" if p < 0.9999 else "> 99.99"
 
 
-def _placements_block(found: FeaturesSolution) -> Block:
+def placements_block(found: Solution) -> Block:
     """What other placements cost; nothing where there is no choice."""
-    if not found.placement.free.any():
+    if not is_free(found):
         return Block("Placements", ())
     this = PlacementFigure(found.w, found.sigma, None if found.success is None else found.success.probability)
     named = [("centre of the range", found.centre), ("typical (median tried)", found.typical)]
@@ -268,7 +197,7 @@ def _placements_block(found: FeaturesSolution) -> Block:
     return Block("Placements", (Table(headers, tuple(rows)), *_base_sentence(found)), figure="bench")
 
 
-def _base_sentence(found: FeaturesSolution) -> tuple[str, ...]:
+def _base_sentence(found: Solution) -> tuple[str, ...]:
     """The same seen from the part, for a base that is to be moved instead."""
     c, s = math.cos(found.w[3]), math.sin(found.w[3])
     x, y, z = -found.w[:3]
@@ -280,7 +209,8 @@ def _base_sentence(found: FeaturesSolution) -> tuple[str, ...]:
     )
 
 
-def _order_block(found: FeaturesSolution) -> Block:
+def order_block(found: Solution) -> Block:
+    """In which order to visit the features."""
     if len(found.names) < 2:
         return Block("Visiting order", ())
     order = found.order
@@ -303,8 +233,9 @@ def _order_block(found: FeaturesSolution) -> Block:
     return Block("Visiting order", (Facts(rows),))
 
 
-def _checks_block(found: FeaturesSolution) -> Block:
-    e = found.statistics
+def features_checks(found: Solution) -> Block:
+    """What the search did, and how the probability was found."""
+    e = statistics_of(found)
     rows: list[tuple[str, str]] = []
     if found.success is not None and abs(found.success.product - found.success.probability) > _TOLD:
         rows.append(("Together", f"constant errors are shared by all features; if they were independent, the "
@@ -315,7 +246,7 @@ def _checks_block(found: FeaturesSolution) -> Block:
     if found.clearance is not None:
         between = " and ".join(found.clearance.between)
         rows.append(("Clearance", f"at least {length(found.clearance.distance)}, between {between}"))
-    if found.placement.free.any():
+    if is_free(found):
         rows.append(("Search", f"{e.placements} placements, {e.feasible} of them feasible for all features; "
                                f"{count(e.solves, 'joint solve')} by IPOPT"))  # fmt: skip
         rows.append(("", f"the best optimum was found by {e.recurred} of {e.batches} independent batches"))
@@ -325,26 +256,27 @@ def _checks_block(found: FeaturesSolution) -> Block:
     return Block("Checks", (Facts(tuple(rows)),))
 
 
-def _summary(found: FeaturesSolution) -> Summary:
+def features_summary(found: Solution) -> Summary:
+    """The placement and the worst feature."""
     asked = found.problem.name or found.task.kind
     if found.status == "infeasible":
         why = sentence(found.reasons[0].message) if found.reasons else "no placement fits"
         facts = [("Workpiece", f"fails least at {placement_words(found.w)}"), ("Why", why)]
         return Summary(f"No placement for: {asked}", tuple(facts))
-    name = found.names[found.worst]
+    name = found.worst_station
     facts = [
         ("Workpiece", placement_words(found.w)),
-        ("Worst feature", f"{name}, {critical_size(found.stations[found.worst].critical)}"),
+        ("Worst feature", f"{name}, {critical_size(found.worst.critical)}"),
     ]
     if found.success is not None:
-        facts.append(("All succeed", _success(found)))
+        facts.append(("All succeed", success_words(found)))
     if found.typical is not None and found.typical.success is None:
-        facts.append(("Gain", f"{_gain(found, found.typical)} at a typical placement"))
-    word = "Best placement" if found.placement.free.any() else "Best postures"
+        facts.append(("Gain", f"{gain_words(found, found.typical)} at a typical placement"))
+    word = "Best placement" if is_free(found) else "Best postures"
     return Summary(f"{word} of: {asked}", tuple(facts))
 
 
-def _columns(found: FeaturesSolution) -> dict[str, list[object]]:
+def features_columns(found: Solution) -> dict[str, list[object]]:
     """A row for each feature."""
     joints = {joint.name: joint_unit(joint.type) for joint in found.optimisation_problem.robot.joints}
     stations = found.stations

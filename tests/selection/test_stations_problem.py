@@ -11,7 +11,8 @@ from scipy.optimize import minimize_scalar
 
 import posture_opt as po
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.stations.joint_problem import JointPoint, JointProblem, Station, StationFunction
+from posture_opt.selection.stations.station_function import StationFunction
+from posture_opt.selection.stations.stations_problem import Station, StationsPoint, StationsProblem, StationSteps
 
 W = np.array([0.62, -0.07, 0.11, 0.8])
 HOLES = np.array([[0.05, 0.02, 0.0], [-0.06, 0.03, 0.01], [0.0, -0.08, 0.02]])
@@ -53,8 +54,8 @@ def test_fixed_placement_gives_the_single_solves() -> None:
     for target, solution in zip(targets, single, strict=True):
         moved = solution.q + np.array([0, 0, 0, 0, 0.3, 0])
         starts.append(engine.ik.solve(moved[None], engine.request(target.moved(W), 1, np.random.default_rng(0)))[0][0])
-    problem = JointProblem(tuple(Station(engine.optimisation_problem, t) for t in targets), W, W, "mean")
-    found = problem.solve(JointPoint(W, np.array(starts)))
+    problem = StationsProblem(tuple(Station(engine.optimisation_problem, t) for t in targets), W, W, "mean")
+    found = problem.solve(StationsPoint(W, np.array(starts)))
     assert found.optimal
     expected = np.mean([solution.critical.sigma_max for solution in single]) / np.sqrt(1e-9)
     assert found.objective == pytest.approx(expected, rel=1e-4)
@@ -74,8 +75,8 @@ def test_free_placement_of_one_hole_is_the_best_radius() -> None:
     target = replace(selector.target.with_position(np.zeros(3)), scale=1e-8)
     start = selector.solve()
     lower, upper = np.array([0.5, 0.1, 0.1, 0.0]), np.array([1.0, 0.3, 0.1, 0.0])
-    joint = JointProblem((Station(engine.optimisation_problem, target),), lower, upper)
-    found = joint.solve(JointPoint(np.array([0.8, 0.1, 0.1, 0.0]), start.q[None]))
+    joint = StationsProblem((Station(engine.optimisation_problem, target),), lower, upper)
+    found = joint.solve(StationsPoint(np.array([0.8, 0.1, 0.1, 0.0]), start.q[None]))
     nearest = minimize_scalar(lambda y: np.hypot(0.5, y), bounds=(0.1, 0.3), method="bounded").fun
     assert found.point.w == pytest.approx([0.5, 0.1, 0.1, 0.0], abs=1e-6)
     assert np.sqrt(found.objective * 1e-8) == pytest.approx(np.radians(0.02) * nearest, rel=1e-4)
@@ -87,7 +88,7 @@ def test_steps_between_stations_are_bounded() -> None:
     targets = part(selector)
     Q = np.array([selector.solve(position=target.moved(W).lower).q for target in targets])
     stations = tuple(Station(engine.optimisation_problem, t) for t in targets)
-    most = np.full(6, 0.35)
-    found = JointProblem(stations, W - 0.05, W + 0.05, "worst", most).solve(JointPoint(W, Q))
+    steps = StationSteps(np.ones(6, dtype=bool), np.array([1, 2]))
+    found = StationsProblem(stations, W - 0.05, W + 0.05, steps=steps).solve(StationsPoint(W, Q), 0.7)
     assert found.violation < 1e-6
-    assert np.all(np.abs(np.diff(found.point.Q, axis=0)) <= most + 1e-6)
+    assert np.all(np.abs(np.diff(found.point.Q, axis=0)).max(axis=1) * steps.parts <= 0.7 + 1e-6)

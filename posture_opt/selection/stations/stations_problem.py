@@ -1,0 +1,206 @@
+"""``StationsProblem``: the postures of several stations and the placement of what they stand on, chosen together.
+
+A station is one feature of a part or one point of a path: the optimisation problem of a point with a target of its own,
+which stands in the frame of the workpiece. Every expression of it, tool axis and further terms included, is evaluated
+at the target that the placement ``w = (x, y, z, yaw)`` moves it to. Neighbours may be joined by steps of the joints,
+whose bound may be the objective itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
+from posture_opt.selection.answer.combine import combined_symbols
+from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.stations.station_function import StationFunction
+from posture_opt.selection.tasks.workpiece import Combine
+
+_PLACED = 5  # variables before the postures: the placement (4,) and the level that is minimised
+_MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
+_STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
+_STEP_MARGIN = 1e-9  # rad: what IPOPT may overstep
+_OPTIONS = {
+    "ipopt.tol": 1e-7,
+    "ipopt.constr_viol_tol": 1e-9,
+    "ipopt.mu_init": 1e-3,  # starts are feasible and good, but the placement has a way to go
+    "ipopt.bound_push": 1e-6,
+    "ipopt.bound_frac": 1e-6,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.fixed_variable_treatment": "make_parameter",
+}
+
+
+@dataclass(frozen=True)
+class Station:
+    """One target in the frame of the workpiece, and the optimisation problem of a point that serves it."""
+
+    optimisation_problem: OptimisationProblem
+    target: TaskTarget
+
+
+@dataclass(frozen=True)
+class StationsPoint:
+    """A placement w (4,) [m, rad] and a posture for each station Q (K, n) [rad or m]."""
+
+    w: Array
+    Q: Array
+
+
+@dataclass(frozen=True)
+class StationsOutcome:
+    """Where one solve ended: the point, its objective, the worst row, the solver's words."""
+
+    point: StationsPoint
+    objective: float
+    violation: float
+    optimal: bool
+    message: str
+    iterations: int
+
+
+@dataclass(frozen=True)
+class StationSteps:
+    """The steps from each of K stations to the next.
+
+    Args:
+        counted: (n,) joints whose steps count; the others stay where a solve starts.
+        parts: (K − 1,) how many times each step counts.
+    """
+
+    counted: Mask
+    parts: Codes
+
+
+@dataclass(frozen=True)
+class _Program:
+    """A solver with its rows and the level (its objective without ties) as functions of ``(x, largest)``."""
+
+    solver: NonlinearSolver
+    rows: ca.Function
+    level: ca.Function
+
+
+@dataclass(frozen=True, eq=False)
+class StationsProblem(DerivedAgain):
+    """``min over w, q_1 … q_K`` of the stations' objectives taken together, subject to the rows of all of them.
+
+    ``worst`` is ``min t`` with ``f_k ≤ t``; steps add ``parts |q_{k+1} − q_k| ≤ largest``.
+
+    Args:
+        stations: K of them, with one scale.
+        lower, upper: (4,) of the placement; equal where a coordinate is fixed.
+        combine: as of `combined_symbols`; ``worst`` where there are steps.
+        steps: between neighbours; None where each posture is free of the others.
+    """
+
+    stations: tuple[Station, ...]
+    lower: Array
+    upper: Array
+    combine: Combine = "worst"
+    steps: StationSteps | None = None
+    max_iterations: int = 300
+
+    def solve(self, start: StationsPoint, largest: float = np.inf) -> StationsOutcome:
+        """The local optimum of IPOPT from a start, which should be feasible, with no step above ``largest``."""
+        return self._solved(self._least_objective, start, max(largest - _STEP_MARGIN, 0.0))
+
+    def least_step(self, start: StationsPoint) -> StationsOutcome:
+        """The postures whose largest step is least, whatever the objectives."""
+        return self._solved(self._least_step, start, 0.0)
+
+    def _solved(self, program: _Program, start: StationsPoint, largest: float) -> StationsOutcome:
+        Q = np.asarray(start.Q, dtype=float)
+        lower, upper = self._bounds(Q)
+        x0 = np.concatenate([np.clip(start.w, self.lower, self.upper), [0.0], Q.ravel()])
+        x0[4] = np.clip(float(program.level(x0)), lower[4], upper[4])
+        row_lower, row_upper = self._row_ends(int(program.rows.numel_out(0)))
+        found = program.solver.solve(x0, lower, upper, row_lower, row_upper, p=largest)
+        x = np.clip(found.x, lower, upper)
+        g = np.asarray(program.rows(x, largest)).ravel()
+        violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
+        point = StationsPoint(x[:4], x[_PLACED:].reshape(Q.shape))
+        return StationsOutcome(
+            point, float(program.level(x)), violation, found.optimal, found.message, found.iterations
+        )
+
+    def _bounds(self, Q: Array) -> tuple[Array, Array]:
+        """Of all variables; the level is fixed at zero where it bounds nothing."""
+        robot, level = self.stations[0].optimisation_problem.robot, np.inf if self.combine == "worst" else 0.0
+        idle = np.zeros(robot.n, dtype=bool) if self.steps is None else ~self.steps.counted
+        low, high = (np.where(idle, Q, np.asarray(ends)).ravel() for ends in (robot.lower, robot.upper))
+        return np.concatenate([self.lower, [-level], low]), np.concatenate([self.upper, [level], high])
+
+    def _row_ends(self, count: int) -> tuple[Array, Array]:
+        """Those of the stations' rows; all others are to be positive."""
+        lower, upper = (np.concatenate([np.tile(f.ends[i], len(of)) for f, of in self._functions]) for i in (0, 1))
+        others = count - len(lower)
+        return np.append(lower, np.zeros(others)), np.append(upper, np.full(others, np.inf))
+
+    @cached_property
+    def _least_objective(self) -> _Program:
+        x, largest, main, extra, rows = self._expressions
+        objective = combined_symbols(self.combine, main, extra)
+        if self.combine != "worst":
+            return self._program(x, largest, objective, objective, rows)
+        level, values = x[4], main + extra
+        rows = [*rows, level - values]
+        if self.steps is None:
+            return self._program(x, largest, level, objective, rows)
+        moved = self._moved(x, self.steps)
+        tie = _MEAN_WEIGHT * ca.sum1(values) / len(self.stations) + _STEP_WEIGHT * ca.sumsqr(moved) / moved.shape[1]
+        return self._program(
+            x, largest, level + tie, objective, [*rows, ca.vec(largest - moved), ca.vec(largest + moved)]
+        )
+
+    @cached_property
+    def _least_step(self) -> _Program:
+        assert self.steps is not None, "stations that are not joined have no steps"
+        x, largest, main, extra, rows = self._expressions
+        moved, level = self._moved(x, self.steps), x[4]
+        mean = ca.sum1(main + extra) / len(self.stations) + ca.sumsqr(moved) / moved.shape[1]
+        step = ca.mmax(ca.fabs(ca.vec(moved)))
+        rows = [*rows, ca.vec(level - moved), ca.vec(level + moved)]
+        return self._program(x, largest, level + _STEP_WEIGHT**2 * mean, step, rows)
+
+    def _program(self, x: ca.MX, largest: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX]) -> _Program:
+        g = ca.vertcat(*rows)
+        options = {**_OPTIONS, "ipopt.max_iter": self.max_iterations}
+        solver = NonlinearSolver("stations", {"x": x, "p": largest, "f": objective, "g": g}, options)
+        return _Program(solver, ca.Function("rows", [x, largest], [g]), ca.Function("level", [x], [level]))
+
+    @cached_property
+    def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
+        """Variables, the largest step, first and further terms (K, 1) of the objectives, rows of the stations."""
+        n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
+        x, largest = ca.MX.sym("x", _PLACED + n * K), ca.MX.sym("largest")
+        parts = []
+        for function, of in self._functions:
+            parameters = ca.DM(np.array([self.stations[k].target.parameters for k in of]).T)
+            mapped = function.call.map("stations", "serial", len(of), [0], [])
+            parts.append(mapped(x[:4], self._postures(x)[:, of], parameters))
+        main, extra = (ca.vertcat(*(ca.vec(part[i]) for part in parts)) for i in (0, 1))
+        return x, largest, main, extra, [ca.vec(part[2]) for part in parts]
+
+    @cached_property
+    def _functions(self) -> list[tuple[StationFunction, list[int]]]:
+        """A function for each optimisation problem, and the stations that it serves."""
+        served: dict[int, list[int]] = {}
+        for k, station in enumerate(self.stations):
+            served.setdefault(id(station.optimisation_problem), []).append(k)
+        return [(StationFunction(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
+
+    def _postures(self, x: ca.MX) -> ca.MX:
+        return ca.reshape(x[_PLACED:], -1, len(self.stations))
+
+    def _moved(self, x: ca.MX, steps: StationSteps) -> ca.MX:
+        """(m, K − 1) steps of the counted joints, as they count."""
+        Q, counted = self._postures(x), np.flatnonzero(steps.counted).tolist()
+        return (Q[counted, 1:] - Q[counted, :-1]) * ca.repmat(ca.DM(steps.parts).T, len(counted), 1)
