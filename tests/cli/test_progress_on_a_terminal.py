@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers.fresh import ROOT
+from tests.helpers.variants import conformance
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals belong to Unix")
 SILENT = 2.0
@@ -81,6 +82,6 @@ def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str
     assert re.search(r"\r +\r$", text), "the line is left as it was found"
 
 
-@pytest.mark.parametrize("option", ["--quiet", "--json"])
+@pytest.mark.parametrize("option", conformance(["--quiet", "--json"], ["--quiet"]))
 def test_nothing_at_all_where_nobody_looks(option: str) -> None:
     assert run("--problem", "insert_scara_tray", option).texts == ()

@@ -6,7 +6,6 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +27,6 @@ def words_of(case: dict[str, Any]) -> list[str]:
 
 def name_of(case: dict[str, Any]) -> str:
     return re.sub(r"\W+", "_", f"{case['file']}_{case['command']}".replace("FILE", ""))[:80]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[CommandServer]:
-    with CommandServer() as found:
-        yield found
 
 
 @pytest.mark.parametrize("case", CASES, ids=name_of)

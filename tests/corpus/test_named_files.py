@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -46,12 +45,6 @@ NAMES = {
 }
 ENDINGS = {"--robot": "urdf", "robot of uncertainty": "urdf", "new": "urdf", "robot.file": "urdf"}
 DATA = Path(__file__).parents[2] / "problems" / "planar_2r_measured.csv"
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[CommandServer]:
-    with CommandServer() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

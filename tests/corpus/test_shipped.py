@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -57,12 +57,6 @@ OF_DATA = {
     "plan": "plan-measurements --problem NAME --given DATA --count 10 --candidates 300",
     "compensate": "compensate DATA --problem NAME",
 }
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[CommandServer]:
-    with CommandServer() as found:
-        yield found
 
 
 def ask(server: CommandServer, words: str, folder: Path, **stands_for: str) -> str:

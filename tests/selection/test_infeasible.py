@@ -159,7 +159,7 @@ def test_the_move_is_the_least_one() -> None:
     solution = refused(data)
     wanted, distance = np.array(FAR["panda"]), solution.reasons[0].amount
     rng = np.random.default_rng(5)
-    away = rng.normal(size=(15, 3))
+    away = rng.normal(size=(8, 3))
     away *= 0.99 * distance / np.linalg.norm(away, axis=1, keepdims=True)
     selector = po.PostureSelector(po.problem_from_dict(data), compiled=False)
     engine = selector.engine(selector.target)
@@ -191,7 +191,7 @@ SOLIDS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize(
     ("robot", "name"),
-    conformance(product(POINTS, SOLIDS), [*(("scara", name) for name in SOLIDS), ("ur10", "lid")]),
+    conformance(product(POINTS, SOLIDS), [("scara", name) for name in SOLIDS]),
 )
 def test_an_obstacle_is_named_and_a_move_gets_out_of_its_way(robot: str, name: str) -> None:
     solid = dict(SOLIDS[name])

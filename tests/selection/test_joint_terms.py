@@ -18,7 +18,6 @@ from posture_opt.selection.terms.orientation_spread import OrientationSpread
 from posture_opt.selection.terms.success import Success
 from tests.helpers.pin import PinArm, robots_folder
 from tests.helpers.sampled import sampled_pose
-from tests.helpers.variants import conformance
 
 SCARA = {"position": ["0.25 m", "0.1 m", "-0.05 m"]}
 UR10 = {"position": ["0.6 m", "0.2 m", "0.2 m"]}
@@ -250,12 +249,8 @@ IMPOSSIBLE: dict[str, dict[str, Any]] = {
 }
 
 
-ALWAYS = [
-    term for term in TERMS if term.__name__ not in ("SpreadTerm", "OrientationSpread")
-]  # as in test_infeasible.py
-
-
-@pytest.mark.parametrize("listed", conformance(TERMS, ALWAYS), ids=lambda term: term.__name__)
+@pytest.mark.conformance  # always, with another arm: test_infeasible.py
+@pytest.mark.parametrize("listed", TERMS, ids=lambda term: term.__name__)
 def test_what_cannot_be_met_is_named(listed: type[Term]) -> None:
     kind = listed.model_fields["kind"].annotation.__args__[0]  # type: ignore[union-attr]
     given = problem(**UR10, clearance="0.02 mm", subject_to=[{"kind": kind, **IMPOSSIBLE[kind]}])
