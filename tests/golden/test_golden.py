@@ -15,7 +15,10 @@ from tests.golden.__main__ import FOLDER
 from tests.golden.cases import Case, document, quick
 from tests.golden.compare import differences
 
-LONG = ("solve-insert_panda_block", "solve-dispense_panda", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt")
+LONG = {
+    *("solve-insert_panda_block", "solve-dispense_panda", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt"),
+    *("solve-weld_ur10", "solve-insert_ur10_plate", "solve-insert_ur10_cell", "diagnose-ur10", "calibrate-ur10"),
+}
 """Searches of some seconds: they run by ``pytest -m conformance``."""
 
 

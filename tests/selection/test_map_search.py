@@ -72,6 +72,7 @@ def test_targets_are_as_good_as_direct_searches(arm: str) -> None:
             assert found.sigma[k] <= AGREES * direct.critical.sigma_max, found.grid.points[k]
 
 
+@pytest.mark.large
 def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
     """Beyond a radius of 786 mm a branch is best that few random starts arrive at."""
     line = {"counts": (10, 1, 1), "low": (0.76, 0, 0.2), "high": (0.805, 0, 0.2)}
