@@ -48,7 +48,7 @@ def delivered(folder: Path, problem: Path, data: Path) -> tuple[po.Diagnosis, di
             ("seven", "slip"),
             ("outliers", ""),
         ],
-        always=[("full", "instrument_field"), ("full", "slip"), ("full", "backlash"), ("outliers", "")],
+        always=[("full", "slip"), ("full", "backlash"), ("outliers", "")],
     ),
 )
 def test_the_file_does_to_its_data_what_is_said(family: str, kind: str, tmp_path: Path) -> None:
