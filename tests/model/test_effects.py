@@ -15,11 +15,12 @@ from posture_opt.model.arm_state import ArmState, Inputs
 from posture_opt.model.effects import EFFECTS, Effect
 from posture_opt.problem.load import problem_from_dict
 from tests.helpers.effect_cases import SHAPES, read, with_effects
+from tests.helpers.variants import conformance
 from tests.hidden import effects as hidden
 from tests.hidden.sizes import draw_effect
 
 every_effect = pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.kind_name())
-every_arm = pytest.mark.parametrize("arm", SHAPES)
+every_arm = pytest.mark.parametrize("arm", conformance(SHAPES, ["ur10"]))
 
 
 def stated_sizes(effect: hidden.Effect) -> dict[str, Any]:
