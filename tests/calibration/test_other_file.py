@@ -13,7 +13,7 @@ import posture_opt as po
 from posture_opt.calibration.other_file import OtherFile
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.errors import InputError
-from posture_opt.report.parts.other_file_words import calibration_words, effects_words, range_items
+from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, range_items
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM

@@ -27,7 +27,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Effect, FittedSizes
 from posture_opt.problem.schema import json_schema
 from posture_opt.report.figures.diagnosis_curves import plot_curves
-from posture_opt.report.parts.diagnosis_sizes import fitted_effects
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
 from tests.helpers.effect_cases import SHAPES, excitation, instances, one_row, read, sized, with_effects
 from tests.helpers.variants import conformance
 from tests.hidden.draw import draw

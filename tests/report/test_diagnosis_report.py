@@ -11,9 +11,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.report.parts.diagnosis_errors import _beside, errors_block
-from posture_opt.report.parts.diagnosis_open import split_csv
-from posture_opt.report.parts.diagnosis_sizes import NoiseFloor, noise_floor
+from posture_opt.report.measured_parts.diagnosis_errors import _beside, errors_block
+from posture_opt.report.measured_parts.diagnosis_open import split_csv
+from posture_opt.report.measured_parts.diagnosis_sizes import NoiseFloor, noise_floor
 from posture_opt.report.results.diagnosis_report import diagnosis_report
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.text import render

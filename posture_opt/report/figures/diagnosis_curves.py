@@ -13,6 +13,7 @@ from posture_opt.model.effects.base.cause import Abscissa, over_joint
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
@@ -24,7 +25,6 @@ from posture_opt.report.page.style import (
     legend_below,
     styled,
 )
-from posture_opt.report.parts.diagnosis_sizes import fitted_effects
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
+from posture_opt.report.measured_parts.plan_parts import is_listed
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
@@ -20,7 +21,6 @@ from posture_opt.report.page.style import (
     legend_beside,
     styled,
 )
-from posture_opt.report.parts.plan_parts import is_listed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,10 +10,10 @@ import numpy as np
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
+from posture_opt.report.measured_parts.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
+from posture_opt.report.measured_parts.residual_parts import scatter_block, shape_block
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
-from posture_opt.report.parts.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
 from posture_opt.report.parts.parts import sentence
-from posture_opt.report.parts.residual_parts import scatter_block, shape_block
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import length, percent, shift
 from posture_opt.report.text.words import MODEL_NAMES, direction_words

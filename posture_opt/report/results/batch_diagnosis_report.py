@@ -9,10 +9,10 @@ from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
+from posture_opt.report.measured_parts.diagnosis_causes import finding_words
+from posture_opt.report.measured_parts.diagnosis_open import uneven_words
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.diagnosis_causes import finding_words
-from posture_opt.report.parts.diagnosis_open import uneven_words
 from posture_opt.report.results.batch_report import batch_facts, batch_report
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.words import p_value

@@ -11,10 +11,10 @@ import numpy as np
 
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
+from posture_opt.report.measured_parts.contradictions import refuted_of_robots
+from posture_opt.report.measured_parts.error_table import error_table, mm
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.contradictions import refuted_of_robots
-from posture_opt.report.parts.error_table import error_table, mm
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, decimals_of, percent

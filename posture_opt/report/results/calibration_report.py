@@ -11,14 +11,18 @@ from posture_opt.model.effects import Effect
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import correction_marks, task_posture
+from posture_opt.report.measured_parts.calibration_brief import calibration_brief, stood_elsewhere
+from posture_opt.report.measured_parts.calibration_parameters import (
+    determined_words,
+    parameters_block,
+    undetermined_block,
+)
+from posture_opt.report.measured_parts.contradictions import doubts_lead
+from posture_opt.report.measured_parts.error_table import error_table, held_out_sentence, instrument_words, mm
+from posture_opt.report.measured_parts.large_file_words import large_file_facts
+from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.calibration_brief import calibration_brief, stood_elsewhere
-from posture_opt.report.parts.calibration_parameters import determined_words, parameters_block, undetermined_block
-from posture_opt.report.parts.contradictions import doubts_lead
-from posture_opt.report.parts.error_table import error_table, held_out_sentence, instrument_words, mm
-from posture_opt.report.parts.large_file_words import large_file_facts
-from posture_opt.report.parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
 from posture_opt.report.results.assessment_report import assessment_blocks, assessment_drawings
 from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead

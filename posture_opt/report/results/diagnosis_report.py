@@ -15,19 +15,17 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
-from posture_opt.report.page.save import Files
-from posture_opt.report.parts.contradictions import doubts_lead
-from posture_opt.report.parts.diagnosis_causes import (
+from posture_opt.report.measured_parts.contradictions import doubts_lead
+from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
     confusion_block,
     cyclic_block,
     finding_words,
     view_key,
 )
-from posture_opt.report.parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
-from posture_opt.report.parts.diagnosis_goals import goals_block, goals_lead
-from posture_opt.report.parts.diagnosis_open import (
+from posture_opt.report.measured_parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
+from posture_opt.report.measured_parts.diagnosis_goals import goals_block, goals_lead
+from posture_opt.report.measured_parts.diagnosis_open import (
     FILE,
     absorbed_block,
     left_block,
@@ -37,9 +35,17 @@ from posture_opt.report.parts.diagnosis_open import (
     unexplained_lead,
     unknowable_block,
 )
-from posture_opt.report.parts.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor, periodic_joints
-from posture_opt.report.parts.error_table import instrument_words, mm
-from posture_opt.report.parts.large_file_words import large_file_facts
+from posture_opt.report.measured_parts.diagnosis_sizes import (
+    MODELS,
+    fitted_effects,
+    headline_of,
+    noise_floor,
+    periodic_joints,
+)
+from posture_opt.report.measured_parts.error_table import instrument_words, mm
+from posture_opt.report.measured_parts.large_file_words import large_file_facts
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
+from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary

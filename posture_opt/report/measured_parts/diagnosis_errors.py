@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.parts.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
-from posture_opt.report.parts.error_table import (
+from posture_opt.report.measured_parts.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
+from posture_opt.report.measured_parts.error_table import (
     ELSEWHERE,
     ERROR_HEADERS,
     error_cells,
@@ -15,7 +15,7 @@ from posture_opt.report.parts.error_table import (
     held_out_sentence,
     mm,
 )
-from posture_opt.report.parts.other_file_words import calibration_words, effects_words, file_words, range_items
+from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, file_words, range_items
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import count, percent
 from posture_opt.report.text.words import MODEL_NAMES

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.parts.diagnosis_sizes import MODELS
+from posture_opt.report.measured_parts.diagnosis_sizes import MODELS
 from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.units_text import count, length, percent
 from posture_opt.report.text.words import PARTS

@@ -12,7 +12,7 @@ from posture_opt.diagnosis.discrimination.discrimination_design import detection
 from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.columns import AXES
 from posture_opt.measurements.orientation_columns import QUATERNION
-from posture_opt.report.parts.diagnosis_sizes import fitted_effects
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import angle, count, joint_unit, percent

@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects.base.cause import FittedSizes
-from posture_opt.report.parts.error_table import mm
+from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.words import MODEL_NAMES
 
 if TYPE_CHECKING:

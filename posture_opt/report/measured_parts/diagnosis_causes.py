@@ -8,14 +8,14 @@ import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.model.effects.base.cause import FittedSizes
-from posture_opt.report.parts.contradictions import gain_words
-from posture_opt.report.parts.diagnosis_sizes import (
+from posture_opt.report.measured_parts.contradictions import gain_words
+from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
     fitted_sizes,
     headline_of,
     periodic_joints,
 )
-from posture_opt.report.parts.error_table import mm
+from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import length, percent

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from posture_opt.model.effects import JointCoupling
-from posture_opt.report.parts.error_table import mm
+from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.units import number, plus_minus, shown
 
 if TYPE_CHECKING:

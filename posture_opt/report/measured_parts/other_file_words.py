@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from posture_opt.report.parts.error_table import mm
+from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.units_text import count
 from posture_opt.report.text.words import MODEL_NAMES

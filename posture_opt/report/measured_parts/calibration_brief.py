@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
-from posture_opt.report.parts.calibration_parameters import determined_words, differing, undetermined_names
-from posture_opt.report.parts.error_table import ELSEWHERE, mm
-from posture_opt.report.parts.large_file_words import thinned_words
-from posture_opt.report.parts.other_file_words import file_words
+from posture_opt.report.measured_parts.calibration_parameters import determined_words, differing, undetermined_names
+from posture_opt.report.measured_parts.error_table import ELSEWHERE, mm
+from posture_opt.report.measured_parts.large_file_words import thinned_words
+from posture_opt.report.measured_parts.other_file_words import file_words
 from posture_opt.report.text.blocks import Block, Facts, Report
 from posture_opt.report.text.units_text import count, stated_length
 
