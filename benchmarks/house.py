@@ -16,20 +16,21 @@ import statistics
 import subprocess
 import sys
 import tomllib
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
 from tests.helpers.source import (
-    ROOMS,
     Module,
+    Where,
     body_lines,
     circles,
     defined_twice,
     imports_of,
     kinds_in,
     modules_of,
-    room_of,
     stems_twice,
+    upward,
 )
 
 HERE = Path(__file__).parents[1]
@@ -37,6 +38,23 @@ EFFECTS = "posture_opt.model.effects"
 SOURCE = re.compile(
     r"\b(1[89]|20)\d\d\b|\b(ISO|GUM|JCGM|NIST|IEC|DIN|doi|eq\.|data sheet|chapter|section)\b", re.IGNORECASE
 )
+HOME_MADE = {
+    "mend": ("mend", "mends", "mended"),
+    "tell": ("tell", "tells", "told"),
+    "stands": ("stands",),
+    "odds": ("odds",),
+    "beside": ("beside",),
+    "hang": ("hang", "hangs"),
+    "fate, crew, mother and the like": (
+        *("fate", "crew", "mother", "restless", "strewn", "landing", "mind", "minds", "heads", "senses"),
+        *("weightiest", "surest"),
+    ),
+}
+"""Words of this program's own, and such as a textbook has another word for, by what they are counted under."""
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+SHARED_NAMES = 3  # files
+SMALL_FILE = 60  # lines
+RUN: tuple[Where, ...] = ("top", "function", "string")
 LOADED = "import sys; {}; print(sum(m.split('.')[0] == 'posture_opt' for m in sys.modules))"
 DIAGNOSE = (
     "import posture_opt as po; problem = po.load_problem('problems/insert_planar_2r_measured.yaml');"
@@ -104,17 +122,6 @@ def text_lines(module: Module) -> tuple[int, int]:
     return len(written), len(code)
 
 
-def upward(modules: dict[str, Module]) -> list[str]:
-    """Imports that run against the order of the rooms."""
-    found = []
-    for module in modules.values():
-        for imported in imports_of(module, modules):
-            there = room_of(imported.module)
-            if imported.module.startswith("posture_opt") and {module.room, there} <= set(ROOMS):
-                found += [module.name] if ROOMS.index(there) > ROOMS.index(module.room) else []
-    return found
-
-
 def loaded(root: Path, python: str, code: str) -> str:
     """How many modules of the package a fresh process has loaded after some code."""
     known = os.environ | {"PYTHONPATH": str(root)}
@@ -127,7 +134,7 @@ def loaded(root: Path, python: str, code: str) -> str:
 def measured(root: Path, python: str) -> dict[str, str]:
     """All figures of a checkout."""
     modules = modules_of(root / "posture_opt")
-    return shape(modules) | ties(modules) | weight(root, python)
+    return shape(modules) | ties(modules) | names(modules) | rooms(modules) | weight(root, python)
 
 
 def shape(modules: dict[str, Module]) -> dict[str, str]:
@@ -164,12 +171,73 @@ def ties(modules: dict[str, Module]) -> dict[str, str]:
         "… for types alone": str(sum(i.where == "typing" for i in imports)),
         "imports against the order of rooms": str(len(upward(modules))),
         "circles of imports (modules in them)": circle_text(circles(modules)),
-        "… of those that run": circle_text(circles(modules, ("top", "function"))),
+        "… that run, strings of import_module followed": circle_text(circles(modules, RUN)),
         "names of classes defined twice": str(len(defined_twice(modules))),
         "names of files in two rooms": str(len(stems_twice(modules))),
         "files that define Array": str(len(array)),
         "kinds of effects as strings outside model/effects": f"{sum(named.values())} in {files} files",
     }
+
+
+def names(modules: dict[str, Module]) -> dict[str, str]:
+    """What things are called."""
+    words = Counter(word.lower() for m in modules.values() for word in WORD.findall(m.text))
+    home_made = {name: sum(words[word] for word in listed) for name, listed in HOME_MADE.items()}
+    homes = defaultdict(set)
+    for name, module in modules.items():
+        for node in module.tree.body:
+            for constant in constant_names(node):
+                homes[constant].add(name)
+    shared = {constant: len(files) for constant, files in homes.items() if len(files) >= SHARED_NAMES}
+    functions = [f.name.strip("_") for m in modules.values() for f in m.functions() if not f.name.startswith("__")]
+    single = sum("_" not in name for name in functions)
+    return {
+        "home-made words": str(sum(home_made.values())),
+        **{f"… {name}": str(count) for name, count in home_made.items()},
+        f"names of constants in {SHARED_NAMES} files or more": f"{len(shared)}",
+        "… most files with one name": str(max(shared.values(), default=0)),
+        "functions with a name of one word": f"{100 * single / len(functions):.0f} %",
+    }
+
+
+def constant_names(node: ast.stmt) -> Iterator[str]:
+    """Names in capitals that a statement of a module assigns."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    for target in targets:
+        for part in target.elts if isinstance(target, ast.Tuple) else [target]:
+            if isinstance(part, ast.Name) and part.id.isupper():
+                yield part.id
+
+
+def rooms(modules: dict[str, Module]) -> dict[str, str]:
+    """How files are put together, and what types know."""
+    folders = Counter(module.path.parent for module in modules.values())
+    largest, size = folders.most_common(1)[0]
+    importers = defaultdict(set)
+    for name, module in modules.items():
+        for found in imports_of(module, modules):
+            if found.where != "string":
+                importers[found.module].add(name)
+    lonely = [
+        len(modules[name].lines)
+        for name, (one, *others) in importers.items()
+        if name in modules and not others and modules[one].room == modules[name].room
+        if "__init__.py" not in (modules[one].path.name, modules[name].path.name)
+    ]
+    nodes = [node for module in modules.values() for node in ast.walk(module.tree)]
+    protocols = [node for node in nodes if isinstance(node, ast.ClassDef) and "Protocol" in map(base_name, node.bases)]
+    return {
+        "files of the largest folder": f"{size} ({largest.name})",
+        "files with one importer, in their own room": str(len(lonely)),
+        f"… of fewer than {SMALL_FILE} lines": str(sum(n < SMALL_FILE for n in lonely)),
+        "Protocols": str(len(protocols)),
+        "uses of Any": str(sum(isinstance(node, ast.Name) and node.id == "Any" for node in nodes)),
+    }
+
+
+def base_name(node: ast.expr) -> str:
+    """``Protocol`` of ``Protocol[T]``."""
+    return ast.unparse(node.value if isinstance(node, ast.Subscript) else node).split(".")[-1]
 
 
 def weight(root: Path, python: str) -> dict[str, str]:
