@@ -107,6 +107,12 @@ def test_the_picture_of_the_architecture_is_the_house() -> None:
         assert (PACKAGE / name).is_dir() == (kind == "/"), name
 
 
+def test_the_architecture_shows_the_order_of_folders() -> None:
+    text = re.sub(r" <\n +", " < ", ARCHITECTURE)
+    rows = re.findall(r"^(\w+) +(\w+(?: < \w+)+)$", text, re.MULTILINE)
+    assert {room: order.split(" < ") for room, order in rows} == SUBROOMS
+
+
 def test_tests_follow_the_rooms_and_take_nothing_from_each_other() -> None:
     """What several of them need stands in ``tests/helpers``."""
     tests = Path(__file__).parent

@@ -1,15 +1,75 @@
-"""Which parameters the report and the figure of a measurement plan list."""
+"""What a measurement plan asks for, and which parameters its report and its figure list."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
+
+from posture_opt.report.parts.collision_parts import clear_words
+from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.text.blocks import Block, Facts
+from posture_opt.report.text.units_text import count, length, percent, stated_angle, stated_length
+from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import MeasurementPlan
+    from posture_opt.selection.problem_data import ProblemData
 
 _EXACT = 1e-7  # m, rad: rounding of a covariance in which parameters are correlated
+_NOTED = 1.1  # times the instrument's σ: from there on it is told
 
 
 def is_listed(plan: MeasurementPlan, i: int) -> bool:
     """Whether parameter i can be determined, and is not as good as exact already."""
     return bool(plan.settled[i]) and not plan.before.std[i] < _EXACT
+
+
+def planned_block(problem: ProblemData, plan: MeasurementPlan) -> Block:
+    """What is measured, where the arm may go, what was assumed."""
+    facts = [
+        ("Plan for", _purpose(plan)),
+        ("Measured", _measured(plan)),
+        *([("Given", _given(plan))] if plan.given is not None else []),
+        ("Kept clear", _room(plan)),
+    ]
+    notes = note_facts((*problem.notes, *plan.notes))
+    return Block("What is planned", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def _purpose(plan: MeasurementPlan) -> str:
+    if plan.purpose == "parameters":
+        return "the parameters of the arm: smallest volume of their confidence ellipsoid (D-optimal)"
+    return "the task: smallest variance of the tool point at its posture, in the critical direction (L-optimal)"
+
+
+def _measured(plan: MeasurementPlan) -> str:
+    position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
+    turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
+    often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
+    targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
+    scatter = ""
+    if plan.given is None and plan.spread > _NOTED:
+        own = plan.sigma * math.sqrt(plan.spread**2 - 1)
+        scatter = f"; the scatter of the arm itself, {length(own, 2)} per coordinate, is included"
+    postures = count(len(plan.q), "posture")
+    return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
+
+
+def _given(plan: MeasurementPlan) -> str:
+    assert plan.given is not None
+    noisy = ""
+    if plan.spread > _NOTED:
+        noisy = (
+            f"; the best fit to them leaves {number(plan.spread, 2)} times the σ of the instrument, which is included"
+        )
+    return f"{count(len(plan.given), 'row')} measured already{noisy}"
+
+
+def _room(plan: MeasurementPlan) -> str:
+    height = plan.workspace.height
+    above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
+    box = "the tool point in the stated box, " if plan.workspace.bounded else ""
+    return (
+        f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
+        f"{percent(plan.share)} of all postures qualify. Other collisions are not checked: run slowly the first time"
+    )

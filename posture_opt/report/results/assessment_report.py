@@ -13,9 +13,10 @@ from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
 from posture_opt.report.parts.parts import sentence
+from posture_opt.report.parts.residual_parts import scatter_block, shape_block
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, lengths, percent, shift
-from posture_opt.report.text.words import MODEL_NAMES, REGIONS, direction_words, line_words
+from posture_opt.report.text.units_text import length, percent, shift
+from posture_opt.report.text.words import MODEL_NAMES, direction_words
 from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import Assessment
 
@@ -35,8 +36,6 @@ _HOURS = 2 * 3600.0  # s: shorter times are told in minutes
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
 _NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
 _WHOLE = 0.6  # of the whole range: a block as long was not cut along it
-_NORMAL = 0.0027  # of normal numbers lie beyond three standard deviations
-_RARE = 0.05  # probability of a share that says something
 
 
 def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
@@ -170,57 +169,6 @@ def _trend_text(trend: Trend) -> str:
     span = "from the first row to the last" if trend.name == "row" else f"from {low} to {high} {unit}"
     change = shift(trend.change.tolist())
     return f"Over {words}, {span}, the mean error changes by {change} (significant, p {p_value(trend.p_value)})."
-
-
-def scatter_block(found: Assessment) -> Block:
-    """The second rule: the second moment of the residuals is their vector uncertainty."""
-    left = found.residual_scatter
-    if left is None:
-        return Block(
-            "Residual scatter",
-            ("The residuals are zero." if not found.calibrated.coordinate else "Too few poses for a 95 % region.",),
-        )
-    ellipse = left.ellipse
-    along = ", ".join(line_words(np.pad(a, (0, 3 - len(a)))) for a in ellipse.axes.T[::-1][: ellipse.rank])
-    half = lengths([float(s) for s in (left.factor * ellipse.semi_axes)[::-1][: ellipse.rank]])
-    if len(found.axes) < 3:
-        along = ", ".join(_in_plane(found, a) for a in ellipse.axes.T[::-1][: ellipse.rank])
-    poses = "" if left.dof == left.samples else f" in {count(left.dof, 'pose')}"
-    texts = [
-        f"C = (1/l) Σ Δx Δxᵀ over l = {left.samples} rows{poses} is the vector uncertainty of the calibrated model.",
-        f"Its {REGIONS[ellipse.rank]} has the semi-axes {half} along {along}: {left.factor:.3f} standard deviations "
-        f"for this number of samples ({ellipse.factor(0.95):.3f} if the covariance were known exactly). "
-        f"{percent(left.inside)} of the rows lie inside.",
-    ]
-    if not found.calibrated.zero:
-        texts.append("As the mean is not zero everywhere, C contains systematic errors besides scatter.")
-    return Block("Residual scatter", tuple(texts), "residual_region")
-
-
-def _in_plane(found: Assessment, axis: np.ndarray) -> str:
-    wide = np.zeros(3)
-    wide[list(found.axes)] = axis
-    return line_words(wide)
-
-
-def shape_block(found: Assessment) -> Block:
-    """Whether the residuals are normally distributed."""
-    from scipy.special import gammainc
-
-    share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)
-    beyond = round(share * coordinates)
-    chance = float(gammainc(beyond, coordinates * _NORMAL)) if beyond else 1.0  # of so many among normal ones
-    if chance < _RARE:
-        verdict = "large errors are more frequent than normal"
-    elif share > _NORMAL:
-        verdict = "the difference is not significant"
-    else:
-        verdict = "large errors are no more frequent than normal"
-    text = (
-        f"{percent(share)} of the coordinates lie beyond three standard deviations; of a normal distribution "
-        f"{percent(_NORMAL)} would: {verdict}."
-    )
-    return Block("Distribution of the residuals", (text,), "residual_shape")
 
 
 def _answer(found: Assessment) -> str:

@@ -12,10 +12,9 @@ from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import clear_words
-from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
-from posture_opt.report.parts.plan_parts import is_listed
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.parts.plan_parts import is_listed, planned_block
+from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import (
     angle,
     count,
@@ -23,19 +22,15 @@ from posture_opt.report.text.units_text import (
     length,
     percent,
     place,
-    stated_angle,
-    stated_length,
 )
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.experiments.expected_errors import ExpectedErrors
     from posture_opt.experiments.measurement_plan import MeasurementPlan
-    from posture_opt.selection.problem_data import ProblemData
 
 _MOST_ROWS = 60
 _WIDE = 100
-_NOTED = 1.1  # times the instrument's σ: from there on it is told
 _TINY = 1e-6  # an index below it says that something is open
 _OPEN = "unknown"
 _SAID = {
@@ -82,57 +77,6 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
         f"Expected RMS error {counted}at the posture of the task, from parameter uncertainty: {length(plan.after.task)}"
         f"{before}.",
         *warned,
-    )
-
-
-def planned_block(problem: ProblemData, plan: MeasurementPlan) -> Block:
-    """What is measured, where the arm may go, what was assumed."""
-    facts = [
-        ("Plan for", _purpose(plan)),
-        ("Measured", _measured(plan)),
-        *([("Given", _given(plan))] if plan.given is not None else []),
-        ("Kept clear", _room(plan)),
-    ]
-    notes = note_facts((*problem.notes, *plan.notes))
-    return Block("What is planned", (Facts((*robot_facts(problem), *facts, *notes)),))
-
-
-def _purpose(plan: MeasurementPlan) -> str:
-    if plan.purpose == "parameters":
-        return "the parameters of the arm: smallest volume of their confidence ellipsoid (D-optimal)"
-    return "the task: smallest variance of the tool point at its posture, in the critical direction (L-optimal)"
-
-
-def _measured(plan: MeasurementPlan) -> str:
-    position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
-    turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
-    often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
-    targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
-    scatter = ""
-    if plan.given is None and plan.spread > _NOTED:
-        own = plan.sigma * math.sqrt(plan.spread**2 - 1)
-        scatter = f"; the scatter of the arm itself, {length(own, 2)} per coordinate, is included"
-    postures = count(len(plan.q), "posture")
-    return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
-
-
-def _given(plan: MeasurementPlan) -> str:
-    assert plan.given is not None
-    noisy = ""
-    if plan.spread > _NOTED:
-        noisy = (
-            f"; the best fit to them leaves {number(plan.spread, 2)} times the σ of the instrument, which is included"
-        )
-    return f"{count(len(plan.given), 'row')} measured already{noisy}"
-
-
-def _room(plan: MeasurementPlan) -> str:
-    height = plan.workspace.height
-    above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
-    box = "the tool point in the stated box, " if plan.workspace.bounded else ""
-    return (
-        f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
-        f"{percent(plan.share)} of all postures qualify. Other collisions are not checked: run slowly the first time"
     )
 
 
