@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.figures.arm import plot_solution
-from posture_opt.report.figures.cloud import plot_cross_section
-from posture_opt.report.figures.solution import plot_joint_map, plot_task_budget
-from posture_opt.report.interactive.arm_view import ArmView
-from posture_opt.report.interactive.solution_postures import solution_postures
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.budget_parts import main_fact
 from posture_opt.report.parts.collision_parts import collision_facts, distance_facts
@@ -47,6 +42,7 @@ from posture_opt.report.parts.task_parts import (
     task_budget_block,
     task_facts,
 )
+from posture_opt.report.results.drawing_files import figures_of, views_of
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.text import render
 from posture_opt.report.text.units_text import (
@@ -63,6 +59,7 @@ from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
+    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.program.task_target import TaskTarget
@@ -269,13 +266,13 @@ class SolutionPresenter(Presenter["Solution"]):
     def drawings(self) -> Drawings:
         """The arm; where there is a posture, its cloud across the direction, its budget, and a map of two joints."""
         found = self.result
-        drawings: Drawings = {"arm": partial(plot_solution, found)}
+        drawings: Drawings = {"arm": partial(figures_of("arm").plot_solution, found)}
         if found.status == "infeasible":
             return drawings
-        drawings["cloud"] = partial(plot_cross_section, found.spread, found.task_spread)
-        drawings["budget"] = partial(plot_task_budget, found.spread, found.task_spread)
+        drawings["cloud"] = partial(figures_of("cloud").plot_cross_section, found.spread, found.task_spread)
+        drawings["budget"] = partial(figures_of("solution").plot_task_budget, found.spread, found.task_spread)
         if found.optimisation_problem.robot.n == 2:
-            drawings["joint_map"] = partial(plot_joint_map, found)
+            drawings["joint_map"] = partial(figures_of("solution").plot_joint_map, found)
         return drawings
 
     def view(self) -> ArmView:
@@ -286,8 +283,11 @@ class SolutionPresenter(Presenter["Solution"]):
         every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
         names = ["best posture" if found.status != "infeasible" else "nearest posture"]
         names += [f"alternative {rank}" for rank in range(2, len(every) + 1)]
-        postures = solution_postures(every, names, "alternative")
-        return ArmView(found.optimisation_problem.robot, postures, "Posture", found.problem.scene)
+        postures = views_of("solution_postures").solution_postures(every, names, "alternative")
+        view: ArmView = views_of("arm_view").ArmView(
+            found.optimisation_problem.robot, postures, "Posture", found.problem.scene
+        )
+        return view
 
     def columns(self) -> Columns:
         return _columns(self.result)
