@@ -58,6 +58,7 @@ LAZY = {
     "posture_opt.report.page.library": "plotly, when a page is to have a view",
     "posture_opt.report.page.new_figure": "matplotlib, when a figure is drawn",
     "posture_opt.report.page.presenter": "pandas, when a table is asked for",
+    "posture_opt.report.results.drawing_files": "figures and views of one posture, when they are drawn",
 }
 """The files that import by name, and what for."""
 
@@ -325,12 +326,13 @@ def test_a_solve_loads_neither_scipy_nor_matplotlib() -> None:
     assert loaded_by(code, ("scipy", "matplotlib", "pint")) == []
 
 
-def test_a_report_as_text_loads_no_library_that_draws() -> None:
+def test_a_report_as_text_loads_nothing_that_draws() -> None:
     code = (
         "import posture_opt as po; from posture_opt.problem.load import builtin_problem;"
         "found = po.select_posture(builtin_problem('insert')); found.report(), found.summary()"
     )
-    assert loaded_by(code, ("matplotlib", "plotly", "pandas", "jinja2")) == []
+    drawing = tuple(f"posture_opt.report.{folder}" for folder in ("scene", "figures", "interactive"))
+    assert loaded_by(code, ("matplotlib", "plotly", "pandas", "jinja2", *drawing)) == []
 
 
 def loaded_by(code: str, libraries: tuple[str, ...]) -> list[str]:

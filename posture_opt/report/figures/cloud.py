@@ -69,6 +69,11 @@ def plot_cloud(cloud: Cloud) -> Figure:
     return figure
 
 
+def plot_simulated(spread: Spread) -> Figure:
+    """The cloud of a small simulation beside the closed form."""
+    return plot_cloud(cloud_of(spread, _SAMPLES, 0))
+
+
 def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
     """(2, 3) each: what is looked at."""
     if len(spread.basis) == 2:

@@ -78,6 +78,7 @@ from posture_opt.report.text.words import CRITERIA, part_words
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
 if TYPE_CHECKING:
+    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.report.page.save import Files
     from posture_opt.selection.answer.solution import Solution
 

@@ -9,10 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.figures.arm import plot_spread
-from posture_opt.report.figures.cloud import plot_cloud, plot_cross_section
-from posture_opt.report.figures.solution import plot_longest_axis_budget, plot_task_budget
-from posture_opt.report.interactive.solution_postures import spread_view
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.budget_parts import budget_block, group_words, main_fact
 from posture_opt.report.parts.parts import (
@@ -41,11 +37,11 @@ from posture_opt.report.parts.task_parts import (
     task_facts,
     task_items,
 )
+from posture_opt.report.results.drawing_files import figures_of, views_of
 from posture_opt.report.text.blocks import Block, Facts, Item, Report, Summary, Table
 from posture_opt.report.text.units_text import length, length_unit, lengths, percent, place
 from posture_opt.report.text.words import line_words, part_words
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.simulation.cloud import cloud_of
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -53,9 +49,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
-
-
-_DRAWN_POINTS = 2000  # of the tool, in the cloud of a figure
 
 
 def spread_report(spread: Spread) -> Report:
@@ -194,22 +187,23 @@ class SpreadPresenter(Presenter["Spread"]):
     def drawings(self) -> Drawings:
         """The arm, a small cloud with the ellipse, the budget of the axis that counts most."""
         found = self.result
-        seen, arm = found.for_task, partial(plot_spread, found)
+        seen, arm = found.for_task, partial(figures_of("arm").plot_spread, found)
         if seen is None:
             return {
                 "arm": arm,
-                "cloud": lambda: plot_cloud(cloud_of(found, _DRAWN_POINTS, 0)),
-                "budget": partial(plot_longest_axis_budget, found),
+                "cloud": partial(figures_of("cloud").plot_simulated, found),
+                "budget": partial(figures_of("solution").plot_longest_axis_budget, found),
             }
         return {
             "arm": arm,
-            "cloud": partial(plot_cross_section, found, seen, origin="nominal point"),
-            "budget": partial(plot_task_budget, found, seen),
+            "cloud": partial(figures_of("cloud").plot_cross_section, found, seen, origin="nominal point"),
+            "budget": partial(figures_of("solution").plot_task_budget, found, seen),
         }
 
     def view(self) -> ArmView:
         """The posture that was asked for."""
-        return spread_view(self.result)
+        view: ArmView = views_of("solution_postures").spread_view(self.result)
+        return view
 
     def columns(self) -> Columns:
         """The error budget of the longest axis."""

@@ -1,0 +1,93 @@
+"""The scatter of each joint in a report: estimated, as stated, and whether it predicts other postures."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.units_text import angle, length, stated_angle, stated_length
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.validation.scatter_prediction import ScatterPrediction
+    from posture_opt.validation.spread_check import SpreadCheck
+
+_NOTHING = 1e-3  # of the upper end of an interval: less than that is zero
+
+
+def joints_block(found: SpreadCheck) -> Block:
+    """σ of each joint and of the instrument, and whether they predict other postures."""
+    noise = found.noise
+    assert noise is not None
+    source = (
+        "Estimated from the differences between repeats (restricted likelihood)."
+        if found.from_repeats
+        else "Estimated from the residuals of the calibration, which contain model errors too: nothing was repeated."
+    )
+    rows = [
+        _joint_row(name, float(given), (float(s), float(e), float(low), float(high)), moved)
+        for name, given, s, e, (low, high), moved in zip(
+            noise.names, found.stated_sigma, noise.sigma, noise.std, noise.interval, found.shown, strict=True
+        )
+    ]
+    rows.append(_instrument_row(found))
+    headers = ("scatter (standard deviation)", "stated", "estimated", "std. error", "95 % interval")
+    texts = [text for text in (_prediction_text(found.scatter_predictions, found.from_repeats),) if text]
+    return Block("Scatter of each joint", (source, Table(headers, tuple(rows)), *texts), "truth_joints")
+
+
+def _joint_row(name: str, stated: float, values: tuple[float, float, float, float], shown: bool) -> tuple[str, ...]:
+    sigma, std, low, high = values
+    slide = name.endswith(".d")
+    given = "" if not stated else stated_length(stated) if slide else stated_angle(stated)
+    if not shown:
+        return name, given, "undetermined", "", "hardly moves the tool point"
+    write = _small_length if slide else _small_angle
+    interval = f"below {write(high)}" if low <= _NOTHING * high else f"{write(low)} to {write(high)}"
+    return name, given, write(sigma) if sigma > _NOTHING * high else "0", write(std), interval
+
+
+def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
+    noise, stated = found.noise, stated_length(found.instrument)
+    assert noise is not None
+    low, high = noise.instrument_interval
+    if not math.isfinite(noise.instrument_std):
+        return "instrument", stated, "undetermined", "", "not separable from the joints"
+    size, error, least, most = (length(v, 2, [high]) for v in (noise.instrument, noise.instrument_std, low, high))
+    interval = f"below {most}" if low <= _NOTHING * high else f"{least} to {most}"
+    return "instrument", stated, size if noise.instrument > _NOTHING * high else "0", error, interval
+
+
+def _small_length(metres: float) -> str:
+    return length(metres, 2)
+
+
+def _small_angle(radians: float) -> str:
+    return angle(radians) if abs(radians) >= 1e-2 else f"{number(math.degrees(radians), 2)} deg"
+
+
+def _prediction_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> str:
+    """Whether σ's learned at some postures predict the ellipses at others."""
+    by = {model.model: model for model in models}
+    best = max((by[name] for name in ("joints", "one_sigma") if name in by), key=lambda m: m.gain, default=None)
+    if best is None:
+        return ""
+    words = "one σ for each joint" if best.model == "joints" else "one σ for all joints"
+    row = "repeat" if repeats else "row"
+    tried = f"Fitted to four fifths of the postures and tested on the others, {words}"
+    size = f"{fixed(best.gain, 2)} ± {fixed(best.gain_std, 2)} in the log-likelihood of a {row}"
+    if best.better is None:
+        told = f"{tried} predicts the scatter no better than one isotropic region for all postures ({size})."
+    elif best.better:
+        likelier = number(math.exp(min(best.gain, 50.0)), 2)
+        told = (
+            f"{tried} predicts the scatter better than one isotropic region for all postures: by {size}, so that each "
+            f"{row} is {likelier} times as likely."
+        )
+    else:
+        told = f"{tried} predicts the scatter worse than one isotropic region for all postures ({size})."
+    if "stated" not in by:
+        return told
+    gain = best.log_likelihood - by["stated"].log_likelihood
+    return f"{told} Over the σ's stated in the file it gains {fixed(gain, 2)}."
