@@ -108,8 +108,7 @@ def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovarianc
 
 
 def _restricted_maximum(x: Array, S: Array) -> tuple[Array, Array, Array]:
-    """Ω (k, k) of greatest restricted likelihood, the mean μ (k,) by generalised least squares, and its covariance (k,
-    k).
+    """Ω (k, k) of greatest restricted likelihood, the mean μ (k,), and the covariance (k, k) of μ.
 
     Args:
         x: (R, k) estimates; S: (R, k, k) their covariances, both in scaled units.

@@ -118,8 +118,7 @@ def diagnose_batch(
 
 
 def _correlation_finding(pair: CorrelatedPair) -> Finding:
-    """A correlated pair of lengths as a finding: the correlation and a quarter of its 95 % interval's length as its
-    error.
+    """A correlated pair of lengths as a finding: the correlation, and its error from the 95 % interval.
 
     ``3.92`` is twice the 97.5 % quantile of a Gaussian.
     """

@@ -231,6 +231,7 @@ class Calibration(Result):
         return document
 
     def _parameter(self, i: int) -> dict[str, Any]:
+        """The entry of parameter i under ``parameters``: SI values, None in place of NaN."""
         p, known = self.parameters[i], bool(self.fixed[i])
         values = {"std": self.std[i], "prior": self.prior[i], "z": self.z[i], "p_value": self.p_values[i]}
         return {

@@ -164,8 +164,8 @@ def _fold_step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> t
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
     In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
-    is what U has in the rows left out: ``diag(√e) Vᵀ K`` stands for the columns in the rows that stay. Beside the step
-    its root of the covariance (k, p), for residuals of variance one.
+    is what U has in the rows left out: ``diag(√e) Vᵀ K`` replaces the columns in the rows that stay. Returned are the
+    step and the root of its covariance (k, p), for residuals of variance one.
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)

@@ -29,7 +29,7 @@ _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """``JOINT at VALUE`` of each joint that stood still in all rows.
 
-    A joint stands still where its values span less than `_STILL_JOINT_RANGE` [rad or m].
+    A joint does not move where its values span less than `_STILL_JOINT_RANGE` [rad or m].
     """
     return tuple(
         f"{joint.name} at {math.degrees(q[0]):.4g} deg"
@@ -52,12 +52,12 @@ def still_notes(robot: Robot, data: Measurements) -> tuple[str, ...]:
 def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
     """Refuses data that cannot determine the parameters, or not their errors.
 
-    Raises:
-        InsufficientDataError: too few rows, or all of them alike.
-
     Args:
         known: what the data determine at the nominal arm.
         groups: how many groups of correlated rows there are; one alone cannot be predicted by others.
+
+    Raises:
+        InsufficientDataError: too few rows, or all of them alike.
     """
     data, block = residuals.data, residuals.block
     counted, measure = _row_count_text(residuals), spread_poses(residuals)

@@ -35,8 +35,9 @@ class LargeFile:
 
     @classmethod
     def of(cls, thinning: Thinning, models: Mapping[str, tuple[Residuals, Array]], fit: Fit) -> LargeFile:
-        """The rows that are left out, predicted by models, each residuals and deviations (k,); ``fit`` is the one in
-        question.
+        """The rows that are left out, predicted by models, each residuals and deviations (k,).
+
+        ``fit`` is the one in question.
         """
         clocked, rest = thinning.clocked, thinning.rest
         errors = {

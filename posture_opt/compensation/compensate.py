@@ -77,9 +77,7 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
 
 
 def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
-    """Where the tool is to come (N poses, world): as the file says, or where the nominal arm would be with the given
-    joints.
-    """
+    """Wanted poses (N, world): as the file says, or where the nominal arm would be with the given joints."""
     if rows.position is not None:
         return Poses(rows.position, rows.rotation)
     assert rows.near is not None, "without a place there are joints"
@@ -143,9 +141,7 @@ def _sided_joints(arm: Arm) -> Mask:
 
 
 def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
-    """The message of an error: a line for each target that is not reached, by how much, and which joints are at their
-    limits.
-    """
+    """The message of an error: a line for each target that is not reached, how far off, and joints at limits."""
     bad = np.flatnonzero(~found.reached)
     places = [
         f"{found.targets.file}:{found.targets.line[k]}: {_unreached_reason(found, k)}" for k in bad[:_MAX_LISTED_LINES]

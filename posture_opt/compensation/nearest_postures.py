@@ -94,8 +94,7 @@ class NearestPostures:
         return pose_misses(T, wanted)
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """The postures (N, n) at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N,
-        n).
+        """Postures (N, n) at the wanted poses, or as near as they come, that lie nearest to ``near`` (N, n).
 
         ``min |q − near|²`` subject to ``f(q) = pose`` and the limits. Rows at which Newton's method does not converge
         are fitted one by one.
@@ -116,8 +115,7 @@ class NearestPostures:
         return np.asarray(np.linalg.norm(wanted.position - self._first, axis=1) > self._stretched)
 
     def followed(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
-        """Where Newton's method ends (N, n): at the poses, or anywhere where it does not converge in `_MAX_STEPS`
-        steps.
+        """Where Newton's method ends (N, n): at the poses, or anywhere if it does not converge.
 
         Every step is no longer than `_MAX_STEP` in any joint and stays within the limits.
         """
@@ -134,8 +132,7 @@ class NearestPostures:
         return q
 
     def _fitted_posture(self, one: Poses, near: Array, most: int) -> Array:
-        """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not
-        converge.
+        """The posture (n,) that comes nearest to a pose, where Newton's method does not converge.
 
         Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
         """
@@ -170,8 +167,9 @@ class NearestPostures:
         return np.asarray((off < REACHED_TOLERANCE) & (turned < REACHED_TOLERANCE))
 
     def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
-        """One step (N, n) of every row; joints that it would drive beyond a limit are set to it and taken out, one
-        round each.
+        """One step (N, n) of every row.
+
+        Joints that it would drive beyond a limit are set to it and taken out, one round each.
         """
         left = self.misses(q, wanted)
         J = np.asarray(self._arm.jacobian(q), dtype=float)

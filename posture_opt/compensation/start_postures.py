@@ -20,8 +20,7 @@ _SAME_ORIENTATION_RAD = 1e-3  # rad: orientations that are as near as each other
 
 
 def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
-    """Postures (N, n) [rad or m] of the nominal arm at wanted poses, for which the ``chain`` with its corrections has
-    one.
+    """Postures (N, n) [rad or m] of the nominal arm at poses that the ``chain`` with corrections reaches.
 
     Each row starts from the one before it, so that the arm moves little. The first row, and one that cannot be reached
     so, takes of `_RANDOM_STARTS` random starts the posture nearest to the one before, or to the middle of the joints'

@@ -93,8 +93,9 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
 
 
 def rotation_matrices(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first; ``T_world_tool`` turns tool vectors into the
-    world.
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first.
+
+    ``T_world_tool`` turns tool vectors into the world.
     """
     w, x, y, z = quaternions.T
     rows = [
@@ -106,9 +107,7 @@ def rotation_matrices(quaternions: Array) -> Array:
 
 
 def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
-    """Faults of the header: columns of measurements, some joints without the others, coordinates that the arm could
-    change.
-    """
+    """Faults of the header: columns of measurements, joints or coordinates that are missing."""
     there = {*columns, *meant}
     for name in _MEASURED_ONLY_COLUMNS:
         if name in columns:
@@ -152,9 +151,7 @@ def _near_postures(cells: Cells, columns: Mapping[str, Column], robot: Robot, fa
 
 
 def _wanted_positions(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
-    """Wanted points (N, 3) [m], world, or ``None`` without them; a coordinate that the arm cannot change may be left
-    out.
-    """
+    """Wanted points (N, 3) [m], world, or ``None``; a coordinate that the arm cannot change may be missing."""
     if not any(axis in columns for axis in AXES):
         return None
     fixed = nominal_poses(robot, np.array([robot.lower]))[0][0]

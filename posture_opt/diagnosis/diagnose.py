@@ -169,6 +169,7 @@ def _explain_residuals(
 
     Args:
         found: the search among all candidates; effects of its named set are fitted together with the geometry.
+        calibration, linearised: of the rows that count; seed: of the null distribution of noise.
     """
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     residuals = linearised.sensitivities.residuals
@@ -201,7 +202,10 @@ def _held_out_errors(found: _Explained) -> _HeldOut:
 
 
 def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
-    """The causes: what the data refute, effects and noise, then geometry."""
+    """The causes: what the data refute, effects and noise, then geometry.
+
+    Geometry is tested against the data alone: a prior would make a stated wrong value insignificant.
+    """
     calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
     full = _of_data(found.model, calibration)
     geometry = geometry_causes(residuals, calibration.x_nominal, frame_directions(calibration), full, full.effects)
@@ -225,12 +229,16 @@ def _predict_session(
         with_time: whether effects of time are in the delivered arm; the other file is predicted without them.
     """
     calibration, model = found.calibration, found.model
-    lasting = deliver_arm(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
-    return second_session(test, calibration, model, lasting, refit_frames=refit_frames)
+    persistent = deliver_arm(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
+    return second_session(test, calibration, model, persistent, refit_frames=refit_frames)
 
 
 def _left_out_rows(thinning: Thinning, found: _Explained) -> LargeFile:
-    """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects."""
+    """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects.
+
+    Returns:
+        Their errors by model, none of which saw them.
+    """
     calibrated, model = found.calibration.fit, found.model
     models = {
         "nominal": (calibrated.residuals, found.calibration.x_nominal),
@@ -248,9 +256,7 @@ def _assemble_diagnosis(
     findings: tuple[Finding, ...],
     other: SecondSession | None,
 ) -> Diagnosis:
-    """The result: ``unexplained`` where a test of what is left is below its level, or errors are uneven for an unknown
-    reason.
-    """
+    """The result: ``unexplained`` where a test of what is left is significant, or errors are uneven."""
     open_ = found.closed < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
     verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
     calibration = found.calibration

@@ -50,6 +50,9 @@ Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_da
 class Diagnosis(Result):
     """What measurements say about the cause of an arm's errors.
 
+    `diagnose` makes it. Errors are position errors [m] of rows that the model in question has not seen; ``extended``
+    has all effects that were found, ``delivered`` those only that outlast the session and that held-out rows need.
+
     Args:
         verdict: in a word; ``insufficient_data`` is an exception instead.
         effects: the causes that were found, non-geometric causes first, the largest contribution first.
@@ -93,7 +96,10 @@ class Diagnosis(Result):
 
     @cached_property
     def extended(self) -> ProblemData:
-        """The ``Problem`` with the arm that was fitted, to be planned with: calibrated, and with its effects."""
+        """The ``Problem`` with the arm that was fitted, to be planned with: calibrated, and with its effects.
+
+        It plans and compares like any other problem: effects are parameters of its arm, their errors among its sources.
+        """
         return self.problem.with_fit(self.fitted_arm)
 
     @cached_property
@@ -137,7 +143,11 @@ class Diagnosis(Result):
         return self.findings_json() | {"posture": goals | self.comparison.to_json()}
 
     def findings_json(self) -> dict[str, Any]:
-        """The part of the document that the diagnosis itself knows."""
+        """The part of the document that the diagnosis itself knows.
+
+        Lengths in m, angles in rad, p-values family-wise; ``unexplained.p_value`` is the least of all tests of what is
+        left.
+        """
         names = ("nominal", "calibrated", "extended")
         chosen = zip(self.search.chosen, self.search.p_values, strict=True)
         p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
@@ -212,12 +222,18 @@ class Diagnosis(Result):
 
     @cached_property
     def linearised(self) -> LinearisedData:
-        """What the search saw, without its null."""
+        """What the search saw, without its null.
+
+        Made again on demand: the null distribution would be most of its memory.
+        """
         return linearise_calibration(self.calibration, flips=0)
 
     @property
     def gain(self) -> Gain:
-        """Of all effects together over the calibrated arm, cross-validated."""
+        """Of all effects together over the calibrated arm, cross-validated.
+
+        ``1 − RMS_extended / RMS_calibrated`` on held-out rows, with a bootstrap interval over the groups.
+        """
         return Gain.of(self.held["extended"].errors, self.held["calibrated"].errors, self.groups)
 
     def test_gain(self, finding: int) -> Gain | None:
@@ -226,6 +242,7 @@ class Diagnosis(Result):
         return None if self.test is None or place is None else self.test.gains[place]
 
     def _effect_json(self, i: int) -> dict[str, Any]:
+        """The entry of finding i with the gain on the other file, the tool shift [m] and its discrimination."""
         gain, split = self.test_gain(i), self.split
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
         place = self.effects[i].place

@@ -71,8 +71,7 @@ class Workspace:
         return bool(np.isfinite(self.box).any())
 
     def allowed(self, q: Array) -> Mask:
-        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, and clear of all
-        collisions.
+        """Which of the postures (N, n) [rad or m] are allowed (N,): in the box, high enough, free of collisions.
 
         Limits of the joints are not checked: candidates are drawn within them. Collisions are checked last, for the
         rest.
@@ -151,9 +150,7 @@ def skeleton_points(robot: Robot, reached: Walk, count: int) -> Array:
 
 
 def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
-    """Payloads [kg] that are available: those of the data (`_MAX_PAYLOADS` of many), the one that the file states, and
-    none.
-    """
+    """Payloads [kg] that are available: of the data (`_MAX_PAYLOADS` at most), the one of the file, and none."""
     measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
     if len(measured) > _MAX_PAYLOADS:
         measured = measured[np.linspace(0, len(measured) - 1, _MAX_PAYLOADS).round().astype(int)]

@@ -179,8 +179,9 @@ class Unknowns:
         return identify_parameters(self.prior.names, stack, len(stack) + 1, scale=self.prior.scale)
 
     def _observability(self, J: Array) -> dict[str, float]:
-        """O1 … O5 of the given data with measurements J (n, b, k); zeros where they do not determine all that
-        candidates can.
+        """O1 … O5 of the given data with measurements J (n, b, k).
+
+        Zeros where they do not determine all that candidates can.
         """
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
         if len(s) < self.seen.shape[1] or s[-1] <= _RANK_TOLERANCE * s[0]:

@@ -117,8 +117,7 @@ class MeasurementModel:
         return np.asarray(np.sqrt(usable_share(self.problem)) * rows * scale[:, None, :, None])
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
-        """Shift (t, k) of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unit of each
-        unknown.
+        """Shift (t, k) of the (first) tool point at the posture q (n,) along ``basis``, per unit of each unknown.
 
         The rows of ``basis`` (t, 3) are directions about the arm as its nominal base is; they turn with a base found
         elsewhere.

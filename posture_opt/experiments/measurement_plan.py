@@ -108,8 +108,9 @@ class MeasurementPlan(Result):
         return [Posture(self.robot, row) for row in self.q]
 
     def to_csv(self) -> str:
-        """The postures in the order of the tour, in deg and mm; with what is measured added, ``read_measurements``
-        reads it.
+        """The postures in the order of the tour, in deg and mm.
+
+        With what is measured added, ``read_measurements`` reads it.
 
         With several targets every repeat has a row for each; repeats are rounds of the whole tour.
         """
@@ -157,9 +158,7 @@ class MeasurementPlan(Result):
         }
 
     def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
-        """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
-        stage [m].
-        """
+        """The entry ``task`` of the document: the posture, and the tool point's expected error at each stage [m]."""
         if self.target is None:
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))

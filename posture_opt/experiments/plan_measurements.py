@@ -95,7 +95,7 @@ def plan_measurements(
         )
     if purpose not in get_args(Purpose):
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
-    height, margin = bounds(problem)
+    height, margin = stated_bounds(problem)
     height = height if link_height is None else link_height
     workspace = Workspace.of(problem.robot, problem.cell, height=height, margin=margin, box=within or ANYWHERE)
     target, notes = _planned_target(problem, needed=purpose == "task")
@@ -109,7 +109,7 @@ def plan_measurements(
         )  # fmt: skip
 
 
-def bounds(problem: ProblemData) -> tuple[float, float]:
+def stated_bounds(problem: ProblemData) -> tuple[float, float]:
     """The least height of the links [m] and the least margin to the limits [rad] that the task states."""
     terms = problem.task.subject_to if problem.task is not None else ()
     heights = [term.at_least for term in terms if isinstance(term, LinkHeight)]
@@ -161,12 +161,12 @@ def plan_postures(
 ) -> MeasurementPlan:  # fmt: skip
     """The ``count`` postures that add most information, by exchange among random candidates and postures near them.
 
+    The random plans it is compared with are drawn from the same candidates (`_RANDOM_PLANS` of them).
+
     Raises:
         InputError: fewer postures than a calibration needs.
         InsufficientDataError: no parameter can be determined by this instrument.
         NoSolutionError: hardly any posture is allowed.
-
-    The random plans it is compared with are drawn from the same candidates (`_RANDOM_PLANS` of them).
     """
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)

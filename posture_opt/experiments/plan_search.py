@@ -50,8 +50,7 @@ class PlanSearch:
     def best(
         self, pool: Array, J: Array, count: int, seed: int, workers: Workers, progress: Progress | None
     ) -> tuple[Array, Array]:
-        """The best postures (count, n) [rad or m] and their derivatives (count, b, k): of the pool, then also of others
-        near.
+        """The best postures (count, n) [rad or m] and their derivatives (count, b, k).
 
         Args:
             pool: (N, n) allowed postures; J: (N, b, k) whitened derivatives there.
@@ -110,8 +109,9 @@ class PlanSearch:
         )
 
     def compared(self, chosen: Array, random: list[Array]) -> tuple[int | None, float]:
-        """How many random postures do the same, and how much larger the standard error of as many random ones is;
-        medians.
+        """How many random postures do the same, and how much larger the standard error of as many random ones is.
+
+        Medians.
 
         The ratio of standard errors is ``exp((v_r − v) / 2r)`` for the logarithm of a determinant over r unknowns, and
         ``√(v_r / v)`` for a variance.
@@ -163,8 +163,7 @@ class Tour:
 
 
 def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
-    """A short way through postures (N, n): nearest neighbour, then parts reversed as long as that helps (2-opt; Croes
-    1958).
+    """A short way through postures (N, n): nearest neighbour, then 2-opt (Croes 1958).
 
     A leg costs the largest joint motion; one that leads through what is not allowed costs ten turns more, so that it is
     taken only where there is no other. The start is the first posture.

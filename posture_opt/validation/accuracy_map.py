@@ -90,9 +90,7 @@ class AccuracyMap(Result):
         }
 
     def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Any]:
-        """The entry of one target under ``targets``: bias [m], covariance [m²], the 95 % region and the posture [rad or
-        m].
-        """
+        """The entry of one target under ``targets``: bias [m], covariance [m²], 95 % region and posture."""
         document = map_point.to_json(joints)
         kept = {key: document[key] for key in ("position", "feasible", "reason")}
         return {

@@ -124,6 +124,11 @@ def assess(
 ) -> Assessment:
     """What the model gets wrong, before calibration and after, and what two rules of measuring say of it.
 
+    With deviations ``d_i = m_i − f(q_i)`` [m] the bias is their mean, its test Hotelling's ``T² = n d̄ᵀ S⁻¹ d̄``,
+    overall and in blocks of the workspace; trends over time, temperature and payload, and differences between the sides
+    of arrival, are tested alike. The instrument should be ten times better than what it judges; repeats are evaluated
+    as ISO 9283 does.
+
     The deviations by direction are cross-validated. The means are tested on those of the arm fitted to all rows,
     group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on
     the side of zero.
@@ -132,6 +137,9 @@ def assess(
         problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
             ``data`` and the ``calibration`` that was made from them.
 
+
+    Args:
+        problem: for the task's direction and the instrument's σ.
 
     Example:
         >>> import posture_opt as po
@@ -185,6 +193,7 @@ def _measured_minus_model(errors: Array) -> Array:
 
 
 def _task_direction(problem: ProblemData) -> Array | None:
+    """Unit vector (3,) of the task's direction, in the frame of the measurements; None without a task."""
     if problem.task is None:
         return None
     direction = np.asarray(problem.task.direction, dtype=float)
@@ -192,12 +201,16 @@ def _task_direction(problem: ProblemData) -> Array | None:
 
 
 def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, str], ...]:
+    """Name and unit of the axes along which blocks are cut: of the workspace, or of the joints where points were
+    touched.
+    """
     if data.position is not None:
         return (("x", "m"), ("y", "m"), ("z", "m"))
     return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
 def _assessment_notes(problem: ProblemData, axes: Any, direction: Array | None) -> tuple[str, ...]:
+    """What the reader has to know of the task's direction."""
     if direction is None:
         return ("the problem has no task: nothing is said of along and across its direction",)
     if not all(measured_parts(axes, direction)):
@@ -208,6 +221,7 @@ def _assessment_notes(problem: ProblemData, axes: Any, direction: Array | None) 
 
 
 def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
+    """The covariance ``(1/l) Σ e eᵀ`` of errors (l, d) [m] about zero, and its 95 % region; None with too few poses."""
     ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
     if not 0 < ellipse.rank < poses + 1:
         return None
@@ -217,6 +231,7 @@ def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
 
 
 def _joint_motions(residuals: Residuals, x: Array) -> list[Array]:
+    """For each joint, the shift (N, 3) of the tool point by a unit of it [m/rad or m/m]."""
     return residuals.tool_shifts(residuals.robot.driven, x)
 
 

@@ -107,8 +107,9 @@ class Coverage:
         return "understated" if self.factor > 1 else "overstated"
 
     def held(self, p: float) -> float:
-        """The share of the rows in the predicted region of probability ``p``; equal to ``p`` where the prediction is
-        true.
+        """The share of the rows in the predicted region of probability ``p``.
+
+        Equal to ``p`` where the prediction is true.
         """
         return float(np.searchsorted(self.probability, p, side="right") / len(self.probability))
 

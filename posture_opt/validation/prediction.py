@@ -197,7 +197,7 @@ def nominal_prediction(
     B, F = residuals.sensitivities(errors.names, x), _free_columns(residuals, x)
     V = B @ errors.scatter @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
-    root = _root(errors.constant)
+    root = _full_rank_root(errors.constant)
     common, scatter = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
     for left_out in folds:
         train = kept.copy()
@@ -228,23 +228,23 @@ def calibrated_prediction(
     J = residuals.data.about_points(J)
     S = joint_columns(residuals, x) * scatter
     own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(d)
-    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals.data, own))
+    return Prediction(J @ _symmetric_root(covariance / taught), _about_points(residuals.data, own))
 
 
-def _root(covariance: Array) -> Array:
+def _full_rank_root(covariance: Array) -> Array:
     """``R`` (k, r) with ``R Rᵀ`` the covariance, of rank r."""
-    scale, values, vectors = _principal(covariance)
+    scale, values, vectors = _principal_axes(covariance)
     kept = values > 1e-12
     return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def _even_root(covariance: Array) -> Array:
+def _symmetric_root(covariance: Array) -> Array:
     """The ``R`` (k, k), ``R Rᵀ`` the covariance, that hardly changes with it: symmetric in correlations."""
-    scale, values, vectors = _principal(covariance)
+    scale, values, vectors = _principal_axes(covariance)
     return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))
 
 
-def _principal(covariance: Array) -> tuple[Array, Array, Array]:
+def _principal_axes(covariance: Array) -> tuple[Array, Array, Array]:
     """Standard deviations (k,), and the eigenvalues (k,) and vectors (k, k) of the correlations."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(scale > 0, scale, 1.0)
@@ -253,6 +253,7 @@ def _principal(covariance: Array) -> tuple[Array, Array, Array]:
 
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:
+    """Columns (N, block, f) of free frames and touched points in the Jacobian at x (k,)."""
     N, free = len(residuals.data), residuals.free
     return np.asarray(
         residuals.residuals_and_jacobian(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free))

@@ -87,9 +87,8 @@ def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, st
     """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values.
 
     Returns:
-        (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints stand in
-            for
-        it.
+        (k, k) covariance [rad², m²], and ``visit`` if the problem states scatter, ``joints`` if σ's of joints replace
+            it.
     """
     if errors.scatter.any():
         return errors.scatter, "visit"
@@ -211,8 +210,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
 
 
 def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
-    """Statistics (G,) of the test of size and shape with Bartlett's factor, and where there are repeats enough for it
-    (G,).
+    """Statistics (G,) of the test of size and shape with Bartlett's factor, and where it holds (G,).
 
     Args:
         whitened: (G, d, d) ``C⁻¹ A``; nu: (G,) degrees of freedom.

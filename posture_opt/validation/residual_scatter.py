@@ -69,7 +69,7 @@ def residual_scatter(
     if found is None:
         return stated
     noise, given = found
-    if stated.sigma and _does_not_tell(noise, stated.sigma):
+    if stated.sigma and _is_compatible(noise, stated.sigma):
         return stated
     sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0} | fixed
     if not sigma:
@@ -83,8 +83,9 @@ def residual_scatter(
 
 
 def _split_scatter(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
-    """What the calibration leaves, split in scatter and what stays at a posture; that of joints that are ``fixed`` is
-    scatter.
+    """What the calibration leaves, split in scatter and what stays at a posture.
+
+    That of joints that are ``fixed`` is scatter.
     """
     if limit is None:
         bound = "an upper bound, as repeats are too few to separate it from errors of the model"
@@ -166,7 +167,7 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
     if calibration.design > 1 or not s2 > 0:
         return calibration.covariance  # sums over blocks of rows hold what each row makes of it
     left_out = np.zeros(0, dtype=np.intp) if without is None else without
-    A = _without(calibration.covariance / s2, residuals.take(left_out), calibration.x)
+    A = _inverse_without_rows(calibration.covariance / s2, residuals.take(left_out), calibration.x)
     if not scatter.measured or residuals.oriented or residuals.distances:
         return s2 * A
     rows = np.setdiff1d(calibration.kept_rows, left_out)
@@ -181,7 +182,7 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
     return np.asarray((found + found.T) / 2)
 
 
-def _without(A: Array, rows: Residuals, x: Array) -> Array:
+def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
     """The inverse ``A`` (k, k) of the normal equations without some rows."""
     n = len(rows.data) * rows.block
     if not n:
@@ -191,7 +192,7 @@ def _without(A: Array, rows: Residuals, x: Array) -> Array:
     return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
 
 
-def _does_not_tell(noise: JointVariances, stated: Mapping[str, float]) -> bool:
+def _is_compatible(noise: JointVariances, stated: Mapping[str, float]) -> bool:
     """Whether all standard deviations may be zero as well as those that are stated."""
     nothing = not noise.interval[:, 0].any()
     upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))

@@ -1,5 +1,4 @@
-"""How far the joints can scatter from repeat to repeat at the most: as repeats show, or as the file or a data sheet
-says.
+"""How far joints scatter from repeat to repeat at the most: as repeats show, or a file or data sheet says.
 
 What a calibration leaves of the errors holds the scatter and whatever the model lacks, which is the same at every
 repeat of a posture. Only the first is scatter.

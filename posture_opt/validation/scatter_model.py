@@ -84,12 +84,12 @@ def _group_sums(values: Array, code: Codes, count: int) -> Array:
 def whitened_repeats(e: Array, columns: Array, S: Array, repeats: Codes, own: Array) -> tuple[Array, Array]:
     """Residuals (N, d) and joint columns (n, N, d) in units of the covariance ``own + S Sᵀ`` of whole repeats.
 
+    ``L⁻¹ e`` with ``L Lᵀ = own + S Sᵀ`` of all rows of a repeat together, as they share what the arm did; repeats of as
+    many rows are solved at once.
+
     Args:
         S: (N, d, k) shift of the rows by each of k errors that all rows of a repeat share, each of variance 1.
         own: (N, d) variance that every row has for itself.
-
-    ``L⁻¹ e`` with ``L Lᵀ = own + S Sᵀ`` of all rows of a repeat together, as they share what the arm did; repeats of as
-    many rows are solved at once.
 
     Returns:
         Residuals (N, d) and columns (n, N, d), of unit covariance.

@@ -55,12 +55,12 @@ def predict_scatter(
 
     The log-likelihood of data that a model was not fitted to needs no penalty for the number of its parameters.
 
+    The empty tuple where the postures are too few.
+
     Args:
         groups: (G,) cases of one code are left out together.
         stated: (G, d, d) covariances that the problem file states [m²], if it does.
         instrument: where the search for the instrument's σ starts [m].
-
-    The empty tuple where the postures are too few.
     """
     parts = _fold_parts(groups)
     if len(parts) < 2:

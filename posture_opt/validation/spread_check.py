@@ -106,6 +106,10 @@ def check_spread(
 ) -> SpreadCheck:  # fmt: skip
     """Whether the predicted spread is true: between repeats, and over all postures.
 
+    Of errors e_i with predicted covariances C_i, of rows that the model has not seen, 95 % should have
+    ``e_iᵀ C_i⁻¹ e_i ≤ χ²_d(0.95)``; ``coverage`` has the share by model and the factor by which C_i is off. Repeats
+    have the same test about their own means, `scatter_test`.
+
     Between repeats only what is drawn anew at every repeat shows: the problem's ``scatter`` or ``repeatability``, and
     the instrument; a wrong link length is the same at every repeat. Over postures everything shows. Outliers of the
     calibration are left out.
@@ -117,6 +121,10 @@ def check_spread(
 
     Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
+
+    Args:
+        problem: as stated, with what it says of its errors; data: the measurements of ``calibration``.
+        folds: of the cross-validation that ``calibration`` was made with.
 
     Example:
         >>> import posture_opt as po
@@ -210,14 +218,17 @@ def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes
 
 
 def _joint_sigmas(scatter: JointScatter, residuals: Residuals) -> Array:
+    """σ (n,) of each joint value [rad or m]; 0 where the scatter has none."""
     return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
 
 
 def _instrument_sigma(scatter: JointScatter, residuals: Residuals) -> float:
+    """σ of a measured coordinate [m]: as estimated with the scatter, else as stated."""
     return scatter.instrument if scatter.measured else residuals.sigma
 
 
 def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:
+    """The entry ``noise`` of the document; None where no variances were estimated."""
     noise = found.noise
     if noise is None:
         return None

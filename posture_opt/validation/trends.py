@@ -66,7 +66,7 @@ def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:
     """The lines of errors (N, d) [m] over every input that changes; fewer rows than lines need have none."""
     order = ("row", np.arange(len(data), dtype=float)) if data.time is None else ("time", data.time)
     inputs = (order, ("temperature", data.temperature), ("payload", data.payload))
-    found = [line for name, x in inputs if x is not None and (line := trend(name, x, errors)) is not None]
+    found = [line for name, x in inputs if x is not None and (line := trend_line(name, x, errors)) is not None]
     kept = holm_rejections([line.p_value for line in found])
     return tuple(
         Trend(t.name, t.range, t.change, t.error, t.p_value, given_up)
@@ -74,7 +74,7 @@ def trends_of(data: Measurements, errors: Array) -> tuple[Trend, ...]:
     )  # fmt: skip
 
 
-def trend(name: str, x: Array, errors: Array) -> Trend | None:
+def trend_line(name: str, x: Array, errors: Array) -> Trend | None:
     """The least squares line of errors (N, d) over x (N,), through the means of batches of neighbours.
 
     With the slope b, its covariance S from ν = batches − 2 degrees of freedom, ``T² = bᵀ S⁻¹ b`` is Hotelling's.

@@ -45,9 +45,7 @@ class Components:
 
     @classmethod
     def of(cls, scatter: Scatter, names: tuple[str, ...], instrument: float, fitted: bool, equal: bool) -> Components:
-        """One component a joint, or one for all turning joints if ``equal``; the instrument's behind them if
-        ``fitted``.
-        """
+        """One component a joint, or one for all turning joints if ``equal``; the instrument's if ``fitted``."""
         alike = np.array([equal and not name.endswith(".d") for name in names])
         member = np.eye(len(names))
         if alike.any():

@@ -11,7 +11,7 @@ import posture_opt as po
 from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.measurements.reading import read_measurements
 from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test
-from posture_opt.validation.trends import trend
+from posture_opt.validation.trends import trend_line
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.real_arms import DATA, needs_real_arms
 
@@ -342,16 +342,16 @@ def test_a_drift_is_found_with_its_size_and_time_like_noise_is_none() -> None:
         noise = rng.normal(0, NOISE, (400, 3))
         for k in range(1, 400):  # neighbours err alike: a memory of some three rows
             noise[k] += 0.7 * noise[k - 1]
-        alarms += trend("time", time, noise).p_value < 0.05
-        moved = trend("time", time, noise + np.outer(time / np.ptp(time), [1e-4, 0, 0]))
+        alarms += trend_line("time", time, noise).p_value < 0.05
+        moved = trend_line("time", time, noise + np.outer(time / np.ptp(time), [1e-4, 0, 0]))
         hits.append((moved.change[0] - 1e-4) / moved.error[0])
     # Binomial of 400 at 5 %: 20 ± 4.4; batches of 20 rows hold most of the memory, not all of it.
     assert 6 <= alarms <= 40
     # Student of 18 degrees of freedom: standard deviation 1.06.
     assert np.std(hits) == pytest.approx(1.06, abs=0.2)
     assert abs(np.mean(hits)) < 0.25
-    assert trend("payload", np.ones(400), noise) is None
-    assert trend("time", time[:8], noise[:8]) is None
+    assert trend_line("payload", np.ones(400), noise) is None
+    assert trend_line("time", time[:8], noise[:8]) is None
 
 
 @pytest.mark.parametrize("play", [0.0, 1e-4])

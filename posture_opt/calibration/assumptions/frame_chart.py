@@ -101,7 +101,7 @@ class Chart:
             angles = roll_pitch_yaw(
                 frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_ANGLE_NAMES, x[at], strict=True)))
             )
-            G[np.ix_(at, at)] = _rates(angles["roll"], angles["pitch"])
+            G[np.ix_(at, at)] = _angle_rates(angles["roll"], angles["pitch"])
         return G
 
     def _angle_indices(self, frame: str) -> list[int]:
@@ -125,7 +125,7 @@ def _in_robot(residuals: Residuals, robot: Robot) -> Residuals:
     return residuals.of_robot(robot, tuple(parameters))
 
 
-def _rates(roll: float, pitch: float) -> Array:
+def _angle_rates(roll: float, pitch: float) -> Array:
     """Rates (3, 3) of (yaw, pitch, roll) per small turn about the frame's (z, y, x); cos(pitch) is kept off zero."""
     c, s = math.cos(roll), math.sin(roll)
     cosine = math.copysign(max(abs(math.cos(pitch)), _MIN_COSINE), math.cos(pitch))

@@ -33,11 +33,11 @@ _MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: f
 def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
     """The arm of a problem against measurements, and sentences on what was assumed.
 
-    Raises:
-        InputError: measurements of several robots, or distances between points that no row touches.
-
     The σ of a coordinate is that of the problem's instrument, `DEFAULT_SIGMA_M` where none is stated; it scales the
     residuals and matters only against a prior. Orientations count only where a σ is stated for them.
+
+    Raises:
+        InputError: measurements of several robots, or distances between points that no row touches.
     """
     if len(data.robot_names) > 1:
         names = ", ".join(f"'{name}'" for name in data.robot_names)
@@ -148,11 +148,11 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
 
     Touched points, which are unknown, are fitted with them.
 
-    Raises:
-        InputError: the frames would bend to any measurements.
-
     Args:
         x: (k,) deviations of ``residuals.parameters`` [rad, m].
+
+    Raises:
+        InputError: the frames would bend to any measurements.
     """
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)

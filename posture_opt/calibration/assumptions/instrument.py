@@ -15,7 +15,7 @@ def reading_sigmas(problem: ProblemData, points: Array) -> Array:
 
     The instrument is at the origin of the world, in which it measures.
 
-    Noise effects of the problem change the stated σ with the range r = |point| [m].
+    Noise effects of the problem change the stated σ with the range of a point, its distance from the origin [m].
     """
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     sigma, ranges = np.full(len(points), float(stated or 0.0)), np.linalg.norm(points, axis=1)

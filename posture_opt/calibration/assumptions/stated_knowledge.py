@@ -79,14 +79,14 @@ class Contradiction:
 class Refuted:
     """Statements that the data refute: frames, and names of parameters whose σ is wrong.
 
+    The p-value of all of them together is that of Wilks (1938): ``P(χ²_f > 2 · evidence)`` with f = ``freedom``.
+
     Args:
         sigma: parameter -> its stated σ [SI]; none of frames.
         evidence: logarithm of the likelihood ratio of all of them.
         freedom: how many parameters they hold.
         rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
         coupling: of two joints, which the file does not state and without which the data make no sense.
-
-    The p-value of all of them together is that of Wilks (1938): ``P(χ²_f > 2 · evidence)`` with f = ``freedom``.
     """
 
     names: tuple[str, ...] = ()
@@ -133,10 +133,10 @@ def consistent_problem(problem: _P, data: Measurements, priors: bool = True) -> 
     the data, a joint may be logged relative to another, see `full_coupling`. Geometry is fitted within its tolerance in
     every comparison: what a joint's zero explains as well is no error of a frame.
 
-    Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
-
     Returns:
         The problem, with the refuted frames free and the refuted σ's gone, and what was refuted.
+
+    Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
     """
     before = _Statements(problem, data, priors)
     coupling = full_coupling(problem.arm, data)
@@ -190,8 +190,9 @@ class _Trial:
 
 
 def _scale_of(e: Array, count: int) -> float:
-    """The standard deviation of residuals e (N, block) from their median length, at least 1; ``count`` parameters were
-    fitted.
+    """The standard deviation of residuals e (N, block) from their median length, at least 1.
+
+    ``count`` parameters were fitted.
     """
     from scipy.special import gammaincinv
 
@@ -255,6 +256,7 @@ class _Statements(Generic[_P]):
         return left > _LINEAR_ERROR_SHARE * reach(self.problem.robot)
 
     def _fitted_trial(self, released: tuple[str, ...], weight: float) -> _Trial:
+        """The arm fitted without the ``released`` statements, in the chart that suits its frames."""
         problem = _released_problem(self.problem, released)
         residuals = Chart.of(arm_and_data(problem, self.data)[0]).fitted
         return _calibrated_trial(problem, residuals, released, self.priors, weight)
@@ -291,6 +293,7 @@ class _Statements(Generic[_P]):
 
     @cached_property
     def _scale(self) -> float:
+        """The scale of the likelihood: that of the widest model, or of the stated one where it is smaller."""
         return min(self.trial(self.statements).scale, self.trial(()).scale)
 
     def cost(self, trial: _Trial) -> float:
@@ -399,9 +402,7 @@ def _required_evidence(e: Array) -> float:
 def _calibrated_trial(
     problem: ProblemData, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
 ) -> _Trial:
-    """The arm fitted without the ``released`` statements, prior rows weighed by ``weight`` (in units of the
-    instrument's σ).
-    """
+    """The arm fitted without the ``released`` statements; ``weight`` is that of the prior."""
     parameters = residuals.parameters
     known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
     x, found = minimum_of(residuals, fit_frames(residuals), np.diag(prior_tolerances(parameters, [])), known)

@@ -351,9 +351,7 @@ def _prior_function(residuals: Residuals, x0: Array, directions: Array, prior: P
 
 
 def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
-    """Residuals (m + p,) and Jacobian (m + p, r) as a function of z (r,), rows ``known`` (p, k) behind those of the
-    data.
-    """
+    """Residuals (m + p,) and Jacobian (m + p, r) as a function of z (r,), rows ``known`` (p, k) last."""
 
     def function(z: Array) -> tuple[Array, Array]:
         x = x0 + directions @ z

@@ -76,8 +76,9 @@ def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], cova
 
 
 def nearest_semidefinite(covariance: Array) -> Array:
-    """The covariance (k, k) with negative eigenvalues set to zero, which are rounding; in correlations, which have no
-    units.
+    """The covariance (k, k) with negative eigenvalues set to zero, which are rounding.
+
+    In correlations, which have no units.
 
     Source: Higham (1988), the nearest positive semidefinite matrix in the Frobenius norm, of the correlations.
     """

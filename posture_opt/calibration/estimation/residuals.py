@@ -335,8 +335,8 @@ def rotation_matrices(quaternions: Array) -> Array:
 def rotation_vectors(R: Array) -> Array:
     """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion.
 
-    ``log(R)``: axis times angle, θ = atan2(|w|, (tr R − 1)/2) with w the vector of the skew part; exact near zero, and
-    not defined at half a turn.
+    ``log(R)``: axis times angle, ``θ = atan2(|w|, (tr R − 1)/2)`` with w the vector of the skew part; exact near zero,
+    and not defined at half a turn.
     """
     skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1) / 2
     sine = np.linalg.norm(skew, axis=-1)

@@ -85,9 +85,7 @@ def starting_deviations(residuals: Residuals) -> Array:
 
 
 def tool_sigma(robot: Robot) -> float:
-    """How far a free tool is from its start, or from the flange, as long as nothing determines it [m]: less than the
-    arm.
-    """
+    """How far a free tool that nothing determines is from its start or the flange [m]: less than the arm."""
     return reach(robot) / _REACH_PER_TOOL
 
 

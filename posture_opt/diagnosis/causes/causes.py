@@ -212,7 +212,10 @@ def noise_finding(cause: NoiseCause) -> Finding:
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
-    """What the file states as known and the data refute, as findings; the gain is that of setting it all aside."""
+    """What the file states as known and the data refute, as findings; the gain is that of setting it all aside.
+
+    They are found before the search: the model has no size of them to fit.
+    """
     return [
         Finding(c.cause, c.estimate, c.p_value, 1 - c.rms / max(c.rms_stated, 1e-300), beforehand=True)
         for c in calibration.contradictions
@@ -233,7 +236,12 @@ def _any_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
 
 
 def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
-    """Causes that are not identifiable from data of this kind, whatever their size."""
+    """Causes that are not identifiable from data of this kind, whatever their size.
+
+    Returns:
+        One limit for each kind of cause that says so of these data, as the scale of an instrument of an arm with free
+            lengths.
+    """
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
     evidence = Evidence(residuals.data.position is not None, tuple(lengths))
     return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)

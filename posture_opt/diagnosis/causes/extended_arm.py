@@ -28,6 +28,9 @@ def extended_arm(
 ) -> FittedArm:  # fmt: skip
     """The arm with its fitted geometry and effects, and what is uncertain of both together.
 
+    Scatter is what the residuals of the delivered arm leave, split as in `residual_scatter`; gravity is that of the
+    base where the fit found it.
+
     Noise of the instrument or of the data is left out; that of a joint is an effect of the arm.
 
     Args:
@@ -58,7 +61,11 @@ def extended_arm(
 
 
 def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
-    """The calibration with the geometry of the extended arm, and the errors that it leaves."""
+    """The calibration with the geometry of the extended arm, and the held-out errors that it leaves.
+
+    Args:
+        held_out: (M, 3) errors of the rows that count [m].
+    """
     before = calibration.held["calibrated"]
     errors = before.errors.copy()
     errors[calibration.kept_rows] = held_out
@@ -70,7 +77,10 @@ def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calib
 
 
 def _extended_sources(problem: ProblemData, calibration: Calibration, model: Fit) -> Sources:
-    """What is uncertain of geometry and effects, with the covariance of their joint estimate."""
+    """What is uncertain of geometry and effects, ``[[C_gg, C_ge], [C_eg, C_ee]]``.
+
+    Shapes of effects are held (`covariance_at_shapes`), as a file states them without error.
+    """
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
     names = tuple(name for effect in model.effects for name in effect.parameter_names)
@@ -93,7 +103,7 @@ def _file_header(
     calibration: Calibration, model: Fit, delivery: Delivery, findings: Sequence[Finding],
     statistics: Mapping[str, Statistics], scatter: str,
 ) -> tuple[str, ...]:  # fmt: skip
-    """What the file says of itself in its first lines."""
+    """The first lines of the file: its data, its errors on held-out rows, and which effects are left out and why."""
     data, effects = calibration.residuals.data, model.effects
     before, middle, after = (f"{statistics[n].rms * 1e3:.3g} mm" for n in ("nominal", "calibrated", "delivered"))
     noises = [f.noise for f in findings if f.noise is not None]

@@ -20,7 +20,14 @@ _COMBINATION_SCALE = 1e-3  # a mm, a mrad: near one unit of the other directions
 
 @dataclass(frozen=True, eq=False)
 class GeometryCause:
-    """A geometric cause that is named, with its size where it is a single parameter."""
+    """A geometric cause that is named, with its size where it is a single parameter.
+
+    Args:
+        deviation: which parameter or frame; ``geometry`` of many together.
+        estimate: parameter -> (deviation from the file, standard error, SI unit); empty of many.
+        p_value: of the F test of the parameters that only the larger model has.
+        confounded_with: parameters that explain as much in its place.
+    """
 
     deviation: GeometricDeviation
     estimate: Mapping[str, tuple[float, float, str]]
@@ -32,6 +39,9 @@ def geometry_causes(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause]:
     """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
+
+    Forward selection of single parameters, each the one of largest gain, until the F test of all other geometry is no
+    longer significant; `levels.MAX_NAMED_PARAMETERS` at the most.
 
     Args:
         x_frames: (k,) parameters with only the free frames fitted [SI].
@@ -59,7 +69,10 @@ def _sum_of_squares(model: Fit) -> float:
 
 
 def _f_test(small: Fit, large: Fit) -> float:
-    """p-value of the F test of the parameters that only the large model has."""
+    """p-value of the F test of the parameters that only the large model has.
+
+    ``F = ((SS_s − SS_l) / k) / (SS_l / ν)`` with the k further parameters and ν degrees of freedom of the large model.
+    """
     from scipy.special import fdtrc
 
     more = len(large.geometry) - len(small.geometry)
@@ -99,7 +112,11 @@ def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
 
 
 def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
-    """Drop of the sum of squares by each parameter alone, to first order about a model."""
+    """Drop of the sum of squares by each parameter alone, to first order about a model.
+
+    ``(zᵀ r)² / zᵀ z`` with the column z of the parameter projected off all that the model fits. A column that is all
+    but gone, or tiny next to others of its unit, is no candidate.
+    """
     residuals = model.residuals
     rows = len(residuals.data) * residuals.block
     r = model.whitened

@@ -94,6 +94,10 @@ def second_session(
 
     Effects of time say nothing of another session: the arm with effects is the one that is delivered without them.
 
+    Args:
+        model: all effects of the first session; ``delivery`` those that outlast it.
+        refit_frames: fit base and tool to the other file first, as where the arm was moved.
+
     Raises:
         InputError: unknown targets, several robots, or too few poses to fit base and tool again.
     """

@@ -42,7 +42,10 @@ class DiscriminatedPair:
     count: int | None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers; the angle in rad."""
+        """Plain numbers; the angle in rad.
+
+        ``chance`` is the probability that the planned measurements show the difference, `detection_probability`.
+        """
         return {
             "kind": self.rival.kind, "target": self.rival.target, "angle": self.angle, "lambda_now": self.now,
             "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
@@ -69,7 +72,11 @@ class DiscriminationPlan:
     sided: tuple[int, ...]
 
     def postures(self, count: int | None = None) -> list[dict[str, Any]]:
-        """The first ``count`` postures, with side and payload where they matter [rad, m, kg]."""
+        """The first ``count`` postures, with side and payload where they matter [rad, m, kg].
+
+        Args:
+            count: how many of the rows; all by default.
+        """
         rows, found = self.rows, []
         for i in range(len(rows) if count is None else min(count, len(rows))):
             one: dict[str, Any] = {"posture": dict(zip(rows.joint_names, map(float, rows.q[i]), strict=True))}
@@ -104,8 +111,6 @@ def plan_discrimination(
 
     Args:
         rivals: by the place of an effect in the model, the candidates that could replace it.
-
-    Args:
         linearised: the data so far; model: the fitted arm with its effects; seed: of the candidate postures.
     """
     discrimination = ModelDiscrimination.of(linearised, model, rivals)
@@ -178,8 +183,9 @@ def _growing_plan(design: DiscriminationDesign, chosen: list[int], possible: Mas
 
 
 def _needed_count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
-    """Measurements that discriminate all pairs that are asked for and possible; None where none is, or too many are
-    needed.
+    """Measurements that discriminate all pairs that are asked for and possible.
+
+    None where none is, or too many are needed.
     """
     asked = asked & possible
     enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED_LAMBDA]

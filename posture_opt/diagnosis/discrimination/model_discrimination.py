@@ -55,6 +55,9 @@ class RivalExplanation:
 class ModelDiscrimination:
     """A fitted model with the rivals of its effects, and all their columns: geometry, effects and rivals.
 
+    The members are the effects of the model, then all rivals; the columns are those of all parameters of the arm, then
+    of each member.
+
     Args:
         all: the rivals, effect by effect.
     """
@@ -97,7 +100,11 @@ class ModelDiscrimination:
         return tuple(j for j, name in enumerate(names) if known and name in asked)
 
     def columns(self, sensitivities: EffectSensitivities) -> tuple[Array, list[Codes]]:
-        """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member."""
+        """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member.
+
+        Columns of a member are the derivatives at its fitted size, its shape among them: a rival may fit its shape
+        anew.
+        """
         parts, places = [sensitivities.residuals.residuals_and_jacobian(sensitivities.x)[1][: sensitivities.rows]], []
         at = parts[0].shape[1]
         for effect, theta in self.members:
@@ -116,7 +123,15 @@ class ModelDiscrimination:
         return [(place, *two) for place, members in sides.items() for two in combinations(members, 2)]
 
     def design(self, problem: ProblemData, rows: Measurements) -> tuple[DiscriminationDesign, Array]:
-        """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data."""
+        """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data.
+
+        Args:
+            problem: for the prior of the geometry; rows: the candidate measurements.
+
+        Returns:
+            The design, and λ of each ordered pair in the data so far; what of it exceeds `levels.RIVAL_CRITERION` was
+            predicted and not seen: it is spent.
+        """
         sensitivities = self.linearised.sensitivities
         residuals, noise = sensitivities.residuals, np.sqrt(self.model.variance)
         D, places = self.columns(sensitivities)

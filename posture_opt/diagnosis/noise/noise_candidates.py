@@ -244,13 +244,11 @@ def _parabola_peak(values: list[float]) -> float:
 def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated: int | None = None) -> NoiseCandidate:
     """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test.
 
-    Args:
-        estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
-            has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
-
     ``z = log(variance) / √((2 + κ)/ν + 2/ν_stated)`` with the excess kurtosis κ; two-sided.
 
     Args:
+        estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
+            has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
         variance: residual variance in units of the stated one; freedom: ν.
     """
     from scipy.special import erfc

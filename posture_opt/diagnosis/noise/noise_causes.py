@@ -40,8 +40,14 @@ def noise_causes(
 
     The second list holds errors that look like a noisy joint, and that repeats do not show to be one.
 
+    A stated σ is tested only where no other noise was found and nothing is left unexplained: structure and a noisy
+    joint swell residuals too. Gross errors are sought among all rows, those too that the calibration left out.
+
     Args:
         closed: p-value that nothing is left unexplained, 0 where an unnamed component is.
+        problem: for what it states of instrument and joints.
+        model: the arm with its effects; ``baseline`` everything that was fitted, unnamed components too.
+        seed: of the null distributions.
     """
     everything, repeats, whole = noise_samples(problem, model.residuals, baseline, _joint_columns(model))
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL
@@ -83,8 +89,9 @@ def noise_samples(
 
 
 def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
-    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor; None where it is the
-    same.
+    """Covariance (N, axes, axes) of positions that named noise gives the rows, up to a factor.
+
+    None where it is the same.
     """
     residuals = model.residuals
     columns = _joint_columns(model)[:, :, : len(residuals.axes)]
@@ -112,6 +119,9 @@ def in_stated_units(
 
     The last of the three says whether the file states a scatter of the joints from repeat to repeat, or an instrument
     that is not the same everywhere; without either everything stays as it is, in units of the instrument's σ.
+
+    ``L⁻¹ e`` with ``L Lᵀ = D + J diag(σ²) Jᵀ`` of all rows of a repeat, D the instrument's variances: the null
+    distribution then knows the scatter that is stated.
     """
     sources, own = problem.sources, relative_sigma(problem, residuals.data)
     at = {name: i for i, name in enumerate(sources.names)}

@@ -44,8 +44,6 @@ def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenError
 
     Args:
         data: the rows of ``uneven``; ``groups`` (N,) those that repeat one posture already.
-
-    Args:
         uneven: errors that look like noise of a joint; those that repeats refute already need no more of them.
     """
     plans: list[RepeatPlan] = []

@@ -106,6 +106,7 @@ class _Examined:
 
     @property
     def refuted(self) -> bool:
+        """Whether repeats scatter by another size."""
         return self.repeated is not None and self.repeated.refuted
 
     @property
@@ -164,6 +165,7 @@ def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:
 
 
 def _noise_cause(one: _Examined, rivals: Sequence[NoiseCandidate], taken: Collection[tuple[str, str]]) -> NoiseCause:
+    """An examined candidate as a cause, with those rivals that are not named themselves."""
     others = tuple(rival.named() for rival in rivals if rival.who not in taken)
     return NoiseCause(one.sized.named(), one.sized.estimate, one.candidate.p_value, others)
 

@@ -94,6 +94,8 @@ class Candidate:
 class ScoredCandidate:
     """A candidate with its F test given a projected baseline.
 
+    ``p_value`` counts all candidates of all families; ``log_p`` is of this one alone, as if no other had been tried.
+
     Args:
         rho: share of its length that the baseline leaves.
         log_p: natural logarithm of the p-value of its F test alone.
@@ -201,6 +203,12 @@ def score_candidates(
     Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
     null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
     (Winkler et al. 2014).
+
+    Args:
+        lines: of all joints; they are scored by one periodogram each, and the highest peaks become candidates.
+
+    Returns:
+        Scored candidates, and the null distribution for those that are scored later.
     """
     rho, sizes, gains = explained_squares(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
@@ -258,7 +266,7 @@ def absorbed_candidates(
 
 
 def _least_log_p(values: Array) -> Array:
-    """(B,) least log p-value of each flipped set."""
+    """The least log p-value (B,) of each flipped data set over candidates (candidates, 1 + B); 0 without candidates."""
     return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
 
 

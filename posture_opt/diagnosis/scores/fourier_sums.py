@@ -24,13 +24,13 @@ class FourierSums:
     The values are spread over a grid with a Kaiser-Bessel window, transformed, and divided by the window's transform.
     Source: Dutt, Rokhlin (1993); Greengard, Lee (2004); Beatty, Nishimura, Pauly (2005) for the window.
 
+    The cost is ``O(N w + M log M)`` a column, w = 10 the width of the window and M the grid; the direct sums take O(N
+    K).
+
     Args:
         spread: (M, N) sparse; what each value gives to the grid.
         middle: (N,) the phase of each value at the middle frequency.
         window: (K,) the transform of the window; ``modes`` (K,) where each frequency is in that of the grid.
-
-    The cost is ``O(N w + M log M)`` a column, w = 10 the width of the window and M the grid; the direct sums take O(N
-    K).
     """
 
     spread: Any

@@ -18,12 +18,12 @@ from posture_opt.numerics import Array, Codes
 class Adequacy:
     """Two tests for anything left unexplained.
 
+    ``place`` is a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
+
     Args:
         lack_of_fit: p-value of the scatter about the model against that of repeats.
         structure: family-wise p-value of residuals of neighbours that are alike.
         place: the variable along which they are most alike.
-
-    ``place`` is a joint, ``side of JOINT``, ``tool point``, ``time``, ``payload`` or ``temperature``.
     """
 
     lack_of_fit: float
@@ -45,8 +45,6 @@ def assess_adequacy(
         groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
         points: (N, 3) tool points [m], world.
         block: residuals of one row.
-
-    Args:
         baseline: everything that was fitted, with its sign-flipped data sets.
     """
     structure, place = _structure_test(baseline, data, groups, points, block)

@@ -3,13 +3,13 @@
 Three kinds of source: a publication, named by author and year; running time or taste, where the text says so; and two
 ablations on simulated arms, whose simulator shares no code with this package and whose draws chose no value.
 
-* "Ablation A" is the table of `docs/concepts/ablation.md`: `python -m benchmarks.ablation --seed 31`, 24 draws (16 with
-  one or two effects of noncentrality λ ≥ 25, four outside the catalogue, four without effect) and three real arms
-  (Barrett WAM, KUKA iiwa 14, Franka Panda), one value changed at a time.
-* "Ablation B" is the table below it: `python -m benchmarks.decision_ablation --seed 83`, one draw of each of 13
-  families (effects in five kinds of sessions, four kinds of noise, one wrong length, two shapes outside the catalogue,
-  one arm without effect), each value halved and doubled. "No change" says that verdict, causes, rivals and statuses of
-  all 13 diagnoses stayed the same.
+* "Ablation A" is the first table of ``docs/concepts/ablation.md``, ``python -m benchmarks.ablation --seed 31``: 24
+  draws (16 with one or two effects of noncentrality λ ≥ 25, four outside the catalogue, four without effect) and three
+  real arms (Barrett WAM, KUKA iiwa 14, Franka Panda), one value changed at a time.
+* "Ablation B" is its second table, ``python -m benchmarks.decision_ablation --seed 83``: one draw of each of 13
+  families (effects in five kinds of sessions, four kinds of noise, one wrong geometric parameter, two shapes
+  outside the catalogue, one arm without effect), each value halved and doubled. "No change" says that verdict,
+  causes, rivals and statuses of all 13 diagnoses stayed the same.
 
 No change in either ablation says that a value is not critical within a factor of two, not that it does nothing.
 Tolerances of floating point stay where they are used.

@@ -49,7 +49,7 @@ class ProjectedBaseline:
 
         Args:
             flips: B, how many data sets; seed: of their signs.
-            count: residuals that these stand for; as many as given if 0.
+            count: residuals that these represent; as many as given if 0.
         """
         Q = orthonormal_basis(columns)
         e = r - Q @ (Q.T @ r)
@@ -277,12 +277,12 @@ def scan_frequencies(
 ) -> tuple[Array, Array]:  # fmt: skip
     """Periodogram of one joint: the sum of squares (K,) of each of K frequencies, and the largest (B,) of flipped sets.
 
+    The sum of squares that a sine and a cosine of each frequency explain together: the generalised Lomb-Scargle
+    periodogram (Lomb 1976; Scargle 1982) of a joint's error, the baseline projected off.
+
     Args:
         joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
         q: (N,) joint values [rad]; cycles: (K,) frequencies [cycles per revolution].
-
-    The sum of squares that a sine and a cosine of each frequency explain together: the generalised Lomb-Scargle
-    periodogram (Lomb 1976; Scargle 1982) of a joint's error, the baseline projected off.
     """
     N, block = joint_columns.shape
     c = joint_columns

@@ -26,14 +26,14 @@ _GAIN_TOLERANCE = 1e-9  # of the criterion: a smaller gain is rounding, and an e
 class Pool:
     """Candidates by the inner products of their bases projected off the baseline, and the penalty of each.
 
+    Two shapes of one effect have equal codes: a set holds at most one of them.
+
     Args:
         columns: those inner products, with each other and with the residuals that the baseline leaves, of which
             ``rss0`` is the sum of squares with nothing chosen and ``freedom`` the (effective) degrees of freedom.
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
-
-    Two shapes of one effect have equal codes: a set holds at most one of them.
     """
 
     columns: ProjectedColumns

@@ -1,4 +1,7 @@
-"""Lines of a joint that its values cannot distinguish: aliases, as on a grid of postures."""
+"""Lines of a joint that its values cannot distinguish: aliases, as on a grid of postures.
+
+On values that are multiples of Δ, a line of k cycles per revolution and one of ``2π/Δ − k`` are the same column.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,9 @@ _MAX_ALIASES = 4  # aliases of one line, the slowest: a lattice has a dozen of t
 
 def find_aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
     """The cyclic errors whose first line is elsewhere and explains as much, within `levels.RIVAL_CRITERION`.
+
+    The gain of each frequency is compared with that of the line itself, given all other members: ``ν log(RSS / RSS')``
+    within the criterion. The slowest few are listed.
 
     All frequencies are searched, those too that are not offered because the values of the joint do not resolve them.
 

@@ -27,7 +27,10 @@ _STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half w
 
 
 class Atoms(ABC):
-    """n candidates of k columns each."""
+    """n candidates of k columns each.
+
+    A dictionary may hold thousands of candidates of the same width k; nothing asks for all their columns at once.
+    """
 
     prices: Array
     """(n,) what the criterion charges for each in addition to its parameters."""
@@ -107,6 +110,9 @@ class LineAtoms(Atoms):
     """Cyclic errors of one joint at every frequency that its values resolve.
 
     The columns of a line are ``c_n sin(k (q_n − q_0))`` and the cosine, c_n what one unit of the joint does to row n.
+
+    Their inner products are Fourier sums over the joint values: all K frequencies cost about as much as one column
+    each.
     """
 
     def __init__(self, linearised: LinearisedData, lines: Lines) -> None:
@@ -156,13 +162,17 @@ class LineAtoms(Atoms):
         yield from self._lines_about(found.what.cycles, self._step / (2 * _STEPS_TO_HALF_WAY) ** 2)
 
     def _lines_about(self, cycles: float, step: float) -> Iterator[Candidate]:
+        """Lines at some frequency and at ``_STEPS_TO_HALF_WAY`` steps [cycles per revolution] to either side."""
         for k in range(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1):
             yield self.lines.candidate(cycles + k * step, self._sensitivities)
 
 
 @dataclass(frozen=True, eq=False)
 class Dictionary:
-    """The candidates of a search over linearised data, lines of joints included."""
+    """The candidates of a search over linearised data, lines of joints included.
+
+    Two candidates of one exclusive key are shapes of one effect, of which a set holds one.
+    """
 
     linearised: LinearisedData
     candidates: tuple[Candidate, ...]

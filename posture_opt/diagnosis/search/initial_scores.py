@@ -16,7 +16,12 @@ from posture_opt.diagnosis.search.shape_refinement import refine_shape
 
 @dataclass(frozen=True, eq=False)
 class InitialScores:
-    """The data with every candidate scored on the geometry alone, the least p-value first."""
+    """The data with every candidate scored on the geometry alone, the least p-value first.
+
+    Args:
+        candidates: all but lines; ``scored`` the best shape of each kind and target.
+        baseline: the geometry; ``null`` the distribution of the least p-value beyond it.
+    """
 
     linearised: LinearisedData
     candidates: Sequence[Candidate]
@@ -37,7 +42,10 @@ class InitialScores:
         return self.scored[0].p_value if self.scored else 1.0
 
     def decided(self) -> InitialScores:
-        """A close decision with more draws of the null, so that it does not depend on the draw."""
+        """A close decision with more draws of the null, so that it does not depend on the draw.
+
+        Close is within a factor of `levels.CLOSE_DECISION_FACTOR` of the level, on either side.
+        """
         close = self.best_p_value > levels.FIRST_EFFECT_LEVEL / levels.CLOSE_DECISION_FACTOR
         close &= self.best_p_value < levels.FIRST_EFFECT_LEVEL * levels.CLOSE_DECISION_FACTOR
         if not self.scored or not close or len(self.linearised.r) >= levels.MAX_REDRAWN_RESIDUALS:
@@ -45,7 +53,11 @@ class InitialScores:
         return InitialScores.of(self.linearised, self.candidates, levels.SIGN_FLIPS_FACTOR * self.linearised.flips)
 
     def shortlist(self) -> list[Candidate]:
-        """The candidates that explain something by themselves, those with a searched shape at their best."""
+        """The candidates that explain something by themselves, those with a searched shape at their best.
+
+        Refining costs some evaluations each: only candidates with a good part of the best evidence, and the first few,
+        are.
+        """
         refined = levels.REFINED_EVIDENCE_SHARE * self.scored[0].log_p if self.scored else 0.0
         return [
             refine_shape(self.linearised.sensitivities, self.baseline, s.candidate)

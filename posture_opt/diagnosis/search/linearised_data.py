@@ -54,7 +54,7 @@ class LinearisedData:
     def reduced(self, members: Sequence[Candidate]) -> tuple[LinearisedData, list[Candidate]]:
         """The same data and members in coordinates of the space that geometry and members span.
 
-        One more coordinate stands for all that lies outside; what members are worth given each other is the same.
+        One more coordinate represents all that lies outside; what members are worth given each other is the same.
         """
         columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
         Q, R = np.linalg.qr(columns)

@@ -29,7 +29,10 @@ _RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a gri
 
 @dataclass(frozen=True, eq=False)
 class Pursued:
-    """What a pursuit chose, in its order, and at each step the candidates that would have done nearly as well."""
+    """What a pursuit chose, in its order, and at each step the candidates that would have done nearly as well.
+
+    Runners-up are those within `levels.RIVAL_CRITERION` of the best at their step.
+    """
 
     chosen: tuple[Candidate, ...]
     runners_up: tuple[Candidate, ...]
@@ -38,19 +41,19 @@ class Pursued:
 def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> Pursued:
     """The candidates that lower the criterion ``m log RSS + prices`` most, one after another, until none does.
 
+    A parameter is charged `price_of_parameters`, a candidate `price_of_choice`. The cost of a step is one product of
+    all columns with the new directions; nothing is factorised again.
+
     Args:
         most: candidates at which it ends.
         held_out: rows that teach nothing.
-
-    A parameter is charged `price_of_parameters`, a candidate `price_of_choice`. The cost of a step is one product of
-    all columns with the new directions; nothing is factorised again.
     """
     linearised = dictionary.linearised
     residuals = linearised.sensitivities.residuals
     learn = np.ones(len(linearised.r), dtype=bool)
     if held_out is not None:
         learn[(held_out[:, None] * residuals.block + np.arange(residuals.block)).ravel()] = False
-    Q, e = _projected(linearised, (), learn)
+    Q, e = _projected_residuals(linearised, (), learn)
     freedom = float(learn.sum() - Q.shape[1])
     states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
@@ -72,7 +75,7 @@ def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None 
         chosen.append(candidate)
         if isinstance(candidate.what, CyclicError) and together >= len(chosen):
             chosen = sharpen_lines(linearised, chosen, learn)
-            Q, e = _projected(linearised, chosen, learn)
+            Q, e = _projected_residuals(linearised, chosen, learn)
             states = [_State(atoms, Q, e, held_out, chosen) for atoms in dictionary.atoms]
         else:
             explained = q.T @ e
@@ -83,8 +86,12 @@ def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None 
     return Pursued(tuple(chosen), tuple(runners_up))
 
 
-def _projected(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
-    """An orthonormal basis of geometry and chosen candidates on the rows that teach, and what it leaves of them."""
+def _projected_residuals(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
+    """An orthonormal basis of geometry and chosen candidates on the rows that teach, and what it leaves of them.
+
+    Returns:
+        Q (m, p), zero in the rows left out, and e (m,).
+    """
     columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1) * learn[:, None]
     Q = np.where(learn[:, None], orthonormal_basis(columns), 0.0)
     e = linearised.r * learn
@@ -92,7 +99,12 @@ def _projected(linearised: LinearisedData, chosen: Sequence[Candidate], learn: M
 
 
 class _State:
-    """Atoms given what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
+    """Atoms given what was chosen: Gram matrices and scores of their columns, projected off it, of length one.
+
+    Args:
+        atoms: n candidates of k columns; Q: (m, p) basis of what was chosen; e: (m,) what it leaves.
+        held_out: rows that are left out; chosen: the candidates, of which other shapes are closed.
+    """
 
     def __init__(
         self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None, chosen: Sequence[Candidate] = ()
@@ -143,7 +155,7 @@ class _State:
 
 
 def _principal_scores(gram: Array, score: Array) -> tuple[Array, Array]:
-    """(n, k) eigenvalues of Gram matrices, and the squares of the scores along their eigenvectors.
+    """Eigenvalues (n, k) of Gram matrices (n, k, k), and squares of the scores (n, k) along their eigenvectors.
 
     In closed form up to two columns, of which there are thousands.
     """
@@ -162,11 +174,7 @@ def _principal_scores(gram: Array, score: Array) -> tuple[Array, Array]:
 
 
 def _finest_shape(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
-    """The candidate between two neighbours on the grid that explains most.
-
-    Args:
-        Q, e: what was chosen before, and what it leaves; learn: (m,) the rows that are fitted.
-    """
+    """The candidate between two neighbours on the grid that explains most."""
     best = _strongest_candidate(list(atoms.finer(index)), Q, e, learn)
     return _strongest_candidate(list(atoms.closer(best)), Q, e, learn)
 
@@ -195,7 +203,10 @@ def _explained_squares(values: Array, parts: Array) -> tuple[Array, Array]:
 
 
 def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
-    """(m, p) orthonormal: what a candidate's columns add to Q on the rows that teach."""
+    """Orthonormal directions (m, p) that a candidate's columns add to Q on the rows that are fitted.
+
+    Directions of which less than `levels.MIN_DISTINCT_SHARE` is new are left out.
+    """
     Z = candidate.Z * learn[:, None]
     norms = np.linalg.norm(Z, axis=0)
     Z = Z / np.where(norms > 0, norms, 1.0)
@@ -216,13 +227,13 @@ class Subset:
 def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Subset]:
     """Subsets of every size of members, each without the one whose loss costs least: backward elimination.
 
+    The inverse of the normal matrix is downdated at every removal, so that all subsets cost about one inversion.
+
     Args:
         columns: each (m, k) of one member; known: (m, g) what is always fitted to r (m,).
 
     Returns:
         From the empty set to that of all members.
-
-    The inverse of the normal matrix is downdated at every removal, so that all subsets cost about one inversion.
     """
     sizes = [Z.shape[1] for Z in columns]
     A = np.concatenate([known, *columns], axis=1)

@@ -141,8 +141,7 @@ class Folding:
 
     @classmethod
     def usual(cls, data: Measurements, count: int = levels.SELECTION_FOLDS) -> tuple[Folding, ...]:
-        """By place that was touched; else by pose, which asks for the noise, and by block of the workspace, which asks
-        for what holds elsewhere."""
+        """By place that was touched; else by pose, which shows the noise, and by block, which shows the rest."""
         ways: tuple[By, ...] = ("place",) if data.position is None else ("pose", "block")
         return tuple(cls.of(data, by, count) for by in ways)
 

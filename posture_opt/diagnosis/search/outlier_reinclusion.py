@@ -25,6 +25,12 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
     A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
     yet they say most about it. All rows are judged anew given geometry and effects, as the calibration judges them
     given its geometry, and by whichever explanation leaves the fewest.
+
+    Args:
+        calibration: with its outliers; found: what explains the other rows.
+
+    Returns:
+        The same estimate with more rows that count, or the calibration itself.
     """
     effects = [s for s in found.chosen if isinstance(s.what, Effect)]
     if not calibration.outliers or not effects:
@@ -51,7 +57,10 @@ def _effect_sets(found: SearchResult) -> Iterator[Sequence[Candidate]]:
 
 
 def _gross_rows(r: Array, A: Array, block: int) -> Mask:
-    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit."""
+    """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit.
+
+    Rows are left out and judged again until the set repeats, `_MAX_OUTLIER_ROUNDS` times at the most.
+    """
     scale = np.linalg.norm(A, axis=0)
     A = A / np.where(scale > 0, scale, 1.0)
     gone = np.zeros(len(r) // block, dtype=bool)

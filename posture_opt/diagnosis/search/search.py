@@ -38,6 +38,8 @@ ReportStep = Callable[[], None]
 class SearchResult:
     """The effects that a search found.
 
+    Largest contribution first means by the rise of the criterion without a member, all others kept.
+
     Args:
         chosen: the candidates that together explain the residuals best, the largest contribution first.
         p_values: (chosen,) family-wise, of dropping each.
@@ -109,7 +111,11 @@ def search_effects(
 
 
 def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_step: ReportStep) -> SearchResult:
-    """The search itself."""
+    """The search itself.
+
+    Raises:
+        InsufficientDataError: the parameters of the geometry take up all that was measured.
+    """
     start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
     report_step()
     if start.baseline.freedom < 1:
@@ -136,23 +142,29 @@ def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchRes
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
     What stays constant for a while, or bends with the place in the room, imitates much that has another cause.
+
+    Both sets are chosen in the same way; only what they may choose from differs.
     """
-    lasting = _select_allowed(start, foldings, lambda c: c.persistent)
+    persistent = _select_allowed(start, foldings, lambda c: c.persistent)
     last = foldings[-1:]
     every = _select_allowed(start, last, lambda c: c.named)
     if all(s.persistent for s in every.considered):
-        return lasting
-    alone = NestedSelections(lasting.nested.each[-1:])
+        return persistent
+    alone = NestedSelections(persistent.nested.each[-1:])
     enough = alone.explained >= levels.PERSISTENT_SHARE * every.nested.explained
     if enough or not every.nested.clearly_better(alone):
-        return lasting
+        return persistent
     return every if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: c.named)
 
 
 def _select_allowed(
     start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]
 ) -> SearchResult:
-    """The best set of those candidates that are allowed."""
+    """The best set of those candidates that are allowed.
+
+    Pursuit, exchange, elimination, and a size by nested folds; each step only removes or replaces members of the one
+    before.
+    """
     linearised = start.linearised
     dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
     pursued = pursue_candidates(dictionary, levels.MAX_EFFECTS)
@@ -171,7 +183,10 @@ def _select_allowed(
 
 
 def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members with all lines of one joint as one cyclic error."""
+    """The members with all lines of one joint as one cyclic error.
+
+    Lines of one joint are one cause, a cyclic error with several harmonics; they were searched for one by one.
+    """
     lines: dict[str, list[Candidate]] = {}
     for member in members:
         if isinstance(member.what, CyclicError):
@@ -191,7 +206,10 @@ def _one_error(linearised: LinearisedData, lines: Sequence[Candidate]) -> Candid
 def _exchanged_members(
     start: InitialScores, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
-    """The members after drops and swaps with the shortlisted, as long as the criterion falls."""
+    """The members after drops and swaps with the shortlisted, as long as the criterion falls.
+
+    Sets of one member, or of more than `levels.MAX_EXCHANGED_EFFECTS`, stay as they are.
+    """
     if not 1 < len(members) <= levels.MAX_EXCHANGED_EFFECTS:
         return members
     every = separate_lines(start.linearised, merged_candidates(members, shortlisted))

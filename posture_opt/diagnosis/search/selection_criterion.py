@@ -44,8 +44,7 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
 
 
 def price_of_choice(candidate: Candidate) -> float:
-    """What the criterion charges for a candidate in addition to its parameters: for its grid, and for the lack of a
-    name.
+    """What the criterion charges for a candidate beyond its parameters: for its grid, and if it has no name.
 
     ``2 log(searched) + γ`` and as much again without a name: extended BIC (Chen, Chen 2008).
     """
@@ -74,7 +73,11 @@ def _candidate_penalty(baseline: ProjectedBaseline, candidate: Candidate, size: 
 def member_weight(
     linearised: LinearisedData, members: Sequence[Candidate], member: Candidate
 ) -> tuple[float, float]:  # fmt: skip
-    """Log p-value of the F test of a member given the others, and the rise of the criterion without it."""
+    """Log p-value of the F test of a member given the others, and the rise of the criterion without it.
+
+    Args:
+        members: the set, ``member`` among them.
+    """
     others = [s for s in members if s is not member]
     baseline = linearised.baseline(others, flips=0)
     basis, _ = projected_basis(baseline, member.Z)
@@ -132,6 +135,8 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
     """The members without those that explain next to nothing, of what all explain and of what they leave alike.
 
     It is the least that goes first. A name for less is not worth its line, however certain.
+
+    A member stays with `levels.MIN_EFFECT_SHARE` of what all explain, or `levels.MIN_EFFECT_RISE` of what they leave.
     """
     kept = list(members)
     while len(kept) > 1:
@@ -163,7 +168,11 @@ def rank_members(
 def eliminate_members(
     linearised: LinearisedData, null: NullDistribution, members: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
-    """Backward elimination of the members that are not significant given the others, the least significant first."""
+    """Backward elimination of the members that are not significant given the others, the least significant first.
+
+    Args:
+        null: the distribution of the best candidate on the geometry alone, by which p-values are family-wise.
+    """
     kept = list(members)
     while kept:
         weights = member_weights(linearised, kept)
@@ -178,7 +187,11 @@ def eliminate_members(
 def find_rivals(
     baseline: ProjectedBaseline, shortlisted: Sequence[Candidate], chosen: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], ...]:
-    """For each chosen candidate the others that explain as much in its place, within `levels.RIVAL_CRITERION`."""
+    """For each chosen candidate the others that explain as much in its place, within `levels.RIVAL_CRITERION`.
+
+    Three kinds: those that explain as much; those that would, were parameters charged less (`levels.LENIENT_PENALTY`);
+    and names that alone explain as much as all members together.
+    """
     every = merged_candidates(shortlisted, chosen)
     pool = candidate_pool(baseline, every)
     place = {str(s.what): i for i, s in enumerate(every)}

@@ -19,7 +19,14 @@ _RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps a
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
-    """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals."""
+    """The candidate at the shape, between its neighbours on the grid, that explains most of the residuals.
+
+    A smooth shape is searched within its bracket, a moment among those of the rows, a phase on a finer grid; a
+    candidate without a shape stays.
+
+    Args:
+        baseline: what is fitted together with it.
+    """
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
         return _best_phase(sensitivities, baseline, candidate, effect)
@@ -30,7 +37,10 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
 
 
 def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> Iterator[Candidate]:
-    """The candidate at some shapes between its neighbours on the grid, its own among them."""
+    """The candidate at some shapes between its neighbours on the grid, its own among them.
+
+    Cheaper than `refine_shape`: all of them are scored by one product.
+    """
     effect = candidate.what
     yield candidate
     if isinstance(effect, UnnamedComponent):
@@ -44,7 +54,7 @@ def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> It
 
 
 def separate_lines(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates without lines that are too near to one before them to be another."""
+    """The candidates without lines that are nearer than `Lines.least_distance` to one before them of the same joint."""
     least = {lines.form.joint: lines.least_distance for lines in linearised.lines}
     found: list[Candidate] = []
     taken: dict[str, list[float]] = {}
@@ -81,7 +91,7 @@ def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], lear
 
 
 def _least_squares_solution(A: Array, r: Array) -> Array:
-    """Least squares solution for columns (m, k) of any scales."""
+    """Least squares solution (k,) for columns A (m, k) of any scales, by normal equations with a small ridge."""
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
     A = A * scale
@@ -89,7 +99,7 @@ def _least_squares_solution(A: Array, r: Array) -> Array:
 
 
 def _line_slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
-    """(m, 1) what a line of this size changes by per cycle."""
+    """Derivative (m, 1) of the residuals by the cycles of a line of size ``theta`` (sine, cosine)."""
     error = line.what
     assert isinstance(error, CyclicError)
     data = linearised.sensitivities.residuals.data
@@ -100,7 +110,7 @@ def _line_slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Ar
 
 
 def _moved_line(linearised: LinearisedData, line: Candidate, step: float) -> Candidate:
-    """The line with other cycles, by no more than half of what keeps it apart from others."""
+    """The line with other cycles, by no more than half of what keeps it apart from others, and never at zero."""
     error = line.what
     assert isinstance(error, CyclicError)
     most = next(own.least_distance for own in linearised.lines if own.form.joint == error.joint) / 2
@@ -155,12 +165,12 @@ def _best_step(
 
 
 def _explained_square(baseline: ProjectedBaseline, Z: Array) -> float:
-    """What columns (m, k) explain of the residuals of the baseline."""
+    """The sum of squares that columns Z (m, k) explain of what the baseline leaves."""
     return float(np.sum((projected_basis(baseline, Z)[0].T @ baseline.e) ** 2))
 
 
 def _joint_span(sensitivities: EffectSensitivities, effect: Effect) -> float:
-    """Range of the joint of an effect in the data [rad]; 0 of an effect of no joint."""
+    """Range of the joint of an effect in the data [rad or m]; 0 of an effect of no joint."""
     residuals = sensitivities.residuals
     if not effect.moved_joint:
         return 0.0
