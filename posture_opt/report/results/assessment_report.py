@@ -14,7 +14,6 @@ from posture_opt.report.measured_parts.assessment_repeats import MODELS, goals_b
 from posture_opt.report.measured_parts.residual_parts import scatter_block, shape_block
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.parts import sentence
-from posture_opt.report.parts.residual_parts import scatter_block, shape_block
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import length, percent, shift
 from posture_opt.report.text.words import MODEL_NAMES, direction_words

@@ -14,7 +14,6 @@ from posture_opt.report.measured_parts.plan_parts import is_listed, planned_bloc
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import sentence
-from posture_opt.report.parts.plan_parts import is_listed, planned_block
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import (
     angle,

@@ -11,7 +11,6 @@ from posture_opt.report.measured_parts.assessment_repeats import MODELS
 from posture_opt.report.measured_parts.scatter_parts import joints_block
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.parts import sentence
-from posture_opt.report.parts.scatter_parts import joints_block
 from posture_opt.report.results.assessment_report import p_value
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, percent
