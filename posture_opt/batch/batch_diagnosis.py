@@ -79,7 +79,7 @@ def diagnose_batch(
     *,
     folds: int = 5,
     by: By | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     most_rows: int = levels.MAX_SEARCHED_ROWS,
     progress: Progress | None = None,
 ) -> BatchDiagnosis:
@@ -112,7 +112,7 @@ def diagnose_batch(
         for pair in batch.pairs
         if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
     ]
-    noise, uneven = _batch_noise(problem, batch, seed)
+    noise, uneven = _batch_noise(problem, batch, seed or 0)
     findings = (*lengths, *map(noise_finding, noise))
     return BatchDiagnosis(batch, findings, batch.calibrations[0].by, tuple(uneven))
 

@@ -224,7 +224,7 @@ def _diagnosed_batch(common: Common, session: Session, problem: po.Problem, data
     """Diagnose several robots of one type with a progress bar."""
     with progress_bar(common, "diagnosing robots") as progress:
         return po.diagnose_batch(
-            problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress,
+            problem, data, folds=session.folds, by=session.by, seed=common.seed, progress=progress,
             **session.most_rows,
         )  # fmt: skip
 

@@ -61,7 +61,7 @@ def plan_measurements_command(
         measured = None if data is None else po.read_measurements(data, problem)
         with working(common, scheduler) as workers, progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
-                problem, count, given=measured, purpose=purpose, seed=common.seed or 0,
+                problem, count, given=measured, purpose=purpose, seed=common.seed,
                 link_height=None if link_height is None else height_of(link_height), within=box,
                 repeats=repeats, candidates=candidates, executor=workers, progress=progress,
             )  # fmt: skip

@@ -186,21 +186,23 @@ class Cloud(Result):
 
 @interruptible()
 def simulate(
-    problem: HasSources, posture: PostureLike, n: int = 5000, seed: int = 0, adaptive: bool = False, digits: int = 2
-) -> Cloud:
+    problem: HasSources, posture: PostureLike, n: int = 5000, seed: int | None = None, adaptive: bool = False,
+    digits: int = 2,
+) -> Cloud:  # fmt: skip
     """Draw n sets of errors ``p ~ N(0, Σ)`` and send each through the full forward model.
 
     Args:
         problem: names ``robot`` and ``sources``.
         posture: n joint values [rad or m], or joint name -> value.
         n: number of samples; not used with ``adaptive``.
-        seed: the same seed gives the same cloud.
+        seed: the same seed gives the same cloud; 0 by default.
         adaptive: draw until means, standard deviations, correlations and coverage factor are stable in ``digits``
             significant digits (JCGM 102:2011, 7.8), at most two million.
 
     Raises:
         InputError: no posture, no sources, n < 2 or above 1e8, a negative seed, fewer than one digit.
     """
+    seed = 0 if seed is None else seed
     _check(n, seed)
     spread = propagate(problem, posture)
     if not adaptive:
