@@ -51,8 +51,7 @@ def at_one_feature(
             "position": tuple(map(float, target.lower)), "direction": tuple(map(float, target.direction)),
         }
     )  # fmt: skip
-    placed: Any = models
-    return {name: replace(model, task=task) for name, model in placed.items()}
+    return {name: replace(model, task=task) for name, model in models.items()}
 
 
 @interruptible()

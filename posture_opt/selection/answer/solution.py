@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from posture_opt.collision.scene import Clearance
-from posture_opt.numerics import Array, finite_or_none
+from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.end_moments import end_moments
@@ -23,6 +23,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.orientation import Orientation
@@ -40,7 +41,7 @@ class Alternative:
     position: Array
     sigma_max: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
 
@@ -93,7 +94,7 @@ class Solution(Result):
         return self.spread.covariance
 
     @property
-    def ellipse(self) -> Any:
+    def ellipse(self) -> Ellipsoid:
         """Ellipse of a planar arm, else ellipsoid, of the tool point."""
         return self.spread.ellipse
 
@@ -182,7 +183,7 @@ class Solution(Result):
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.critical.sigma_max / sigma if sigma > 0 else 0.0
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only."""
         spread, statistics = self.spread, self.statistics
         return {
@@ -213,7 +214,7 @@ class Solution(Result):
             "notes": list(self.notes),
         }
 
-    def _lower_bound_json(self) -> dict[str, Any] | None:
+    def _lower_bound_json(self) -> dict[str, Json] | None:
         if self.lower_bound is None:
             return None
         return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.collision.scene import Clearance
-from posture_opt.numerics import Array, finite_or_none
+from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.improvements import Improvement, improvements
@@ -25,6 +24,7 @@ from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.stations.placement import placement_json
 from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.spread.budget import Share
 
 
@@ -108,12 +108,12 @@ class PathSolution(Result):
         return self.points[0].covariance
 
     @property
-    def ellipse(self) -> Any:
+    def ellipse(self) -> Ellipsoid:
         """Ellipse of a planar arm, else ellipsoid, of the tool point at the first point."""
         return self.points[0].ellipse
 
     @property
-    def alternatives(self) -> tuple[Any, ...]:
+    def alternatives(self) -> tuple[Solution, ...]:
         """None: other motions are not kept."""
         return ()
 
@@ -153,7 +153,7 @@ class PathSolution(Result):
         """The optimisation problem of the point that scatters most, and its values there."""
         return str(self._presenter.explain())
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only; the first point at its top level."""
         onward = self.naive.onward
         return self.points[0].to_json() | {
@@ -177,7 +177,7 @@ class PathSolution(Result):
         }  # fmt: skip
 
 
-def _point_json(point: Solution) -> dict[str, Any]:
+def _point_json(point: Solution) -> dict[str, Json]:
     spread = point.spread
     return {
         "posture": point.posture,

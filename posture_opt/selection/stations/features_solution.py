@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.collision.scene import Clearance
-from posture_opt.numerics import Array, finite_or_none
+from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.improvements import Improvement, improvements
@@ -23,6 +22,7 @@ from posture_opt.selection.stations.placement import PlacementRange, placement_j
 from posture_opt.selection.stations.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.spread import Spread
@@ -41,7 +41,7 @@ class PlacementFigure:
     sigma: float
     success: float | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI; no spread where a feature cannot be done."""
         figures = {"sigma": finite_or_none(self.sigma), "success_all": self.success}
         return {"workpiece": placement_json(self.w), **figures}
@@ -142,7 +142,7 @@ class FeaturesSolution(Result):
         return self.first.covariance
 
     @property
-    def ellipse(self) -> Any:
+    def ellipse(self) -> Ellipsoid:
         """Of the tool point at the first feature."""
         return self.first.ellipse
 
@@ -215,7 +215,7 @@ class FeaturesSolution(Result):
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
         return bench_map(self.placed, self.w, self.postures)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``solution.json``: that of the first feature, and what holds for all."""
         success = self.success if self.status != "infeasible" else None
         return {
@@ -252,7 +252,7 @@ class FeaturesSolution(Result):
         return self.first.explain()
 
 
-def _feature_json(name: str, station: Solution) -> dict[str, Any]:
+def _feature_json(name: str, station: Solution) -> dict[str, Json]:
     document = station.to_json()
     kept = ("status", "posture", "tool", "critical", "covariance", "success_probability")
     return {"name": name, **{key: document[key] for key in kept}}

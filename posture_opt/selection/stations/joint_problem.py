@@ -15,6 +15,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from posture_opt.model.chain import Scalar
 from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
@@ -159,7 +160,7 @@ class JointProblem(DerivedAgain):
         return ca.Function("objective", [self._parts["x"]], [self._parts["objective"]])
 
 
-def combined(combine: Combine, values: Sequence[tuple[Any, Any]]) -> Any:
+def combined(combine: Combine, values: Sequence[tuple[Scalar, Scalar]]) -> Scalar:
     """The objective of all stations from each one's own and what further terms add: symbols of CasADi."""
     if combine == "worst":
         return ca.mmax(ca.vertcat(*(main + extra for main, extra in values)))

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -105,9 +104,9 @@ def _mixed(
 class _Shift:
     """What the nodes add to one factor: ``size`` [rad or m], its sine and its cosine less one."""
 
-    size: Any
-    sine: Any
-    cosine_less_one: Any
+    size: Scalar
+    sine: Scalar
+    cosine_less_one: Scalar
 
 
 def _shifts(segment: Segment, nodes: Nodes, symbolic: bool) -> list[_Shift | None]:
@@ -158,7 +157,7 @@ def _bent(k: int, shift: _Shift, p: Vector) -> Vector:
     return (x[0], x[1], x[2])
 
 
-def _average(weights: Array, x: Any) -> Any:
+def _average(weights: Array, x: Scalar) -> Scalar:
     """Over the nodes, which stand on the last axis; a number that does not depend on them is its own average."""
     if isinstance(x, ca.SX):
         return x if x.is_scalar() else ca.dot(ca.SX(ca.DM(weights)), x)

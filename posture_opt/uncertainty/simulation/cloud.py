@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import interruptible
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
 from posture_opt.uncertainty.moments.pose_covariance import FRAME
@@ -144,7 +143,7 @@ class Cloud(Result):
         varies = closed > RANK_TOLERANCE * closed[-1]
         return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
         closed = self.spread.to_json()
         about = {key: value for key, value in closed.items() if key != "integration"}
@@ -166,7 +165,7 @@ class Cloud(Result):
         beside = {"closed_form": closed, "ratio": self.ratio.tolist()}
         return {**about, **sampled, **drawn, **self._errors(), **beside}
 
-    def _errors(self) -> dict[str, Any]:
+    def _errors(self) -> dict[str, Json]:
         return {
             "mean": self.mean.tolist(),
             "bias_standard_error": self.bias_error.tolist(),
@@ -177,7 +176,7 @@ class Cloud(Result):
             "coverage95": {"value": self.coverage95, "interval95": list(self.coverage95_interval)},
         }
 
-    def _adaptive(self) -> dict[str, Any] | None:
+    def _adaptive(self) -> dict[str, Json] | None:
         found = self.adaptive
         if found is None:
             return None
@@ -243,7 +242,7 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
     )
 
 
-def _check(n: Any, seed: Any) -> None:
+def _check(n: object, seed: object) -> None:
     issues = []
     if isinstance(n, bool) or not isinstance(n, int | np.integer):
         issues.append(Issue(f"the number of samples is {n!r}", ("n",), n, "give a whole number such as 5000"))

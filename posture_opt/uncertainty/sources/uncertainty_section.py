@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -198,7 +198,7 @@ class UncertaintySpec(Spec):
 
 
 def _sigma(
-    name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue],
+    name: str, text: object, dimensions: dict[str, str] | None, issues: list[Issue],
     word: Literal["sigma", "scatter"] = "sigma",
 ) -> float:  # fmt: skip
     key = (word, name)
