@@ -41,7 +41,7 @@ class Issue:
 
     message: str
     key: KeyPath = ()
-    value: Any = None
+    value: object = None
     hint: str = ""
     file: str = ""
     line: int = 0
@@ -80,7 +80,7 @@ def key_text(key: KeyPath) -> str:
     return text
 
 
-def as_given(value: Any) -> str:
+def as_given(value: object) -> str:
     """A value of a file in the words of the file: ``'text'``, ``true``, ``a list of 3``; long texts are cut at 40
     characters.
     """
@@ -107,7 +107,7 @@ class BadValueError(ValueError):
         self.message: str = message
         self.hint: str = hint
 
-    def issue(self, key: KeyPath, value: Any = None) -> Issue:
+    def issue(self, key: KeyPath, value: object = None) -> Issue:
         """The issue about the entry at ``key``, which holds ``value``."""
         return Issue(self.message, key, value, self.hint)
 

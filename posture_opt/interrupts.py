@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ContextDecorator, contextmanager
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any
 
 _SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2")
@@ -69,7 +69,7 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
             if error is not self._raised:
                 raise self._raised from None  # swallowed, or another error that follows from it
 
-    def _handle_signal(self, number: int, frame: Any) -> None:
+    def _handle_signal(self, number: int, frame: FrameType | None) -> None:
         """In place of the former handlers: calls the former one, and keeps raising what that has raised."""
         if self._raised is not None:
             if not (self._over or self._on_its_way()):

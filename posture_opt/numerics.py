@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ Mask = NDArray[np.bool_]
 """True where something holds."""
 TURN = 2 * math.pi
 """One full turn [rad]."""
+Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
+"""What a JSON document holds: plain values, lists and objects of them."""
 Progress = Callable[[int, int], None]
 """Receives ``(done, total)``: how many of how many parts of a computation are done."""
 

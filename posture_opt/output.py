@@ -10,30 +10,37 @@ import shutil
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.errors import listed as in_words
 from posture_opt.interrupts import undisturbed
 from posture_opt.manifest import MANIFEST, Manifest
+from posture_opt.numerics import Json
 from posture_opt.staging import PREFIX, clear_leftovers, exchanged, settle, staging, write_through
 
 
-def json_text(document: dict[str, Any]) -> str:
+def json_text(document: Mapping[str, Json]) -> str:
     """A document as JSON text with the version of the program in front; numbers that JSON lacks become null.
 
     Example:
         >>> json_text({"sigma": math.nan}).splitlines()[-2]
         '  "sigma": null'
     """
-    return json.dumps({"posture_opt": __version__, **finite(document)}, indent=2, ensure_ascii=False, allow_nan=False)
+    return json.dumps(
+        {"posture_opt": __version__, **finite_document(document)}, indent=2, ensure_ascii=False, allow_nan=False
+    )
 
 
-def finite(value: Any) -> Any:
+def finite_document(document: Mapping[str, Json]) -> dict[str, Json]:
+    """The same document with null in place of NaN and infinity."""
+    return {str(key): finite(entry) for key, entry in document.items()}
+
+
+def finite(value: Json) -> Json:
     """The same nested data with null in place of NaN and infinity; keys become texts, tuples lists."""
     if isinstance(value, dict):
-        return {str(key): finite(entry) for key, entry in value.items()}
+        return finite_document(value)
     if isinstance(value, list | tuple):
         return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -11,10 +11,13 @@ from collections.abc import Mapping
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.numerics import DerivedAgain, Progress
+from posture_opt.numerics import DerivedAgain, Json, Progress
 from posture_opt.registration import registered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Summarised(DerivedAgain):
@@ -43,20 +46,21 @@ class Result(Summarised, ABC):
     """
 
     @abstractmethod
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The JSON document of this result: SI units and radians."""
 
     def report(self, *, full: bool = True) -> str:
         """The report as plain text, as the command line prints it: the whole, or what fits on one screen."""
         return str(self._presenter.report_text(full))
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Figure]:
         """Name -> matplotlib ``Figure``, the most important one first; they belong to no window."""
         return dict(self._presenter.figures())
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """The most important figure, as a matplotlib ``Figure``."""
-        return self._presenter.plot()
+        figure: Figure = self._presenter.plot()
+        return figure
 
     def to_dataframe(self) -> Any:
         """The main table of this result as a pandas ``DataFrame``; the unit of a column stands in its name.

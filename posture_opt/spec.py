@@ -24,7 +24,7 @@ class Spec(BaseModel):
 
     @field_validator("*", mode="after")
     @classmethod
-    def _refuse_implausible(cls, value: Any, info: ValidationInfo) -> Any:
+    def _refuse_implausible(cls, value: object, info: ValidationInfo) -> object:
         """The value as it is, if all its numbers are zero or of a plausible magnitude; a seed may be any number.
 
         Raises:
@@ -36,7 +36,7 @@ class Spec(BaseModel):
         return value
 
 
-def _numbers_in(value: Any) -> Iterator[float]:
+def _numbers_in(value: object) -> Iterator[float]:
     """The numbers that a field holds, those in its lists and mappings among them; infinite ones are defaults."""
     if isinstance(value, float | int):
         if math.isfinite(value):

@@ -151,7 +151,7 @@ def _unit_factor(unit: str, dimension: str) -> float:
         raise BadValueError(f"unknown unit '{unit}'", f"write for example {example}") from None
 
 
-def parse_quantity(value: Any, dimension: str) -> float:
+def parse_quantity(value: object, dimension: str) -> float:
     """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit.
 
     Args:
@@ -203,7 +203,7 @@ _TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": 0, "ma
 def _quantity_type(dimension: str) -> Any:
     """The type of a field of this dimension: a float in SI units, read from a text, with its JSON Schema."""
 
-    def read(value: Any) -> float:
+    def read(value: object) -> float:
         return parse_quantity(value, dimension)
 
     example = DIMENSIONS[dimension][1]
@@ -253,7 +253,7 @@ def is_bare_zero(text: Any) -> bool:
         return False
 
 
-def _joint_quantity(text: Any) -> JointQuantity:
+def _joint_quantity(text: object) -> JointQuantity:
     """The angle or the length that a text states.
 
     Raises:
@@ -305,7 +305,7 @@ JointValue = Annotated[
 """The value of a joint: an angle of a revolute one, a length of a prismatic one."""
 
 
-def parse_celsius(value: Any) -> float:
+def parse_celsius(value: object) -> float:
     """The temperature [degC] of a text such as ``"23.5 degC"``.
 
     Raises:

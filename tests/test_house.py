@@ -39,7 +39,7 @@ MODULES = modules_of(PACKAGE)
 ARCHITECTURE = (PACKAGE.parent / "docs" / "concepts" / "architecture.md").read_text(encoding="utf-8")
 HOME = {
     "casadi": {"model", "collision", "uncertainty", "selection", "calibration", "diagnosis"},
-    "matplotlib": {"report"},
+    "matplotlib": {"report", "result"},  # a result says of which type its figures are
     "yaml": {"problem", "robot"},  # the presets are YAML, and robots stand below problems
 }
 LAZY = {

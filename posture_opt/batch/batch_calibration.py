@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin_each_robot
-from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import coverage_factor
@@ -77,7 +76,7 @@ class Batch(Result):
         """(k,) of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``calibration.json`` of a batch: the type as a whole, and every robot under ``batch``."""
         first, worst = self.calibrations[0], min(self.calibrations, key=lambda c: c.identifiability.rank)
         gone = [int(rows[i]) for rows, c in zip(self.rows, self.calibrations, strict=True) for i in c.outliers]
@@ -110,12 +109,12 @@ class Batch(Result):
         }
 
     @property
-    def thinned_json(self) -> dict[str, Any]:
+    def thinned_json(self) -> dict[str, Json]:
         """The part ``thinned`` of a document: how many rows there were and are; empty where all were used."""
         used = len(self.data)
         return {"thinned": {"rows": self.total, "rows_used": used}} if self.total > used else {}
 
-    def _parameter(self, p: Parameter, k: int | None) -> dict[str, Any]:
+    def _parameter(self, p: Parameter, k: int | None) -> dict[str, Json]:
         """One parameter of the type: its mean over the robots and the standard error of that mean.
 
         ``k`` is its place among those that all robots determine; with ``None`` the nominal value is reported.
@@ -127,7 +126,7 @@ class Batch(Result):
             "determined": known,
         }  # fmt: skip
 
-    def _robot(self, k: int) -> dict[str, Any]:
+    def _robot(self, k: int) -> dict[str, Json]:
         """The entry of one robot under ``batch.robots``: its rows, errors, deviations from nominal and outliers."""
         found = self.calibrations[k]
         return {

@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.uncertainty.sources.sources import Sources
@@ -231,7 +230,7 @@ class CorrelatedPair:
     stated: float
     significant: bool
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers."""
         return {
             "parameters": [self.a, self.b], "correlation": self.correlation, "interval95": list(self.interval),

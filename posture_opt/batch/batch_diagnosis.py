@@ -7,7 +7,6 @@ Noise of a joint is common to the type too; the residuals of all robots together
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
@@ -21,7 +20,7 @@ from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
-from posture_opt.numerics import Progress
+from posture_opt.numerics import Json, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 
@@ -47,7 +46,7 @@ class BatchDiagnosis(Result):
         """``unexplained`` where errors are uneven and repeats do not show why."""
         return "unexplained" if self.uneven else "effects_found" if self.effects else "none_found"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``diagnosis.json`` of a batch."""
         rms = {"nominal": self.batch.nominal.rms, "calibrated": self.batch.calibrated.rms}
         shares = {name: share for name, (share, _) in self.batch.coverage.items()}
@@ -79,7 +78,7 @@ def diagnose_batch(
     *,
     folds: int = 5,
     by: By | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     most_rows: int = levels.MAX_SEARCHED_ROWS,
     progress: Progress | None = None,
 ) -> BatchDiagnosis:
@@ -112,7 +111,7 @@ def diagnose_batch(
         for pair in batch.pairs
         if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
     ]
-    noise, uneven = _batch_noise(problem, batch, seed)
+    noise, uneven = _batch_noise(problem, batch, seed or 0)
     findings = (*lengths, *map(noise_finding, noise))
     return BatchDiagnosis(batch, findings, batch.calibrations[0].by, tuple(uneven))
 

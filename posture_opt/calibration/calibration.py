@@ -24,7 +24,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_file import OtherFile
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
@@ -196,14 +196,14 @@ class Calibration(Result):
         """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.evaluation`."""
         return registered("evaluation", self)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``calibration.json``: SI units and radians; what the calibration is held against included."""
-        evaluated: dict[str, Any] = self.evaluation.to_json()
+        evaluated: dict[str, Json] = self.evaluation.to_json()
         return self.estimates_json() | evaluated
 
-    def estimates_json(self) -> dict[str, Any]:
+    def estimates_json(self) -> dict[str, Json]:
         """The part of the document that the calibration itself knows."""
-        document: dict[str, Any] = {
+        document: dict[str, Json] = {
             "residual_rms": {"nominal": self.nominal.rms, "calibrated": self.calibrated.rms},
             "residuals": {"nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json()},
             "coverage95": dict(self.coverage),
@@ -230,7 +230,7 @@ class Calibration(Result):
             document["thinned"] = self.large.to_json()
         return document
 
-    def _parameter(self, i: int) -> dict[str, Any]:
+    def _parameter(self, i: int) -> dict[str, Json]:
         """The entry of parameter i under ``parameters``: SI values, None in place of NaN."""
         p, known = self.parameters[i], bool(self.fixed[i])
         values = {"std": self.std[i], "prior": self.prior[i], "z": self.z[i], "p_value": self.p_values[i]}
@@ -243,7 +243,7 @@ class Calibration(Result):
             **{name: float(value) if np.isfinite(value) else None for name, value in values.items()},
         }
 
-    def _correlations(self) -> list[dict[str, Any]]:
+    def _correlations(self) -> list[dict[str, Json]]:
         """Pairs of estimates that are correlated closely."""
         C, names = self.correlation, [p.name for p in self.parameters]
         pairs = np.argwhere(np.triu(np.abs(C) > CORRELATION_SHOWN, 1))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.thinning import Thinning
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 
 _SAMPLED_ROWS = 2000  # rows: enough for the mean of what parameters do to the tool
 
@@ -52,7 +51,7 @@ class LargeFile:
         """Root mean square error of the last model on the rows left out [m]."""
         return list(self.models.values())[-1].rms
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The part ``thinned`` of a document."""
         return {
             **self.thinning.to_json(),

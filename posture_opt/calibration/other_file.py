@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Json, Mask
 
 _RANGE_TOLERANCE = 1e-9  # rad or m
 
@@ -55,9 +54,9 @@ class OtherFile:
         squares = np.sum(self.errors[model][rows] ** 2, axis=1)
         return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The part ``test`` of a document [m]."""
-        document: dict[str, Any] = {name: statistics.to_json() for name, statistics in self.models.items()}
+        document = {name: statistics.to_json() for name, statistics in self.models.items()}
         if self.outside.any():
             for name in self.models:
                 document[name]["rms_outside_training"] = self.rms(name, self.outside)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -23,7 +22,7 @@ from posture_opt.robot import preset_names
 @click.argument("problems", nargs=-1, required=True, type=PROBLEM, metavar="A.yaml B.yaml")
 @task_options
 @common_options
-def compare_command(common: Common, problems: Sequence[str], **given: Any) -> None:
+def compare_command(common: Common, problems: Sequence[str], **given: str | None) -> None:
     """The task of the first problem file with the arm of each: postures, spread, probability of success.
 
     The files state two arms, or two states of knowledge of one arm, as before and after a calibration; a preset stands
@@ -43,7 +42,7 @@ def compare_command(common: Common, problems: Sequence[str], **given: Any) -> No
     show_result(common, found)
 
 
-def _requested(name: str, given: Mapping[str, Any]) -> Problem:
+def _requested(name: str, given: Mapping[str, str | None]) -> Problem:
     """The problem of a file, of a built-in name, or of a preset."""
     if name in preset_names() and not is_there(Path(name)):
         return requested_problem(None, name, **given)

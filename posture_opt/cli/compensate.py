@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -23,7 +22,7 @@ from posture_opt.export.known_programs import compensated_program
 @problem_options
 @program_options(0.0)
 @common_options
-def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **given: Any) -> None:
+def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **given: str | None) -> None:
     """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.
 
     TARGETS.csv has x, y, z with units, optionally qw, qx, qy, qz, and joint columns that say which posture to stay

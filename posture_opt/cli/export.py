@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -28,7 +27,7 @@ from posture_opt.output import write_folder
 @motion_options(0.0)
 @common_options
 def export_command(
-    common: Common, to: str, name: str, posture: str | None, speed: float, wait: float, **given: Any
+    common: Common, to: str, name: str, posture: str | None, speed: float, wait: float, **given: str | None
 ) -> None:
     problem = requested_problem(**given)
     q = None if posture is None else requested_posture(posture, problem.robot)

@@ -185,7 +185,7 @@ def _error_text(error: PostureOptError) -> str:
 @common_options
 @click.version_option(__version__, prog_name="optimize-posture")
 @click.pass_context
-def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> None:
+def main(ctx: click.Context, /, common: Common, explain: bool, **given: str | None) -> None:
     """Select the robot posture with the smallest position uncertainty for a task.
 
     \b

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -44,8 +44,8 @@ from posture_opt.problem.problem import Problem
 @checkpoint_option
 @common_options
 def map_command(
-    common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None, plane: Any,
-    scheduler: str | None, checkpoint: Path | None, **given: Any,
+    common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None,
+    plane: Literal["xy", "xz", "yz"] | None, scheduler: str | None, checkpoint: Path | None, **given: str | None,
 ) -> None:  # fmt: skip
     """The best posture and its spread, or the arm's accuracy, over a grid of targets."""
     if data is not None and quantity != "accuracy":

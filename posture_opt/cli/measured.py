@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 import posture_opt as po
+from posture_opt.calibration.estimation.error_statistics import By
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show, show_result, write_text
@@ -24,9 +25,9 @@ from posture_opt.problem.problem import Problem
 from posture_opt.problem.yaml_source import MAX_BYTES
 from posture_opt.result import Result
 
-OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Result]
+OfOne = Callable[[po.Problem, po.Measurements, po.Measurements | None], Result]
 """Problem, measurements and test file of one robot -> the result."""
-OfBatch = Callable[[Any, po.Measurements], Result]
+OfBatch = Callable[[po.Problem, po.Measurements], Result]
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Session:
     data: Path
     test: Path | None
     refit_frames: bool
-    by: Any
+    by: By | None
     folds: int
     plan: bool
     columns: Mapping[str, str | int]
@@ -97,7 +98,7 @@ def measured_options(command: Command) -> Command:
     return problem_options(own)
 
 
-def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOne, of_batch: OfBatch) -> None:
+def answer(common: Common, session: Session, given: dict[str, str | None], of_one: OfOne, of_batch: OfBatch) -> None:
     """Reads the measurements and shows what they say, those of one robot or those of several."""
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
@@ -127,7 +128,7 @@ def _read(common: Common, path: Path, problem: po.Problem) -> po.Measurements:
         return po.read_measurements(path, problem)
 
 
-def _without_problem(given: dict[str, Any]) -> dict[str, Any]:
+def _without_problem(given: dict[str, str | None]) -> dict[str, Any]:
     """The options but ``--problem``."""
     return {key: value for key, value in given.items() if key != "problem"}
 
@@ -177,7 +178,7 @@ class StarterFile:
 @measured_options
 @click.option("--no-priors", is_flag=True, help="Do not use the σ's of the problem file as priors.")
 @common_options
-def calibrate_command(common: Common, session: Session, no_priors: bool, **given: Any) -> None:
+def calibrate_command(common: Common, session: Session, no_priors: bool, **given: str | None) -> None:
     """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
 
     of_one = partial(_calibrated, common, session, not no_priors)
@@ -213,7 +214,7 @@ def _calibrated(
 @measured_options
 @click.option("--with-time", is_flag=True, help="Keep effects of time in extended.yaml; the task's 'time' says when.")
 @common_options
-def diagnose_command(common: Common, session: Session, with_time: bool, **given: Any) -> None:
+def diagnose_command(common: Common, session: Session, with_time: bool, **given: str | None) -> None:
     """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
 
     of_one = partial(_diagnosed, common, session, with_time)
@@ -224,7 +225,7 @@ def _diagnosed_batch(common: Common, session: Session, problem: po.Problem, data
     """Diagnose several robots of one type with a progress bar."""
     with progress_bar(common, "diagnosing robots") as progress:
         return po.diagnose_batch(
-            problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress,
+            problem, data, folds=session.folds, by=session.by, seed=common.seed, progress=progress,
             **session.most_rows,
         )  # fmt: skip
 

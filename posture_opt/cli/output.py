@@ -9,19 +9,19 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import click
 
 from posture_opt.cli.options import Common
 from posture_opt.cli.progress import progress_bar
+from posture_opt.numerics import Json
 from posture_opt.output import json_text, writable_folder, write_file
 from posture_opt.result import Result
 
 OUT = ("--out",)
 
 
-def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
+def show(common: Common, document: Callable[[], Mapping[str, Json]], text: Callable[[], str]) -> None:
     """Print the JSON document or the report, whichever is asked for.
 
     Args:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,6 +18,7 @@ from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import InputError, Issue
+from posture_opt.experiments.measurement_plan import Purpose
 from posture_opt.export.known_programs import measuring_program
 
 Corner = tuple[float, ...]
@@ -51,9 +51,9 @@ Box = tuple[Corner, Corner]
 @scheduler_option
 @common_options
 def plan_measurements_command(
-    common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
+    common: Common, count: int, data: Path | None, purpose: Purpose, candidates: int, link_height: str | None,
     repeats: int, low: str | None, high: str | None, motion: ProgramRequest, scheduler: str | None,
-    **given: Any,
+    **given: str | None,
 ) -> None:  # fmt: skip
     """Which postures to measure next: the most informative about the arm, or about its task."""
     problem, box = requested_problem(**given), _box(low, high)
@@ -61,7 +61,7 @@ def plan_measurements_command(
         measured = None if data is None else po.read_measurements(data, problem)
         with working(common, scheduler) as workers, progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
-                problem, count, given=measured, purpose=purpose, seed=common.seed or 0,
+                problem, count, given=measured, purpose=purpose, seed=common.seed,
                 link_height=None if link_height is None else height_of(link_height), within=box,
                 repeats=repeats, candidates=candidates, executor=workers, progress=progress,
             )  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 import posture_opt as po
@@ -16,7 +14,7 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
 
 
-def solve(common: Common, explain: bool, **given: Any) -> None:
+def solve(common: Common, explain: bool, **given: str | None) -> None:
     """Select the posture of the requested problem, write the files, print the report.
 
     A problem without a solution has files and a report too: the nearest posture, and what it violates.
@@ -53,7 +51,7 @@ def _text(solution: po.Solution, explain: bool, full: bool) -> str:
 @problem_options
 @posture_option
 @common_options
-def uncertainty_command(common: Common, posture: str, **given: Any) -> None:
+def uncertainty_command(common: Common, posture: str, **given: str | None) -> None:
     """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
     problem = requested_problem(**given)
     values = requested_posture(posture, problem.robot)
@@ -72,7 +70,7 @@ def uncertainty_command(common: Common, posture: str, **given: Any) -> None:
 )
 @click.option("--adaptive", is_flag=True, help="Draw until the standard deviations are stable in two digits.")
 @common_options
-def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **given: Any) -> None:
+def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **given: str | None) -> None:
     """Monte Carlo cloud of the tool point at one posture, beside the closed form."""
     problem = requested_problem(**given)
     values = requested_posture(posture, problem.robot)

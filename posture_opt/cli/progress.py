@@ -9,7 +9,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from types import FrameType
+from typing import TextIO
 
 import click
 
@@ -123,7 +124,7 @@ def _ticking(tick: Callable[[], None]) -> Iterator[None]:
         yield
         return
 
-    def ticked(number: int, frame: Any) -> None:
+    def ticked(number: int, frame: FrameType | None) -> None:
         tick()
 
     former = signal.signal(signal.SIGALRM, ticked)

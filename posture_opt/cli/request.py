@@ -129,7 +129,7 @@ def with_columns(problem: Problem, columns: Mapping[str, str | int]) -> Problem:
     return _as_options(lambda: problem.replace(data__columns={**former, **columns}))
 
 
-def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, **given: Any) -> Problem:
+def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, **given: str | None) -> Problem:
     """The problem that measurements of a robot without a problem file stand for: its frames are free.
 
     Args:

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.files import located
+from posture_opt.numerics import Json
 from posture_opt.problem.problem import Problem
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
@@ -36,7 +36,7 @@ def checkpoint_option(command: Command) -> Command:
 
 
 @contextmanager
-def working(common: Common, scheduler: str | None, checkpoint: Path | None = None, **asked: Any) -> Iterator[Workers]:
+def working(common: Common, scheduler: str | None, checkpoint: Path | None = None, **asked: Json) -> Iterator[Workers]:
     """The workers that the options name, which end with the block.
 
     Args:
@@ -56,5 +56,5 @@ def digest_of(problem: Problem) -> str:
     return hashlib.sha256(json.dumps(whole, default=_plain).encode()).hexdigest()[:16]
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Json:
     return value.tolist() if isinstance(value, np.ndarray) else str(value)

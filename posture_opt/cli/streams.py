@@ -11,7 +11,8 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NoReturn, TextIO
+from types import FrameType
+from typing import NoReturn, TextIO
 
 _REQUESTS = ("SIGTERM", "SIGHUP")
 _INTERRUPTED = 130  # what a shell reports of a program that ^C ended
@@ -36,7 +37,7 @@ def ended_by_signals() -> Iterator[None]:
         yield
         return
 
-    def end(number: int, frame: Any) -> NoReturn:
+    def end(number: int, frame: FrameType | None) -> NoReturn:
         raise Ended(number)
 
     numbers = [getattr(signal, name) for name in _REQUESTS if hasattr(signal, name)]

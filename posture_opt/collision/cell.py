@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic_core import CoreSchema
 
 from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
 from posture_opt.errors import BadValueError
+from posture_opt.numerics import Json
 from posture_opt.spec import Spec
 from posture_opt.units import Length
 
@@ -25,7 +26,7 @@ class CellSpec(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _expanded_word(cls, value: Any) -> Any:
+    def _expanded_word(cls, value: object) -> object:
         """The word ``none`` as the section that it abbreviates.
 
         Raises:
@@ -52,6 +53,6 @@ class CellSpec(Spec):
         return obstacles
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Json]:
         """The schema of the section, or the word ``none``."""
         return {"anyOf": [handler(schema), {"const": "none"}]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -22,7 +22,7 @@ from posture_opt.collision.pairs import (
 )
 from posture_opt.collision.placed_capsules import Placed, PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.robot.link_capsules import stand_in, tool_line
 from posture_opt.robot.robot import Robot
 
@@ -52,7 +52,7 @@ class Clearance(NamedTuple):
     distance: float
     between: tuple[str, str]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The key ``clearance`` of a document."""
         return {"distance": self.distance, "between": list(self.between)}
 

@@ -6,14 +6,13 @@ import csv
 import io
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Json, Mask
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
 from posture_opt.selection.problem_data import ProblemData
@@ -112,7 +111,7 @@ class Compensation(Result):
         """The header of column k of the targets as it was given."""
         return self.targets.headers[k].strip()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``compensation.json``: SI units and radians."""
         rows = zip(self.targets.line, self.postures, self.reached, strict=True)
         return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -170,6 +169,6 @@ def _stated_sides(cells: Cells, robot: Robot) -> Array:
     return side
 
 
-def _cell_text(cell: Any) -> str:
+def _cell_text(cell: object) -> str:
     """A cell as it is written again: strings stripped, floats with all their digits."""
     return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
-from posture_opt.numerics import Codes
+from posture_opt.numerics import Codes, Json
 from posture_opt.result import Result
 from posture_opt.selection.comparison.plan_comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
@@ -135,14 +135,14 @@ class Diagnosis(Result):
         """What each model would have chosen of the postures measured; None without a comparison, or without such."""
         return None if self.comparison is None else measured_goals(self.model.residuals.data, self.held, self.models)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
         if self.comparison is None:
             return self.findings_json()
         goals = {} if self.goals is None else {"goals": self.goals.to_json()}
         return self.findings_json() | {"posture": goals | self.comparison.to_json()}
 
-    def findings_json(self) -> dict[str, Any]:
+    def findings_json(self) -> dict[str, Json]:
         """The part of the document that the diagnosis itself knows.
 
         Lengths in m, angles in rad, p-values family-wise; ``unexplained.p_value`` is the least of all tests of what is
@@ -241,7 +241,7 @@ class Diagnosis(Result):
         place = self.effects[finding].place
         return None if self.test is None or place is None else self.test.gains[place]
 
-    def _effect_json(self, i: int) -> dict[str, Any]:
+    def _effect_json(self, i: int) -> dict[str, Json]:
         """The entry of finding i with the gain on the other file, the tool shift [m] and its discrimination."""
         gain, split = self.test_gain(i), self.split
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})

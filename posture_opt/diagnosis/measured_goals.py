@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
+from posture_opt.numerics import Json
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
@@ -49,7 +49,7 @@ class Choice:
         """Share of the goals that are met within a clearance [m]."""
         return float(np.mean(self.missed <= clearance))
 
-    def to_json(self, clearance: float | None = None) -> dict[str, Any]:
+    def to_json(self, clearance: float | None = None) -> dict[str, Json]:
         """Lengths [m]: median and what 95 % of the goals stay below; the share that meets the clearance."""
         return {
             "missed": _median_and_p95(self.missed), "missed_elsewhere": _median_and_p95(self.elsewhere),
@@ -92,7 +92,7 @@ class MeasuredGoals:
         """How far the share of better choices strays by chance, 95 %."""
         return float(1.96 * np.sqrt(self.chance * (1 - self.chance) / self.goals))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The entry ``goals`` of ``posture`` in ``diagnosis.json``."""
         return {
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Json, Mask
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
@@ -127,7 +127,7 @@ class MeasurementPlan(Result):
                 lines += [", ".join([*cells, target]) for target in self.targets] or [", ".join(cells)]
         return "\n".join(lines) + "\n"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
         stages = {"before": self.before, "after": self.after, "random": self.random}
         return {
@@ -157,8 +157,10 @@ class MeasurementPlan(Result):
             "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE_NOTE])],
         }
 
-    def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
-        """The entry ``task`` of the document: the posture, and the tool point's expected error at each stage [m]."""
+    def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Json] | None:
+        """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
+        stage [m].
+        """
         if self.target is None:
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))

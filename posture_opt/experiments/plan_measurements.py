@@ -44,7 +44,7 @@ def plan_measurements(
     *,
     given: Measurements | None = None,
     purpose: Purpose = "parameters",
-    seed: int = 0,
+    seed: int | None = None,
     link_height: float | None = None,
     within: Box | None = None,
     repeats: int = 1,
@@ -66,7 +66,7 @@ def plan_measurements(
 
     Args:
         given: measurements made already.
-        seed: of the candidates and starts; the same seed, the same plan.
+        seed: of the candidates and starts; the same seed, the same plan; 0 by default.
         link_height: in place of the task's [m].
         within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.
         repeats: of each posture, in rounds.
@@ -103,9 +103,9 @@ def plan_measurements(
     notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(problem))
     with opened(workers, executor) as pool:
         return plan_postures(
-            problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
-            repeats=repeats, keeps_height=floored or not _least_height(problem), notes=notes, workers=pool,
-            progress=progress,
+            problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed or 0,
+            candidates=candidates, repeats=repeats, keeps_height=floored or not _least_height(problem), notes=notes,
+            workers=pool, progress=progress,
         )  # fmt: skip
 
 

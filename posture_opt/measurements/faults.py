@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from posture_opt.errors import InputError, Issue, KeyPath
 
@@ -25,7 +25,7 @@ class Faults:
         self._kept: dict[tuple[str, str], list[Issue]] = {}
         self._more: dict[tuple[str, str], list[int]] = {}
 
-    def add(self, message: str, column: str = "", value: Any = None, hint: str = "", line: int = 0) -> None:
+    def add(self, message: str, column: str = "", value: object = None, hint: str = "", line: int = 0) -> None:
         """Add one fault.
 
         Args:

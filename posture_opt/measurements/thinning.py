@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_of_row
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json, Mask
 
 _MIN_ROWS_OF_POSTURE, _MAX_ROWS_OF_POSTURE = 3, 30
 """Rows of one posture: fewer say nothing of scatter, more say little else."""
@@ -61,7 +60,7 @@ class Thinning:
             return self.data
         return replace(self.data, time=_row_clock(len(self.data), self.rows))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """How the rows were chosen, in numbers."""
         return {
             "rows": len(self.data),
@@ -130,7 +129,7 @@ def _thinning_units(data: Measurements) -> Codes:
     return np.asarray(place[inverse.ravel()], dtype=np.intp)
 
 
-def _evenly_spread(codes: Codes, most: int) -> Any:
+def _evenly_spread(codes: Codes, most: int) -> Mask:
     """(N,) whether a row is one of at most ``most`` of its code, evenly spread over all of them."""
     order = np.argsort(codes, kind="stable")
     counts = np.bincount(codes)
@@ -142,7 +141,7 @@ def _evenly_spread(codes: Codes, most: int) -> Any:
     return chosen
 
 
-def _drawn_units(points: Codes, count: int, seed: int) -> tuple[Any, Codes]:
+def _drawn_units(points: Codes, count: int, seed: int) -> tuple[Mask, Codes]:
     """Which units (U,) are drawn, one out of each of so many blocks, and the block (U,) of each.
 
     Units that touch one point lie together, so that all points come in; each gives one at least.

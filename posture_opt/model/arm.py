@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import casadi as ca
 
@@ -18,6 +18,8 @@ from posture_opt.model.arm_state import Inputs
 from posture_opt.model.chain import (
     ZERO,
     Scalar,
+    Stacked,
+    Values,
     Vector,
     Walk,
     add,
@@ -139,7 +141,7 @@ class Arm:
         """(n,) joint symbols [rad or m]."""
         return ca.SX.sym("q", self.robot.n)
 
-    def walk(self, q: Any, p: Any = None) -> Walk:
+    def walk(self, q: Values, p: Values | None = None) -> Walk:
         """The walk along the chain: pose and screws as scalars.
 
         Args:
@@ -149,12 +151,12 @@ class Arm:
         Raises:
             ValueError: vectors of another length.
         """
-        named: dict[str, Any] = {}
+        named: dict[str, Scalar] = {}
         if p is not None:
             named = dict(zip(self.parameters, split(p, len(self.parameters), "parameters"), strict=True))
         return self.reach(split(q, self.robot.n, "posture"), named).walk
 
-    def pose(self, q: Any, p: Any = None) -> Any:
+    def pose(self, q: Values, p: Values | None = None) -> Stacked:
         """``T_world_tool`` (4, 4), lengths in [m]: a CasADi expression where ``q`` or ``p`` is one, else an array (N,
         4, 4).
 
@@ -169,11 +171,11 @@ class Arm:
         (r0, r1, r2), x = reached.columns, reached.position
         return stack([(r0[k], r1[k], r2[k], x[k]) for k in range(3)] + [(0.0, 0.0, 0.0, 1.0)])
 
-    def position(self, q: Any, p: Any = None) -> Any:
+    def position(self, q: Values, p: Values | None = None) -> Stacked:
         """The tool point (3,) or (N, 3) in the world [m]; ``q`` and ``p`` as of `pose`."""
         return stack(self.walk(q, p).position)
 
-    def jacobian(self, q: Any, p: Any = None) -> Any:
+    def jacobian(self, q: Values, p: Values | None = None) -> Stacked:
         """The geometric Jacobian (6, n) of the tool point, rows ``(v, ω)``, world-aligned axes.
 
         ``∂x/∂q_j = a_j × (x − o_j)`` for a joint that turns about the axis a_j through o_j, ``a_j`` for one that
@@ -184,7 +186,7 @@ class Arm:
         driven = [self.robot.factors[i].parameter or i for i in self.robot.driven]
         return self._stacked(self.twists(driven, split(q, self.robot.n, "posture"), self.walk(q, p)))
 
-    def parameter_jacobian(self, q: Any, p: Any = None) -> Any:
+    def parameter_jacobian(self, q: Values, p: Values | None = None) -> Stacked:
         """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter [SI], world-aligned axes.
 
         At the posture ``q`` and the deviations ``p`` of the chain, as of `pose`; of effects to first order in their
@@ -284,6 +286,6 @@ class Arm:
         return parts + [(self._factor_index[name], size) for name, size in one.lengths.items()]
 
     @staticmethod
-    def _stacked(twists: Sequence[Twist]) -> Any:
+    def _stacked(twists: Sequence[Twist]) -> Stacked:
         """(6, k) twists side by side, rows ``(v, ω)``."""
         return stack(list(zip(*((*v, *w) for v, w in twists), strict=True)))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -99,7 +98,7 @@ class ArmState:
     carried: Mapping[int, Scalar] = field(default_factory=dict)
 
     @cached_property
-    def _values(self) -> list[Any]:
+    def _values(self) -> list[Scalar]:
         """The value of every factor of the chain [rad or m]."""
         joints = [value + self.carried[i] if i in self.carried else value for i, value in enumerate(self.q)]
         return factor_values(self.robot.factors, joints, self.p)
@@ -165,23 +164,23 @@ class ArmState:
         ]
         return (*links, (self.robot.n - 1, self.inputs.payload, self.tool))
 
-    def torque(self, joint: int) -> Any:
+    def torque(self, joint: int) -> Scalar:
         """The generalised force of gravity on a joint [N m, or N], positive in the joint's positive direction.
 
         ``τ_j = Σ_k m_k (a_j × (x_k − o_j)) · g`` over all loads that the joint carries; ``a_j · g`` per mass of a
         slide.
         """
-        total: Any = 0.0
+        total: Scalar = 0.0
         for carrier, mass, place in self.loads:
             if carrier >= joint:
                 total = total + mass * self.unit_torque(joint, place)
         return total
 
-    def payload_torque(self, joint: int) -> Any:
+    def payload_torque(self, joint: int) -> Scalar:
         """The part of `torque` that comes from the payload [N m, or N]."""
         return self.inputs.payload * self.unit_torque(joint, self.tool)
 
-    def unit_torque(self, joint: int, place: Vector) -> Any:
+    def unit_torque(self, joint: int, place: Vector) -> Scalar:
         """The generalised force [N m, or N] on a joint of 1 kg at a place (3,) of the world [m]."""
         axis, origin = self.axis(joint)
         g = self.robot.gravity

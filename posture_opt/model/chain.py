@@ -12,15 +12,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor
 
 Scalar = Any
 """A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with."""
+Values: TypeAlias = "ArrayLike | Sequence[Scalar] | ca.SX | ca.MX"
+"""A vector of numbers, an array of several, or a CasADi expression."""
+Stacked: TypeAlias = "Array | ca.SX"
+"""What comes of values: an array of numbers, or an expression where one of them is."""
 Vector = tuple[Scalar, Scalar, Scalar]
 """Three scalars: world coordinates [m], or a direction."""
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -147,7 +153,7 @@ def dot(u: Sequence[Scalar], v: Sequence[Scalar]) -> Scalar:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
+def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Stacked:
     """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first.
 
     (r,) scalars become (r,) or (N, r), rows of c scalars (r, c) or (N, r, c); in CasADi a vector is a column (r, 1).
@@ -155,14 +161,15 @@ def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
     nested = [list(row) if isinstance(row, list | tuple) else [row] for row in rows]
     flat = [entry for row in nested for entry in row]
     if any(isinstance(entry, ca.SX) for entry in flat):
-        return ca.vertcat(*(ca.horzcat(*row) for row in nested))
+        symbols: Stacked = ca.vertcat(*(ca.horzcat(*row) for row in nested))
+        return symbols
     batch = np.broadcast_arrays(*(np.asarray(entry, dtype=float) for entry in flat))
     array = np.stack(batch, axis=-1)
     vector = not isinstance(rows[0], list | tuple)
     return array if vector else array.reshape(*array.shape[:-1], len(nested), len(nested[0]))
 
 
-def split(values: Any, size: int, what: str) -> Sequence[Any]:
+def split(values: Values, size: int, what: str) -> Sequence[Scalar]:
     """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size.
 
     Args:
@@ -174,7 +181,7 @@ def split(values: Any, size: int, what: str) -> Sequence[Any]:
         ValueError: another number of entries.
     """
     if isinstance(values, ca.SX | ca.MX | ca.DM):
-        entries: Sequence[Any] = ca.vertsplit(ca.vec(values))
+        entries: Sequence[Scalar] = ca.vertsplit(ca.vec(values))
         if isinstance(values, ca.DM):
             entries = [float(entry) for entry in entries]
     elif isinstance(values, list | tuple) and any(isinstance(v, ca.SX | ca.MX) for v in values):
@@ -226,31 +233,31 @@ def _is_symbolic(x: Scalar) -> bool:
     return isinstance(x, ca.SX | ca.MX)
 
 
-def sin(x: Scalar) -> Any:
+def sin(x: Scalar) -> Scalar:
     """Sine of numbers, arrays and CasADi expressions alike [rad]."""
     return ca.sin(x) if _is_symbolic(x) else np.sin(x)
 
 
-def cos(x: Scalar) -> Any:
+def cos(x: Scalar) -> Scalar:
     """Cosine of numbers, arrays and CasADi expressions alike [rad]."""
     return ca.cos(x) if _is_symbolic(x) else np.cos(x)
 
 
-def exp(x: Scalar) -> Any:
+def exp(x: Scalar) -> Scalar:
     """Exponential function of numbers, arrays and CasADi expressions alike."""
     return ca.exp(x) if _is_symbolic(x) else np.exp(x)
 
 
-def magnitude(x: Scalar) -> Any:
+def magnitude(x: Scalar) -> Scalar:
     """``|x|``."""
     return ca.fabs(x) if _is_symbolic(x) else np.abs(x)
 
 
-def nearest_integer(x: Scalar) -> Any:
+def nearest_integer(x: Scalar) -> Scalar:
     """``floor(x + 1/2)``: halves are rounded up, unlike NumPy's ``round``; its derivative is zero."""
     return ca.floor(x + 0.5) if _is_symbolic(x) else np.floor(np.asarray(x) + 0.5)
 
 
-def at_least(x: Scalar, bound: float) -> Any:
+def at_least(x: Scalar, bound: float) -> Scalar:
     """1 where ``x >= bound``, else 0."""
     return ca.SX(x >= bound) if _is_symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.model.effects import CatalogueEntry, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.problem.effects_section import of_a_type
+from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.robot import Factor
@@ -51,7 +51,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     return problem.with_fit(diagnosis)
 
 
-def batch_uncertainty(problem: ProblemData, batch: Batch) -> dict[str, Any]:
+def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
     """The section ``uncertainty``: σ's across the batch and the correlations that are none of chance.
 
     What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the instrument
@@ -81,11 +81,11 @@ def batch_uncertainty(problem: ProblemData, batch: Batch) -> dict[str, Any]:
 
 
 def batch_effects(
-    problem: ProblemData, correlation: Sequence[Sequence[Any]], named: Sequence[NoiseEffect]
-) -> list[Any]:
+    problem: ProblemData, correlation: Sequence[Sequence[Plain]], named: Sequence[NoiseEffect]
+) -> list[Section]:
     """The section ``effects`` with the noise that a batch ``named``, without lengths told under ``correlation``."""
     told = {frozenset(pair[:2]) for pair in correlation}
-    section: dict[str, tuple[CatalogueEntry, dict[str, Any]]] = {
+    section: dict[str, tuple[CatalogueEntry, Section]] = {
         effect.name: (effect, entry)
         for effect, entry in zip(problem.effects, problem.to_dict().get("effects") or [], strict=True)
         if not (of_a_type(effect) and {frozenset(pair[:2]) for pair in effect.correlation} & told)

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.problem.effects_section import of_a_type
+from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
@@ -59,7 +60,7 @@ def frame_texts(parameters: Mapping[str, Factor], frame: str) -> dict[str, list[
     return {"xyz": texts[:3], "rpy": texts[3:]}
 
 
-def sources_text(robot: Robot, effects: Sequence[Any], sources: Sources) -> str:
+def sources_text(robot: Robot, effects: Sequence[Effect], sources: Sources) -> str:
     """The CSV of the covariance of sources: lengths in mm, angles in mrad, parameters of effects in SI units."""
     units = {name: "mrad" if factor.kind == "rotate" else "mm" for name, factor in robot.parameters.items()}
     for effect in effects:
@@ -68,7 +69,7 @@ def sources_text(robot: Robot, effects: Sequence[Any], sources: Sources) -> str:
     return covariance_text(sources.names, sources.covariance, [units[name] for name in sources.names])
 
 
-def commented(header: Sequence[str], document: Mapping[str, Any]) -> str:
+def commented(header: Sequence[str], document: Mapping[str, Plain]) -> str:
     """The YAML text of a document, with lines of comment before it."""
     return "".join(f"# {line}\n" for line in header) + dump_yaml(dict(document))
 
@@ -154,7 +155,7 @@ def _under_covariance(effect: CatalogueEntry, fit: FittedArm) -> CatalogueEntry:
     return type(effect).model_validate(effect.to_dict())
 
 
-def robot_section(section: Mapping[str, Any], nominal: Robot, robot: Robot, fit: FittedArm) -> dict[str, Any]:
+def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fit: FittedArm) -> Section:
     """The section ``robot`` of a file with frames as numbers, corrections and gravity as they are after a fit."""
     corrections = {
         name: text
@@ -170,7 +171,7 @@ def robot_section(section: Mapping[str, Any], nominal: Robot, robot: Robot, fit:
     }
 
 
-def uncertainty_section(section: Mapping[str, Any], robot: Robot, fit: FittedArm) -> dict[str, Any]:
+def uncertainty_section(section: Mapping[str, Plain], robot: Robot, fit: FittedArm) -> Section:
     """The section ``uncertainty`` of a file after a fit: covariance, scatter, and the instrument as it was stated."""
     if fit.known is None:
         return dict(section)
@@ -183,9 +184,9 @@ def uncertainty_section(section: Mapping[str, Any], robot: Robot, fit: FittedArm
 
 
 def fitted_document(
-    former: Mapping[str, Any], name: str, nominal: Robot, robot: Robot, effects: Sequence[CatalogueEntry],
+    former: Mapping[str, Plain], name: str, nominal: Robot, robot: Robot, effects: Sequence[CatalogueEntry],
     fit: FittedArm,
-) -> dict[str, Any]:  # fmt: skip
+) -> Section:  # fmt: skip
     """The plain data of the file of a fitted problem; keys that the fit has no part in stay as they were given."""
     uncertainty = uncertainty_section(former.get("uncertainty") or {}, robot, fit)
     document = {**former, "robot": robot_section(former["robot"], nominal, robot, fit)}
@@ -196,7 +197,7 @@ def fitted_document(
     return document
 
 
-def released_document(former: Mapping[str, Any], frames: Sequence[str], parameters: Sequence[str]) -> dict[str, Any]:
+def released_document(former: Mapping[str, Plain], frames: Sequence[str], parameters: Sequence[str]) -> Section:
     """The plain data of a file with frames free, which start as they were stated, and without some σ's."""
     section = former["robot"]
     free = {frame: {**stated, "free": True} if (stated := section.get(frame)) else "free" for frame in frames}

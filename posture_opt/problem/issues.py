@@ -6,12 +6,12 @@ import copy
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
+from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.schema import bound_at, example_at, known_keys, nodes_at, read_sections, size_at
 from posture_opt.selection.registered_tasks import registered_tasks
 
@@ -42,7 +42,7 @@ _EXPECTED: dict[str, str] = {
 }
 
 
-def schema_issues(data: dict[str, Any]) -> list[Issue]:
+def schema_issues(data: Section) -> list[Issue]:
     """Everything about the sections of a problem file that does not fit the schema; empty where all does.
 
     Places are those of the file: the names of the alternatives that pydantic tried are left out of them, and of
@@ -77,7 +77,7 @@ def _meant_kind(error: _Placed) -> tuple[str, str] | None:
     return (_tag_key(context), near) if near else None
 
 
-def _entry(data: Any, key: KeyPath) -> Any:
+def _entry(data: Plain, key: KeyPath) -> Plain:
     for part in key:
         data = data[part]
     return data
@@ -86,7 +86,7 @@ def _entry(data: Any, key: KeyPath) -> Any:
 class _Placed:
     """An error with its key in the file, and the alternatives pydantic was in: (key of the choice, its name)."""
 
-    def __init__(self, details: ErrorDetails, data: Any) -> None:
+    def __init__(self, details: ErrorDetails, data: Plain) -> None:
         self.details = details
         self.type: str = details["type"]
         self.key: KeyPath = ()
@@ -108,7 +108,7 @@ class _Placed:
         return self.key if self.type == "missing" else None
 
 
-def _has(data: Any, part: str | int) -> bool:
+def _has(data: Plain, part: str | int) -> bool:
     if isinstance(part, int):
         return isinstance(data, list | tuple) and part < len(data)
     return isinstance(data, Mapping) and part in data
@@ -128,7 +128,7 @@ def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
     return [error for error in errors if id(error) not in dropped]
 
 
-def _without_misspelt(errors: list[_Placed], data: Any) -> list[_Placed]:
+def _without_misspelt(errors: list[_Placed], data: Plain) -> list[_Placed]:
     """Drops the missing keys that an unknown key beside them is a misspelling of."""
     meant = {
         (*error.key[:-1], nearest(str(error.key[-1]), known_keys(error.key[:-1], data)))
@@ -142,7 +142,7 @@ def _depth(error: _Placed) -> tuple[int, bool]:
     return len(error.key), error.type == "value_error"
 
 
-def _issue(error: _Placed, data: Any) -> Issue:
+def _issue(error: _Placed, data: Plain) -> Issue:
     value, context = error.details["input"], error.details.get("ctx", {})
     key, kind = error.key, error.type
     if kind == "missing" and isinstance(key[-1], int):
@@ -168,7 +168,7 @@ def _issue(error: _Placed, data: Any) -> Issue:
     return _type_issue(key, kind, value, data, error.details["msg"])
 
 
-def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any], data: Any) -> Issue:
+def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Plain], data: Plain) -> Issue:
     name = _tag_key(context)
     if kind == "union_tag_not_found":
         words = sorted(str(word) for word in _tags(key))
@@ -177,12 +177,12 @@ def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any], data: Any) -
     return _unknown_task(place, value) or _unknown_word(place, value, _quoted(context["expected_tags"]))
 
 
-def _tag_key(context: Mapping[str, Any]) -> str:
+def _tag_key(context: Mapping[str, Plain]) -> str:
     """The key that says of which kind a section is; pydantic quotes it."""
     return str(context["discriminator"]).strip("'")
 
 
-def _unknown_task(key: KeyPath, value: Any) -> Issue | None:
+def _unknown_task(key: KeyPath, value: Plain) -> Issue | None:
     """The reason why a task that another package registers is not known."""
     broken = next((task for task in registered_tasks().broken if task.name == value), None)
     if key != ("task", "kind") or broken is None:
@@ -190,7 +190,7 @@ def _unknown_task(key: KeyPath, value: Any) -> Issue | None:
     return Issue(str(broken), key, value, f"repair {broken.package}, or uninstall it")
 
 
-def _unknown_word(key: KeyPath, value: Any, words: Sequence[str]) -> Issue:
+def _unknown_word(key: KeyPath, value: Plain, words: Sequence[str]) -> Issue:
     message = "nothing stands here" if value is None else f"{as_given(value)} is not known here"
     return Issue(message, key, value, one_of(str(value), words))
 
@@ -199,11 +199,11 @@ def _tags(key: KeyPath) -> list[str]:
     return [tag for node in nodes_at((*key, "kind"), None) for tag in [node.get("const")] if tag]
 
 
-def _quoted(words: Any) -> list[str]:
+def _quoted(words: Plain) -> list[str]:
     return re.findall(r"'([^']*)'", str(words))
 
 
-def _type_issue(key: KeyPath, kind: str, value: Any, data: Any, fallback: str) -> Issue:
+def _type_issue(key: KeyPath, kind: str, value: Plain, data: Plain, fallback: str) -> Issue:
     expected = next((word for start, word in _EXPECTED.items() if kind.startswith(start)), "")
     if not expected:
         message = fallback.removeprefix("Input ").replace("valid ", "")
@@ -214,12 +214,12 @@ def _type_issue(key: KeyPath, kind: str, value: Any, data: Any, fallback: str) -
     return Issue(f"{as_given(value)} is not {expected}", key, value, hint)
 
 
-def _such_as(key: KeyPath, data: Any, name: str = "") -> str:
+def _such_as(key: KeyPath, data: Plain, name: str = "") -> str:
     example = example_at(key, data)
     return f"write for example {name + ': ' if name else ''}{example}" if example else ""
 
 
-def _container(value: Any) -> bool:
+def _container(value: Plain) -> bool:
     return isinstance(value, list | tuple | Mapping)
 
 

@@ -7,11 +7,10 @@ from functools import cache
 from importlib.resources import files
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
 
 from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, nearest
 from posture_opt.files import is_there, nearest_file
-from posture_opt.problem.plain_data import plain, text_issues
+from posture_opt.problem.plain_data import Plain, plain, text_issues
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 
@@ -34,7 +33,7 @@ def load_problem(path: str | PathLike[str]) -> Problem:
     return build_problem(read_yaml(file), file.parent, file.stem)
 
 
-def problem_from_dict(data: Mapping[str, Any], folder: str | PathLike[str] = ".") -> Problem:
+def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = ".") -> Problem:
     """The problem of a mapping with the keys of a problem file; relative file names in it start at ``folder``.
 
     Raises:

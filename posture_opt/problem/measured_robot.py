@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import yaml
 
@@ -13,6 +12,7 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.measurements.repeated_readings import MIN_FREEDOM, repeated_readings
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.problem.load import problem_from_dict
+from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.preset import preset_text
 from posture_opt.robot.robot import Robot
@@ -23,9 +23,9 @@ _TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.
 
 
 def problem_of_measured_robot(
-    section: Mapping[str, Any],
+    section: Mapping[str, Plain],
     data: TableLike,
-    uncertainty: Mapping[str, Any] | None = None,
+    uncertainty: Mapping[str, Plain] | None = None,
     columns: Mapping[str, str | int] | None = None,
 ) -> Problem:
     """A problem to calibrate a robot with: base and tool free, the instrument's σ from repeats where there are enough.
@@ -97,7 +97,7 @@ def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
     )
 
 
-def _named_as_counted(section: dict[str, Any], robot: Robot, heads: Sequence[str]) -> dict[str, Any]:
+def _named_as_counted(section: Section, robot: Robot, heads: Sequence[str]) -> Section:
     """The preset with its joints called as the columns count them; as it is where they do not."""
     counted = [found for found in map(_COUNTED.match, heads) if found]
     numbers = [int(found["number"]) for found in counted]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from posture_opt.errors import InputError, Issue, listed
 from posture_opt.measurements.header import data_issues
@@ -19,6 +19,7 @@ from posture_opt.problem.effects_section import (
 )
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.path_file import with_path
+from posture_opt.problem.plain_data import Section
 from posture_opt.problem.readable import Readable
 from posture_opt.problem.schema import ProblemSpec, read_sections
 from posture_opt.problem.yaml_source import Document
@@ -119,7 +120,7 @@ def parse_spec(document: Document) -> ProblemSpec:
     return read_sections(data)
 
 
-def _given(document: Document) -> dict[str, Any]:
+def _given(document: Document) -> Section:
     """The sections of a document; an optional one with nothing under it counts as left out."""
     return {key: value for key, value in document.data.items() if value is not None or key == "robot"}
 

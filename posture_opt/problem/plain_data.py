@@ -12,12 +12,17 @@ import numpy as np
 
 from posture_opt.errors import Issue, KeyPath
 
+Plain = Any
+"""A value of a problem file before its schema has read it: text, number, or lists and mappings of them."""
+Section = dict[str, Plain]
+"""A section of a problem file, or all of them, by their keys."""
+
 _NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 """Control characters and halves of characters: no report, figure or JSON document can hold them."""
 _LARGEST_INT = 10**300  # beyond it no float can follow: it is infinite
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Plain:
     """Mappings, sequences, arrays and paths as the plain types that a file would give, all of them new."""
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
@@ -30,7 +35,7 @@ def plain(value: Any) -> Any:
     return fspath(value) if isinstance(value, PathLike) else value
 
 
-def text_issues(data: Any, key: KeyPath = ()) -> list[Issue]:
+def text_issues(data: object, key: KeyPath = ()) -> list[Issue]:
     """Names and texts in plain data that hold what no text does."""
     if isinstance(data, str):
         found = _NO_TEXT.search(data)

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
@@ -24,6 +24,7 @@ from posture_opt.problem.fitting import (
 )
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.path_file import with_path
+from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document
@@ -46,6 +47,16 @@ class Problem(ProblemData):
     """What a problem file says, in SI units and radians, and the file itself: read, changed by its keys, written.
 
     Args:
+        name: of the problem.
+        arm: the robot with its corrections and effects, under the inputs of the task.
+        nominal: the robot without corrections and effects.
+        stated: the sources of error as they are stated; ``sources`` with what effects add from repeat to repeat.
+        task: None where the file names none.
+        effects: those that move the tool point, ``arm.effects``, and those that only add scatter.
+        measurement: the standard deviations of the instrument; None where none is stated.
+        data: how files of the instrument are written.
+        cell: obstacles, and whether the arm may collide with itself; None where nothing is stated.
+        notes: sentences for the report on what was assumed or overridden.
         folder: where relative file names start.
         document: the plain data of the file, units and all.
         origin: the file as it was read; ``overridden`` the keys that no longer say what it says.
@@ -54,7 +65,7 @@ class Problem(ProblemData):
     """
 
     folder: Path
-    document: Mapping[str, Any] = field(default_factory=dict)
+    document: Mapping[str, Plain] = field(default_factory=dict)
     origin: Document = field(default_factory=lambda: Document({}))
     overridden: frozenset[KeyPath] = frozenset()
     attached: Mapping[str, str] = field(default_factory=dict)
@@ -65,7 +76,7 @@ class Problem(ProblemData):
         said = issue.key and issue.key[0] in ProblemSpec.model_fields and issue.key[:2] not in self.overridden
         return self.origin.placed(issue) if said else issue
 
-    def with_task(self, kind: str | None = None, **keys: Any) -> Problem:
+    def with_task(self, kind: str | None = None, **keys: Plain) -> Problem:
         """The same problem with the task ``kind`` and other keys of the task replaced, as in the file.
 
         What the former task says and the new one knows stays: direction, target, clearance.
@@ -94,7 +105,7 @@ class Problem(ProblemData):
             overridden=frozenset(overridden),
         )
 
-    def replace(self, **changes: Any) -> Problem:
+    def replace(self, **changes: Plain) -> Problem:
         """The same problem with other values at some keys of its file, two underscores between the parts of a key.
 
         ``problem.replace(task__position=(0.6, 0.2, 0.1), uncertainty__repeatability="0.05 mm")``: quantities with
@@ -132,7 +143,7 @@ class Problem(ProblemData):
         document = Document(kept, self.origin.file, self.origin.lines)
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
-    def with_robot(self, robot: Mapping[str, Any]) -> Problem:
+    def with_robot(self, robot: Mapping[str, Plain]) -> Problem:
         """The same problem with another ``robot`` section, as in the file.
 
         Raises:
@@ -209,7 +220,7 @@ class Problem(ProblemData):
         document = {**self.document, "effects": [entry for entry, keep in entries if keep]}
         return replace(self, effects=moving_effects(self.effects), sources=self.stated, document=document)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Section:
         """The plain data of the problem file; ``problem_from_dict`` takes it back."""
         return copy.deepcopy(dict(self.document))
 

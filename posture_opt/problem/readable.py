@@ -5,10 +5,10 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from posture_opt.errors import Issue, KeyPath
 from posture_opt.problem.issues import schema_issues
+from posture_opt.problem.plain_data import Plain, Section
 
 _LISTS: tuple[KeyPath, ...] = (
     ("effects",),
@@ -21,7 +21,7 @@ _LISTS: tuple[KeyPath, ...] = (
 )
 """Lists whose entries speak for themselves: one that cannot be read leaves the others."""
 
-_ANY: dict[str, Any] = {"mass": "1 kg", "com": [0, 0, 0]}
+_ANY: Section = {"mass": "1 kg", "com": [0, 0, 0]}
 """Values of a joint that stand in for one that cannot be read, where leaving it out would be a fault of its own."""
 
 
@@ -32,12 +32,12 @@ class Readable:
     ``broken`` are the sections of which something was left out, ``kept`` the numbers that the entries of a list had.
     """
 
-    data: dict[str, Any]
+    data: Section
     broken: frozenset[str]
     kept: Mapping[KeyPath, tuple[int, ...]]
 
     @classmethod
-    def of(cls, data: Mapping[str, Any], found: Iterable[Issue]) -> Readable:
+    def of(cls, data: Mapping[str, Plain], found: Iterable[Issue]) -> Readable:
         """What is left of ``data`` without what the issues ``found`` are about."""
         keys = [issue.key for issue in found if issue.key]
         left = copy.deepcopy(dict(data))
@@ -68,10 +68,10 @@ def _is_entry(key: KeyPath, path: KeyPath) -> bool:
     return len(key) > len(path) and key[: len(path)] == path and isinstance(key[len(path)], int)
 
 
-def _thinned(data: dict[str, Any], path: KeyPath, keys: Iterable[KeyPath]) -> tuple[int, ...]:
+def _thinned(data: Section, path: KeyPath, keys: Iterable[KeyPath]) -> tuple[int, ...]:
     """Leaves entries out of the list at ``path``; the numbers of those that stay."""
     bad = {key[len(path)] for key in keys if _is_entry(key, path)}
-    owner: Any = data
+    owner: Plain = data
     for part in path[:-1]:
         owner = owner[part]
     numbers = tuple(k for k in range(len(owner[path[-1]])) if k not in bad)
@@ -79,7 +79,7 @@ def _thinned(data: dict[str, Any], path: KeyPath, keys: Iterable[KeyPath]) -> tu
     return numbers
 
 
-def _entry(data: Any, key: KeyPath) -> Any:
+def _entry(data: Plain, key: KeyPath) -> Plain:
     """What stands at ``key``; None where an issue before has taken it away."""
     for part in key:
         try:
@@ -89,7 +89,7 @@ def _entry(data: Any, key: KeyPath) -> Any:
     return data
 
 
-def _left_out(data: dict[str, Any], key: KeyPath) -> None:
+def _left_out(data: Section, key: KeyPath) -> None:
     """Takes the entry away that an issue is about: a value of a joint, else a key of a section, else the section."""
     section = data.get(str(key[0]))
     if len(key) == 1 or not isinstance(section, dict) or key[1] == "kind":

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any
 
 from posture_opt.errors import InputError, Issue, KeyPath, key_text, one_of
-from posture_opt.problem.plain_data import plain
+from posture_opt.problem.plain_data import Plain, Section, plain
 from posture_opt.problem.schema import nodes_at
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.registered_tasks import every_task
@@ -23,7 +22,7 @@ _TARGETS: dict[str, tuple[str, ...]] = {
 """Keys of a task that say where, one of them at a time, each with those that mean nothing without it."""
 
 
-def kept_of_task(former: Mapping[str, Any], kind: str | None, given: Collection[str]) -> dict[str, Any]:
+def kept_of_task(former: Mapping[str, Plain], kind: str | None, given: Collection[str]) -> Section:
     """What a task keeps where it becomes one of another ``kind``, or is ``given`` other keys.
 
     Keys that the kind knows stay; of the keys that say where, only those that are given.
@@ -37,8 +36,8 @@ def kept_of_task(former: Mapping[str, Any], kind: str | None, given: Collection[
 
 
 def replaced_data(
-    document: Mapping[str, Any], changes: Mapping[str, Any], robot: Robot
-) -> tuple[dict[str, Any], frozenset[KeyPath]]:
+    document: Mapping[str, Plain], changes: Mapping[str, Plain], robot: Robot
+) -> tuple[Section, frozenset[KeyPath]]:
     """The data of a problem with other values, and the first two parts of the keys that changed.
 
     Args:
@@ -63,7 +62,7 @@ def replaced_data(
     return data, frozenset(key[:2] for key in keys)
 
 
-def _put(data: Any, parts: tuple[str, ...], value: Any, issues: list[Issue]) -> KeyPath:
+def _put(data: Plain, parts: tuple[str, ...], value: Plain, issues: list[Issue]) -> KeyPath:
     """Writes a value into nested data; returns where, or adds the reason why there is no such place."""
     key: KeyPath = ()
     for part in parts[:-1]:
@@ -74,7 +73,7 @@ def _put(data: Any, parts: tuple[str, ...], value: Any, issues: list[Issue]) -> 
         if isinstance(data, dict) and data.get(str(entry)) is None:
             data[str(entry)] = {}
         data = data[entry]
-    last: Any = _entry(data, parts[-1], key, issues)
+    last: Plain = _entry(data, parts[-1], key, issues)
     if last is None:
         return ()
     there = isinstance(data, list) or last in data
@@ -85,7 +84,7 @@ def _put(data: Any, parts: tuple[str, ...], value: Any, issues: list[Issue]) -> 
     return (*key, last)
 
 
-def _entry(data: Any, part: str, key: KeyPath, issues: list[Issue]) -> str | int | None:
+def _entry(data: Plain, part: str, key: KeyPath, issues: list[Issue]) -> str | int | None:
     """The key of a mapping, or the number of a list's entry, that ``part`` names."""
     if isinstance(data, dict):
         return part
@@ -104,17 +103,17 @@ def _entry(data: Any, part: str, key: KeyPath, issues: list[Issue]) -> str | int
     return None
 
 
-def _give_units(data: dict[str, Any], key: KeyPath, robot: Robot) -> None:
+def _give_units(data: Section, key: KeyPath, robot: Robot) -> None:
     """Writes the SI unit beside the plain numbers at ``key`` that have a dimension."""
-    container: Any = data
+    container: Plain = data
     for part in key[:-1]:
         container = container[part]
-    last: Any = key[-1]
+    last: Plain = key[-1]
     if isinstance(container, list) or last in container:
         container[last] = _with_units(container[last], key, data, robot)
 
 
-def _with_units(value: Any, key: KeyPath, data: dict[str, Any], robot: Robot) -> Any:
+def _with_units(value: Plain, key: KeyPath, data: Section, robot: Robot) -> Plain:
     if isinstance(value, dict):
         return {name: _with_units(entry, (*key, name), data, robot) for name, entry in value.items()}
     if isinstance(value, list):
@@ -125,7 +124,7 @@ def _with_units(value: Any, key: KeyPath, data: dict[str, Any], robot: Robot) ->
     return f"{value!r} {unit}" if unit else value
 
 
-def _unit_at(key: KeyPath, data: dict[str, Any], robot: Robot) -> str:
+def _unit_at(key: KeyPath, data: Section, robot: Robot) -> str:
     """The SI unit of a number at ``key``; empty where the schema knows no dimension."""
     dimensions = [node["dimension"] for node in nodes_at(key, data) if "dimension" in node]
     if not dimensions:

@@ -15,6 +15,7 @@ from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model import effects as catalogue
 from posture_opt.model.effects import CatalogueEntry, effect_class
 from posture_opt.output import finite
+from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import SolverSpec
@@ -44,7 +45,7 @@ class ProblemSpec(Spec):
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")
 
 
-def read_sections(data: Mapping[str, Any]) -> ProblemSpec:
+def read_sections(data: Mapping[str, Plain]) -> ProblemSpec:
     """What the sections of a file say.
 
     Raises:
@@ -61,7 +62,7 @@ def read_sections(data: Mapping[str, Any]) -> ProblemSpec:
     return ProblemSpec.model_construct(found.model_fields_set, **said)
 
 
-def _reader_of(data: Mapping[str, Any]) -> type[ProblemSpec] | None:
+def _reader_of(data: Mapping[str, Plain]) -> type[ProblemSpec] | None:
     """The schema of the kinds alone that are named; None where one of them is not known here.
 
     Of all kinds pydantic would build the schema first, and Python read the files: a quarter of a cold start.
@@ -71,7 +72,7 @@ def _reader_of(data: Mapping[str, Any]) -> type[ProblemSpec] | None:
     return None if tasks is None or effects is None else _reader(tasks, effects)
 
 
-def _classes(entries: Any, class_of: Callable[[str], type[Spec] | None]) -> tuple[type[Spec], ...] | None:
+def _classes(entries: Plain, class_of: Callable[[str], type[Spec] | None]) -> tuple[type[Spec], ...] | None:
     if not isinstance(entries, list | tuple) or not all(isinstance(entry, dict) for entry in entries):
         return None
     found = dict.fromkeys(class_of(kind) if isinstance(kind := e.get("kind"), str) else None for e in entries)
@@ -82,7 +83,7 @@ def _classes(entries: Any, class_of: Callable[[str], type[Spec] | None]) -> tupl
 def _reader(tasks: tuple[type[Spec], ...], effects: tuple[type[Spec], ...]) -> type[ProblemSpec]:
     task: Any = one_of(tasks) | None if tasks else None
     entry: Any = one_of(effects) if effects else None
-    entries: Any = tuple[entry, ...] if effects else tuple[()]
+    entries: Plain = tuple[entry, ...] if effects else tuple[()]
     return create_model(
         "ProblemSpec", __base__=ProblemSpec, __doc__=ProblemSpec.__doc__,
         task=(task, Field(None, description=_TASK)), effects=(entries, Field((), description=_EFFECTS)),
@@ -94,7 +95,7 @@ def whole_schema() -> type[ProblemSpec]:
     return _reader(every_task(), catalogue.CATALOGUE)
 
 
-Node = dict[str, Any]
+Node = Section
 
 
 @cache
@@ -104,14 +105,14 @@ def json_schema() -> Node:
     return schema
 
 
-def _told(node: Any) -> Any:
+def _told(node: Plain) -> Plain:
     """The schema without defaults that mean "not known" or "no bound": JSON has no NaN and no infinity."""
     if isinstance(node, dict):
         return {key: _told(value) for key, value in node.items() if key != "default" or finite(value) == value}
     return [_told(entry) for entry in node] if isinstance(node, list) else node
 
 
-def nodes_at(key: KeyPath, data: Any) -> list[Node]:
+def nodes_at(key: KeyPath, data: Plain) -> list[Node]:
     """The alternatives that the schema allows at ``key`` of ``data``; kinds that the data name are followed."""
     nodes = list(_alternatives(json_schema(), data))
     for part in key:
@@ -120,12 +121,12 @@ def nodes_at(key: KeyPath, data: Any) -> list[Node]:
     return nodes
 
 
-def known_keys(key: KeyPath, data: Any) -> list[str]:
+def known_keys(key: KeyPath, data: Plain) -> list[str]:
     """The keys that may stand in the mapping at ``key``."""
     return list(dict.fromkeys(name for node in nodes_at(key, data) for name in node.get("properties", {})))
 
 
-def example_at(key: KeyPath, data: Any) -> str:
+def example_at(key: KeyPath, data: Plain) -> str:
     """An example of what belongs at ``key``; empty where the schema has none."""
     for node in nodes_at(key, data):
         if node.get("examples"):
@@ -139,12 +140,12 @@ def example_at(key: KeyPath, data: Any) -> str:
     return ""
 
 
-def size_at(key: KeyPath, data: Any) -> int:
+def size_at(key: KeyPath, data: Plain) -> int:
     """The number of entries of the list at ``key``; 0 where it is open."""
     return max((node.get("minItems", 0) for node in nodes_at(key, data)), default=0)
 
 
-def bound_at(key: KeyPath, data: Any, bound: Any) -> str:
+def bound_at(key: KeyPath, data: Plain, bound: Plain) -> str:
     """A bound of the value at ``key`` as people write it: with its unit where the value has one."""
     dimensions = {node.get("dimension") for node in nodes_at(key, data)}
     if not isinstance(bound, int | float):
@@ -154,14 +155,14 @@ def bound_at(key: KeyPath, data: Any, bound: Any) -> str:
     return f"{bound:g} m" if "length" in dimensions else f"{bound:g}"
 
 
-def _entry(data: Any, part: str | int) -> Any:
+def _entry(data: Plain, part: str | int) -> Plain:
     try:
         return data[part]
     except (KeyError, IndexError, TypeError):
         return None
 
 
-def _alternatives(node: Node, data: Any) -> Iterator[Node]:
+def _alternatives(node: Node, data: Plain) -> Iterator[Node]:
     """The node itself without references and choices, or all that it leaves to choose from."""
     while "$ref" in node:
         node = json_schema()["$defs"][node["$ref"].rsplit("/", 1)[1]]
@@ -191,7 +192,7 @@ def _children(node: Node, part: str | int) -> Iterator[Node]:
         yield node["additionalProperties"]
 
 
-def _text(value: Any) -> str:
+def _text(value: Plain) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_text, value))}]"
     if isinstance(value, dict):

@@ -9,13 +9,12 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, naming
-from posture_opt.problem.plain_data import text_issues
+from posture_opt.problem.plain_data import Plain, Section, text_issues
 
 MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
 _MOST_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
@@ -27,7 +26,7 @@ _STARTER = "'optimize-posture new planar_2r' prints a problem file to start from
 class Document:
     """The data of one problem file; ``lines`` has the line of each key path, ``issues`` what is wrong already."""
 
-    data: dict[str, Any]
+    data: Section
     file: str = ""
     lines: dict[KeyPath, int] = field(default_factory=dict)
     issues: tuple[Issue, ...] = ()
@@ -45,7 +44,7 @@ class Document:
 class _Loader(yaml.SafeLoader):
     """PyYAML's composer with the scalars of YAML 1.2."""
 
-    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 – PyYAML's own name, filled below
+    yaml_implicit_resolvers: Section = {}  # noqa: RUF012 – PyYAML's own name, filled below
 
 
 for _tag, _pattern, _first in (
@@ -147,7 +146,7 @@ class _Reader:
         self._open: set[int] = set()
         self._nodes = 0
 
-    def value(self, node: yaml.Node, key: KeyPath) -> Any:
+    def value(self, node: yaml.Node, key: KeyPath) -> Plain:
         """The plain value of ``node``, which stands at ``key``."""
         self._nodes += 1
         line = node.start_mark.line + 1
@@ -167,9 +166,9 @@ class _Reader:
         finally:
             self._open.discard(id(node))
 
-    def _mapping(self, node: yaml.MappingNode, key: KeyPath) -> dict[str, Any]:
-        data: dict[str, Any] = {}
-        merged: dict[str, Any] = {}
+    def _mapping(self, node: yaml.MappingNode, key: KeyPath) -> Section:
+        data: Section = {}
+        merged: Section = {}
         for name_node, child in node.value:
             line = name_node.start_mark.line + 1
             if name_node.tag == "tag:yaml.org,2002:merge":
@@ -185,7 +184,7 @@ class _Reader:
             data[name] = self.value(child, (*key, name))
         return {**merged, **data}
 
-    def _merged(self, node: yaml.Node, key: KeyPath) -> dict[str, Any]:
+    def _merged(self, node: yaml.Node, key: KeyPath) -> Section:
         """The entries that ``<<: *name`` takes over."""
         value = self.value(node, key)
         parts = value if isinstance(value, list) else [value]
@@ -201,7 +200,7 @@ class _Reader:
         line = node.start_mark.line + 1
         raise InputError(Issue("a key is a text", key, None, "put texts with [ or { in quotes", self.file, line))
 
-    def _scalar(self, node: yaml.ScalarNode, key: KeyPath) -> Any:
+    def _scalar(self, node: yaml.ScalarNode, key: KeyPath) -> Plain:
         text: str = node.value
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
         try:
@@ -228,7 +227,7 @@ class _Dumper(yaml.SafeDumper):
 
     yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
 
-    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
+    def represent_mapping(self, tag: str, mapping: Plain, flow_style: bool | None = None) -> yaml.MappingNode:
         """Parameters with their quantities stand one a line: so they are looked for and compared."""
         node = super().represent_mapping(tag, mapping, flow_style)
         if len(mapping) > _MOST_IN_LINE and all("." in str(name) for name in mapping):
@@ -236,7 +235,7 @@ class _Dumper(yaml.SafeDumper):
         return node
 
 
-def dump_yaml(data: dict[str, Any]) -> str:
+def dump_yaml(data: Section) -> str:
     """The YAML text that ``parse_yaml`` reads back as ``data``; small lists and mappings stand in one line."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
 

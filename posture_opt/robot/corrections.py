@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 from posture_opt.errors import BadValueError, InputError, Issue, listed, nearest
 from posture_opt.robot.robot import Factor, Robot
 from posture_opt.units import parse_quantity
 
 
-def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
+def corrected(robot: Robot, corrections: Mapping[str, object]) -> Robot:
     """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``.
 
     ``value = nominal + correction`` for every named factor. The limits stay those of the joint variables as they are
@@ -68,7 +68,7 @@ def _axis_displacement(robot: Robot, values: Mapping[str, float], kind: Literal[
     return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == kind and f.joint is None)
 
 
-def _read_correction(name: str, given: Any, factor: Factor, issues: list[Issue]) -> float:
+def _read_correction(name: str, given: object, factor: Factor, issues: list[Issue]) -> float:
     """The value of one correction [rad or m]; 0 with an issue where it is none."""
     try:
         return parse_quantity(given, "angle" if factor.kind == "rotate" else "length")

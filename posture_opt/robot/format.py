@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema, field_validator, model_validator
 from pydantic_core import CoreSchema
 
 from posture_opt.errors import BadValueError, as_given
+from posture_opt.numerics import Json
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
@@ -64,7 +65,7 @@ class FrameSpec(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _expanded_word(cls, value: Any) -> Any:
+    def _expanded_word(cls, value: object) -> object:
         """The word ``free`` as the section that it abbreviates.
 
         Raises:
@@ -77,7 +78,7 @@ class FrameSpec(Spec):
         return value
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Json]:
         """The schema of the section, or the word ``free``."""
         return {"anyOf": [handler(schema), {"const": "free"}]}
 
@@ -118,7 +119,7 @@ class JointSpec(Spec):
 
     @field_validator("limits", mode="before")
     @classmethod
-    def _read_limits(cls, value: Any, info: ValidationInfo) -> Any:
+    def _read_limits(cls, value: object, info: ValidationInfo) -> object:
         """The limits in SI units, read as angles or lengths by the type of the joint.
 
         Raises:

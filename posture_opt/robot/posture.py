@@ -121,7 +121,7 @@ def _values_by_order(robot: Robot, posture: Any) -> list[Any]:
     return list(posture)
 
 
-def _read_value(joint: Joint, value: Any, issues: list[Issue]) -> float:
+def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
     """The value [rad or m]; zero with an issue where it cannot be read, so that all faults are reported together."""
     key = ("posture", joint.name)
     if isinstance(value, str):

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
-from posture_opt.numerics import Progress, finite_or_none
+from posture_opt.numerics import Json, Progress, finite_or_none
 from posture_opt.output import finite
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
@@ -57,7 +57,7 @@ class BatchAnswer:
         value = None if self.code or self.document is None else self.document.get("success_probability")
         return math.nan if value is None else float(value)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain data."""
         return {
             "name": self.name,
@@ -95,7 +95,7 @@ class PostureBatch(Result):
         """Those that have a solution."""
         return tuple(answer for answer in self.answers if not answer.code)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``answers.json``: SI units, finite numbers only."""
         return {
             "problems": len(self.answers),

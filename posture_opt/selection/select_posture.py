@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
@@ -44,8 +44,7 @@ def at_one_feature(
             "position": tuple(map(float, target.lower)), "direction": tuple(map(float, target.direction)),
         }
     )  # fmt: skip
-    placed: Any = models
-    return {name: replace(model, task=task) for name, model in placed.items()}
+    return {name: replace(model, task=task) for name, model in models.items()}
 
 
 @interruptible()

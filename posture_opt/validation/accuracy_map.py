@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.calibration.estimation.starting_values import kabsch
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
-from posture_opt.numerics import Array, Progress, finite_or_none
+from posture_opt.numerics import Array, Json, Progress, finite_or_none
 from posture_opt.result import Result
 from posture_opt.selection.maps.grid_layout import Plane
 from posture_opt.selection.maps.map_points import Grid, MapPoint
@@ -71,7 +70,7 @@ class AccuracyMap(Result):
         """(N,) length of the bias [m]."""
         return np.asarray(np.linalg.norm(self.bias, axis=1))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
         joints = self.targets.optimisation_problem.robot.joint_names
         return {
@@ -89,8 +88,10 @@ class AccuracyMap(Result):
             "notes": list(self.targets.notes),
         }
 
-    def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Any]:
-        """The entry of one target under ``targets``: bias [m], covariance [m²], 95 % region and posture."""
+    def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Json]:
+        """The entry of one target under ``targets``: bias [m], covariance [m²], the 95 % region and the posture [rad or
+        m].
+        """
         document = map_point.to_json(joints)
         kept = {key: document[key] for key in ("position", "feasible", "reason")}
         return {

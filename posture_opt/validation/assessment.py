@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from posture_opt.calibration.estimation.residuals import Residuals, rotation_mat
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
@@ -45,7 +45,7 @@ class ResidualScatter:
     factor: float
     inside: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m, m²]."""
         return {
             "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
@@ -93,9 +93,9 @@ class Assessment(Result):
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
         return {name: m.coordinate / self.instrument if self.instrument else np.inf for name, m in models.items()}
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The entry ``assessment`` of ``calibration.json``: SI units."""
-        instrument: dict[str, Any] = {"sigma": self.instrument or None}
+        instrument: dict[str, Json] = {"sigma": self.instrument or None}
         if self.instrument:
             instrument |= {"times_better": self.ratios}
             instrument["sufficient"] = {name: ratio >= MIN_INSTRUMENT_RATIO for name, ratio in self.ratios.items()}
@@ -205,7 +205,7 @@ def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, st
     return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
-def _assessment_notes(problem: ProblemData, axes: Any, direction: Array | None) -> tuple[str, ...]:
+def _assessment_notes(problem: ProblemData, axes: Codes, direction: Array | None) -> tuple[str, ...]:
     """What the reader has to know of the task's direction."""
     if direction is None:
         return ("the problem has no task: nothing is said of along and across its direction",)

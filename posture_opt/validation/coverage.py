@@ -7,11 +7,11 @@ prediction is true. A region of probability p holds the errors with ``D² ≤ χ
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.validation.prediction import Prediction
 
@@ -113,7 +113,7 @@ class Coverage:
         """
         return float(np.searchsorted(self.probability, p, side="right") / len(self.probability))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers."""
         return {
             "rows": len(self.probability), "poses": self.poses, "share": self.share,

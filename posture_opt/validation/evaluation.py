@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.numerics import DerivedAgain
+from posture_opt.numerics import DerivedAgain, Json
 from posture_opt.selection.comparison.plan_comparison import Comparison
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.assessment import Assessment, assess
@@ -53,7 +52,7 @@ class Evaluation(DerivedAgain):
             return None
         return compare_models(request.problem.robot, self.models, seed=request.seed, measured=request.data.q)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Its part of the document ``calibration.json``."""
         plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
         return {

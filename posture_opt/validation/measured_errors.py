@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements, nominal_poses
-from posture_opt.numerics import Array, Codes, Mask, finite_or_none
+from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.maps.target_map import TargetMap
 from posture_opt.selection.problem_data import ProblemData
@@ -80,7 +79,7 @@ class MeasuredErrors:
         """Share of all rows in the 95 % region that is predicted for their own posture; NaN if not comparable."""
         return float(np.mean(self.inside)) if self.comparable else math.nan
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Counts, shares, and lengths [m]."""
         rms = {name: float(np.sqrt(np.mean(e**2))) for name, e in (("un", self.uncorrected), ("", self.corrected))}
         return {

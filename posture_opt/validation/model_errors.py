@@ -6,12 +6,11 @@ A mean that is not zero is an error that the model repeats; it can be corrected.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
@@ -41,7 +40,7 @@ class MeanTest:
         """Whether nothing speaks against a mean of zero."""
         return not self.p_value < TEST_LEVEL
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
             "mean": self.mean.tolist(), "std_error": self.error.tolist(), "groups": self.groups,
@@ -61,7 +60,7 @@ class BlockMean:
     test: MeanTest
     zero: bool
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         box = {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
         return {**box, **self.test.to_json(), "zero": self.zero}
@@ -208,7 +207,7 @@ class ModelErrors:
         """Whether nothing speaks against a mean of zero, anywhere."""
         return (self.mean is None or self.mean.zero) and all(block.zero for block in self.blocks)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
             "deviations": {d.name: {k: v for k, v in vars(d).items() if k != "name"} for d in self.deviations},

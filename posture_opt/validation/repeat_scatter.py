@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import outlying_groups, rows_of
 from posture_opt.measurements.repeats import repeat_groups
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.validation.model_errors import holm_rejections
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
@@ -122,7 +121,7 @@ class PoseScatter:
     p_shape: float
     true: bool
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         shape = None if np.isnan(self.p_shape) else self.p_shape
         return {**vars(self), "p_shape": shape}
@@ -153,7 +152,7 @@ class ScatterTest:
         low, high = self.interval
         return "right" if low <= 1 <= high else "understated" if self.factor > 1 else "overstated"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
             "visits": self.rows, "postures": self.groups, "factor": self.factor,

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, outlying_groups, rows_of
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.uncertainty.regions.regions import standard_deviation_interval
 from posture_opt.uncertainty.sources.iso9283 import (
     OrientationPerformance,
@@ -71,7 +70,7 @@ class Repeats:
     oriented: bool = False
     outlying: tuple[int, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m, m², rad]."""
         return {
             "visits": self.rows, "groups": self.groups, "dof": self.dof, "covariance": self.covariance.tolist(),
@@ -112,7 +111,7 @@ class Goals:
     said: dict[str, Distances]
     missed: dict[str, Distances]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         models = {name: {"said": vars(self.said[name]), "missed": vars(self.missed[name])} for name in self.said}
         return {"goals": self.goals, "pairs": self.pairs, "measured": vars(self.measured), **models}
@@ -197,9 +196,9 @@ def _pose_performance(
     return PosePerformance(int(data.line[rows[0]]), nominal, calibrated, turned)
 
 
-def _pose_json(pose: PosePerformance, oriented: bool) -> dict[str, Any]:
+def _pose_json(pose: PosePerformance, oriented: bool) -> dict[str, Json]:
     """An entry of ``repeats.poses``: AP and RP with their intervals [m], of rotations [rad]."""
-    document: dict[str, Any] = {"line": pose.line, "n": pose.nominal.n}
+    document: dict[str, Json] = {"line": pose.line, "n": pose.nominal.n}
     for name, found in (("nominal", pose.nominal), ("calibrated", pose.calibrated)):
         document[name] = {"AP": found.accuracy, "AP_interval95": list(found.accuracy_interval)}
     document["RP"] = pose.nominal.repeatability

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from posture_opt.measurements.measurements import rows_of
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class Scatter:
         many = count > 1
         return cls(columns[first[many]], squares[many], np.asarray(count[many] - 1.0))
 
-    def take(self, cases: Any) -> Scatter:
+    def take(self, cases: Codes | Mask) -> Scatter:
         """The cases of some indices."""
         known = self.known[cases] if len(self.known) == len(self.freedom) > 1 else self.known
         return Scatter(self.columns[cases], self.squares[cases], self.freedom[cases], known)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
 from posture_opt.validation.repeat_scatter import COPY_TOLERANCE_M, RepeatScatter, prismatic_joints
@@ -43,7 +42,7 @@ class ScatterPrediction:
         """Whether it predicts better than the round model; ``None`` within two standard errors."""
         return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers."""
         return dict(vars(self))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from posture_opt.calibration.estimation.error_statistics import folds_of, groups
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.coverage import Coverage
@@ -78,7 +78,7 @@ class SpreadCheck(Result):
         """The share of the rows inside the 95 % region that each model predicts."""
         return {name: found.share for name, found in self.coverage.items()}
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The entry ``spread_check`` of ``calibration.json``: SI units and radians."""
         return {
             "uncertainty_stated": self.stated,
@@ -223,7 +223,7 @@ def _instrument_sigma(scatter: JointScatter, residuals: Residuals) -> float:
     return scatter.instrument if scatter.measured else residuals.sigma
 
 
-def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:
+def _noise_json(found: SpreadCheck) -> dict[str, Json] | None:
     """The entry ``noise`` of the document; None where no variances were estimated."""
     noise = found.noise
     if noise is None:

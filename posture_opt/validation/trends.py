@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.validation.model_errors import holm_rejections, hotelling_p_value
 
 _MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
@@ -36,7 +35,7 @@ class Trend:
     p_value: float
     found: bool = False
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers."""
         return {
             "input": self.name, "range": list(self.range), "change": self.change.tolist(),
@@ -54,7 +53,7 @@ class Sides:
     p_value: float
     found: bool = False
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
             "joint": self.joint, "difference": self.difference, "std_error": self.error, "p_value": self.p_value,

@@ -11,11 +11,12 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, overload
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import Part, Workers
+from posture_opt.numerics import Json
+from posture_opt.workers.workers import Part, R, S, T, Workers
 
 _FILE_FORMAT = "posture_opt checkpoint 1"
 """Name and version of the format, in the first line of a file."""
@@ -43,7 +44,7 @@ class Checkpoint(Workers):
             written.
     """
 
-    def __init__(self, path: Path, asked: Mapping[str, Any], workers: Workers) -> None:
+    def __init__(self, path: Path, asked: Mapping[str, Json], workers: Workers) -> None:
         self._workers, self._rounds, self._path = workers, 0, path
         first_line = json.loads(json.dumps({"format": _FILE_FORMAT, "version": __version__, **asked}))
         try:
@@ -58,7 +59,7 @@ class Checkpoint(Workers):
                 raise _write_issue(path, error) from error
             raise
 
-    def _read_or_begin(self, first_line: Mapping[str, Any]) -> dict[int, dict[int, Any]]:
+    def _read_or_begin(self, first_line: Mapping[str, Json]) -> dict[int, dict[int, Any]]:
         """Round -> number of a part -> its result, of a file that is cut off behind its last whole line.
 
         An empty file gets its first line, ``first_line``.
@@ -70,7 +71,7 @@ class Checkpoint(Workers):
             self._write_record(first_line)
         return done
 
-    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """As of `Workers`, what is kept comes first.
 
         Raises:
@@ -79,7 +80,7 @@ class Checkpoint(Workers):
         self._rounds += 1
         return self._run_round(self._rounds, part, shared, items)
 
-    def _run_round(self, number: int, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def _run_round(self, number: int, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """The parts of one round: those of the file, then the others as they are done and written down."""
         known = self._done.pop(number, {})
         left = [k for k in range(len(items)) if k not in known]
@@ -91,7 +92,7 @@ class Checkpoint(Workers):
                 raise _write_issue(self._path, error) from error
             yield left[i], result
 
-    def _write_record(self, record: Any) -> None:
+    def _write_record(self, record: Json | Sequence[object]) -> None:
         """Append one line with its digest, and wait until it is on the disk."""
         text = json.dumps(record, separators=(",", ":")).encode()
         self._file.write(_line_digest(text) + b" " + text + b"\n")
@@ -104,17 +105,21 @@ class Checkpoint(Workers):
         self._workers.close()
 
 
-class Chosen(Sequence[Any]):
+class Chosen(Sequence[T]):
     """Some of many items, taken when they are asked for."""
 
-    def __init__(self, items: Sequence[Any], chosen: Sequence[int]) -> None:
+    def __init__(self, items: Sequence[T], chosen: Sequence[int]) -> None:
         self._items, self._chosen = items, chosen
 
     def __len__(self) -> int:
         return len(self._chosen)
 
-    def __getitem__(self, k: Any) -> Any:
-        return self._items[self._chosen[k]]
+    @overload
+    def __getitem__(self, k: int) -> T: ...
+    @overload
+    def __getitem__(self, k: slice) -> Sequence[T]: ...
+    def __getitem__(self, k: int | slice) -> T | Sequence[T]:
+        return Chosen(self._items, self._chosen[k]) if isinstance(k, slice) else self._items[self._chosen[k]]
 
 
 def _locked_file(path: Path) -> BinaryIO:
@@ -144,7 +149,9 @@ def _locked_file(path: Path) -> BinaryIO:
     return stream
 
 
-def _read_records(path: Path, stream: BinaryIO, first_line: Mapping[str, Any]) -> tuple[dict[int, dict[int, Any]], int]:
+def _read_records(
+    path: Path, stream: BinaryIO, first_line: Mapping[str, Json]
+) -> tuple[dict[int, dict[int, Any]], int]:
     """Round -> number of a part -> its result, and how many bytes of the file are whole.
 
     Raises:
@@ -176,7 +183,7 @@ def _record_of(line: bytes) -> Any:
     return json.loads(text)
 
 
-def _check_begun(path: Path, content: bytes, first_line: Mapping[str, Any]) -> None:
+def _check_begun(path: Path, content: bytes, first_line: Mapping[str, Json]) -> None:
     """A file without a whole first line is empty, or the beginning of that line.
 
     Raises:
@@ -188,7 +195,7 @@ def _check_begun(path: Path, content: bytes, first_line: Mapping[str, Any]) -> N
         raise InputError(Issue("this is no checkpoint", _OPTION, str(path), hint, str(path)))
 
 
-def _check_first_line(path: Path, found: Any, first_line: Mapping[str, Any]) -> None:
+def _check_first_line(path: Path, found: Json, first_line: Mapping[str, Json]) -> None:
     """Refuse a file that was made for something else.
 
     Raises:
@@ -205,7 +212,7 @@ def _check_first_line(path: Path, found: Any, first_line: Mapping[str, Any]) -> 
         raise InputError(Issue(what, _OPTION, str(path), "name a new file, or ask for the same", str(path)))
 
 
-def _value_text(value: Any) -> str:
+def _value_text(value: Json) -> str:
     """A value of the first line in words."""
     return "none" if value is None else str(value)
 

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import AHEAD, Part, Workers, worked
+from posture_opt.workers.workers import AHEAD, Part, R, S, T, Workers, worked
 
 LOCAL = "local"
 """In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
@@ -27,6 +27,11 @@ _OPTION = ("--scheduler",)
 """The key of messages: the option of the command line."""
 
 
+DaskObject = Any
+"""A client, a cluster or a future of Dask, which states no types."""
+DaskFuture = DaskObject
+
+
 class DaskWorkers(Workers):
     """Works on parts wherever a Dask scheduler sends them.
 
@@ -37,18 +42,18 @@ class DaskWorkers(Workers):
         own: what was opened for this and is closed with it, the client first.
     """
 
-    def __init__(self, client: Any, own: tuple[Any, ...] = ()) -> None:
+    def __init__(self, client: DaskObject, own: tuple[DaskObject, ...] = ()) -> None:
         self._client = client
         self._own = list(own)
 
-    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """As of `Workers`.
 
         Raises:
             InputError: the scheduler was lost, or too many workers over one part.
         """
         dask = import_module("distributed")
-        numbers, running = iter(range(len(items))), dict[Any, int]()
+        numbers, running = iter(range(len(items))), dict[DaskFuture, int]()
         done = dask.as_completed(loop=self._client.loop)
         try:
             for k in islice(numbers, AHEAD):
@@ -63,7 +68,7 @@ class DaskWorkers(Workers):
         finally:
             self._client.cancel(list(running))
 
-    def _submitted(self, running: dict[Any, int], part: Part, shared: Any, item: Any, k: int) -> Any:
+    def _submitted(self, running: dict[DaskFuture, int], part: Part[S, T, R], shared: S, item: T, k: int) -> DaskFuture:
         """The future of one part, which is in ``running`` from now on."""
         future = self._client.submit(worked, part, shared, item, pure=False)
         running[future] = k
@@ -139,7 +144,7 @@ def _check_answer(address: str) -> None:
         raise InputError(Issue(f"no scheduler answers ({reason})", _OPTION, address, hint)) from error
 
 
-def _check_workers(client: Any, address: str) -> None:
+def _check_workers(client: DaskObject, address: str) -> None:
     """Refuse a scheduler without workers, or with workers of another version.
 
     Raises:

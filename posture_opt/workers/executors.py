@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from concurrent.futures import Executor as FuturesExecutor
 from itertools import islice
-from typing import Any
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import AHEAD, Part, Workers, worked
+from posture_opt.workers.workers import AHEAD, Part, R, S, T, Workers, worked
 
 
 class ExecutorWorkers(Workers):
@@ -22,13 +21,13 @@ class ExecutorWorkers(Workers):
     def __init__(self, executor: FuturesExecutor) -> None:
         self._executor = executor
 
-    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """As of `Workers`.
 
         Raises:
             InputError: the executor lost its workers.
         """
-        numbers, running = iter(range(len(items))), dict[Future[Any], int]()
+        numbers, running = iter(range(len(items))), dict[Future[R], int]()
         try:
             while True:
                 for k in islice(numbers, AHEAD - len(running)):

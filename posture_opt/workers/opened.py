@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, TypeAlias, cast, runtime_checkable
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.workers.serial import Serial
@@ -17,13 +18,13 @@ if TYPE_CHECKING:
 class DaskClient(Protocol):
     """The methods of a ``distributed.Client`` that are used here."""
 
-    def submit(self, function: Any, *arguments: Any, **options: Any) -> Any:
+    def submit(self, function: Callable[..., object], *arguments: object, **options: object) -> object:
         """A future of what the function gives on a worker."""
 
-    def cancel(self, futures: Any) -> Any:
+    def cancel(self, futures: Sequence[object]) -> object:
         """Cancels futures whose results are not needed any more."""
 
-    def get_executor(self, **options: Any) -> FuturesExecutor:
+    def get_executor(self, **options: object) -> FuturesExecutor:
         """Not used: executors of `concurrent.futures` lack it, which distinguishes the two."""
 
 
@@ -58,6 +59,6 @@ def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
     raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), hint=hint))
 
 
-def _workers_of(file: str, name: str, argument: Any) -> Workers:
+def _workers_of(file: str, name: str, argument: object) -> Workers:
     """Workers of a class whose file is imported only now."""
     return cast(Workers, getattr(import_module(f"posture_opt.workers.{file}"), name)(argument))

@@ -19,11 +19,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import undisturbed
-from posture_opt.workers.workers import Part, Workers, worked
+from posture_opt.workers.workers import Part, R, S, T, Workers, worked
 
 _MAX_LOST_WORKERS = 3
 """Workers that may be lost over one part, before the part is taken for the cause."""
@@ -65,7 +64,7 @@ class ProcessWorkers(Workers):
         self._count = count
         self._idle: list[ProcessWorker] = []
 
-    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """As of `Workers`.
 
         Raises:
@@ -107,7 +106,7 @@ class ProcessWorkers(Workers):
             self._idle.pop().end()
 
 
-def _send_message(worker: ProcessWorker, message: Any) -> None:
+def _send_message(worker: ProcessWorker, message: tuple[Part[S, T, R], S, T]) -> None:
     """Send a part to a worker; that the worker has ended shows when its answer is read."""
     try:
         worker.pipe.send(message)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-from posture_opt.workers.workers import Part, Workers, worked
+from posture_opt.workers.workers import Part, R, S, T, Workers, worked
 
 
 class Serial(Workers):
@@ -17,7 +16,7 @@ class Serial(Workers):
         [2, 4, 8]
     """
 
-    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """As of `Workers`, in the order of the items."""
         for k, item in enumerate(items):
             yield k, worked(part, shared, item)

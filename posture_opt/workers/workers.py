@@ -11,9 +11,15 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Self, TypeVar
 
-Part = Callable[[Any, Any], Any]
+S = TypeVar("S")
+"""What all parts of a round share."""
+T = TypeVar("T")
+"""What is worked on, one an item."""
+R = TypeVar("R")
+"""What comes of an item."""
+Part = Callable[[S, T], R]
 """``(shared, item) -> result``, a function of a module: other processes import it by its name."""
 
 AHEAD = 64
@@ -29,7 +35,7 @@ class Workers(ABC):
     """
 
     @abstractmethod
-    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
         """The number of each item with ``part(shared, item)``, in the order in which they are done.
 
         Args:
@@ -38,7 +44,7 @@ class Workers(ABC):
             items: one for each part.
         """
 
-    def in_order(self, part: Part, shared: Any, items: Sequence[Any]) -> list[Any]:
+    def in_order(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> list[R]:
         """The results of all items, in their order; it waits for the last one."""
         done = dict(self.run(part, shared, items))
         return [done[k] for k in range(len(items))]
@@ -55,7 +61,7 @@ class Workers(ABC):
         self.close()
 
 
-def worked(part: Part, shared: Any, item: Any) -> Any:
+def worked(part: Part[S, T, R], shared: S, item: T) -> R:
     """``part(shared, item)``, and no other part at the same time in this process: solvers are not made for threads."""
     with _PART_LOCK:
         return part(shared, item)

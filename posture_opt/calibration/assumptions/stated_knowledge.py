@@ -21,7 +21,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.selection.fitted_arm import NEGLIGIBLE
 from posture_opt.selection.problem_data import ProblemData
 
@@ -63,7 +63,7 @@ class Contradiction:
     rms_stated: float
     rms: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The entry of ``contradictions`` in ``calibration.json``."""
         return {
             "kind": self.cause.kind,

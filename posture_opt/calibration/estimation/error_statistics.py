@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 
 By = Literal["pose", "block", "place"]
 
@@ -41,7 +41,7 @@ class Statistics:
         interval = _bootstrap_interval(lengths**2, groups, draws)
         return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
             "rms": self.rms, "mean": self.mean, "max": self.max, "p95": self.p95, "rms_interval95": list(self.interval)

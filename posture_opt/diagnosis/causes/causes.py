@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
-from posture_opt.numerics import Array, Codes, Progress
+from posture_opt.numerics import Array, Codes, Json, Progress
 from posture_opt.units import DIMENSIONS
 
 _RANK_TOLERANCE = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
@@ -86,7 +86,7 @@ class Finding:
         alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
         return {**named, "qualifier": rival.qualifier} if alias else named
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
         of_file = {} if self.stated is None else _named_values(self.stated)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.model.effects import Effect
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Delivery:
             return "calibrated"
         return "without_session" if self.session else "extended"
 
-    def to_json(self, effects: Sequence[Effect]) -> dict[str, Any]:
+    def to_json(self, effects: Sequence[Effect]) -> dict[str, Json]:
         """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
         reasons = {"session": self.session, "no_gain": self.dropped}
         left = [(effects[i], reason) for reason, places in reasons.items() for i in places]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from posture_opt.diagnosis.causes.delivery import Delivery
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.model.effects import Effect
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.robot.robot import Robot
 
 _BOOTSTRAP_DRAWS = 500
@@ -47,7 +46,7 @@ class Gain:
         total = sums.sum(axis=0)
         return cls(float(1 - np.sqrt(total[0] / max(total[1], 1e-300))), float(low), float(high))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers."""
         return {"value": self.value, "interval95": [self.low, self.high]}
 
@@ -81,7 +80,7 @@ class SecondSession:
         """What has to be said of these figures."""
         return ("base and tool are fitted again to the test file",) * self.file.refitted + self.unstated
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The part ``test`` of ``diagnosis.json`` [m]."""
         worse = [{"kind": self.effects[i].kind, "target": self.effects[i].target} for i in self.worse]
         return {**self.file.to_json(), "gain": self.gain.to_json(), "extrapolates_badly": worse}

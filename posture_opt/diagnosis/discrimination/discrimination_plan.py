@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from posture_opt.errors import InputError
 from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Cause
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Json, Mask
 from posture_opt.selection.problem_data import ProblemData
 
 Steps = Sequence[tuple[int, Array]]
@@ -41,7 +40,7 @@ class DiscriminatedPair:
     then: float
     count: int | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers; the angle in rad.
 
         ``chance`` is the probability that the planned measurements show the difference, `detection_probability`.
@@ -71,7 +70,7 @@ class DiscriminationPlan:
     rounds: int
     sided: tuple[int, ...]
 
-    def postures(self, count: int | None = None) -> list[dict[str, Any]]:
+    def postures(self, count: int | None = None) -> list[dict[str, Json]]:
         """The first ``count`` postures, with side and payload where they matter [rad, m, kg].
 
         Args:
@@ -79,7 +78,7 @@ class DiscriminationPlan:
         """
         rows, found = self.rows, []
         for i in range(len(rows) if count is None else min(count, len(rows))):
-            one: dict[str, Any] = {"posture": dict(zip(rows.joint_names, map(float, rows.q[i]), strict=True))}
+            one: dict[str, Json] = {"posture": dict(zip(rows.joint_names, map(float, rows.q[i]), strict=True))}
             if self.sided:
                 one["approach"] = {rows.joint_names[j]: int(rows.approach[i, j]) for j in self.sided}
             if rows.payload is not None:
@@ -87,7 +86,7 @@ class DiscriminationPlan:
             found.append(one)
         return found
 
-    def to_json(self, place: int) -> dict[str, Any]:
+    def to_json(self, place: int) -> dict[str, Json]:
         """The entry ``split`` of an effect in ``diagnosis.json``: of the rival that is hardest to refute."""
         pairs = self.pairs[place]
         return {

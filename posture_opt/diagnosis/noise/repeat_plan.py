@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Codes
+from posture_opt.numerics import Codes, Json
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +31,7 @@ class RepeatPlan:
         """The joint in question."""
         return self.errors.effect.target
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """An entry of ``unexplained.repeat`` in ``diagnosis.json``: lines of the file, and postures [rad, m]."""
         names = self.rows.joint_names
         postures = [dict(zip(names, map(float, q), strict=True)) for q in self.rows.q]

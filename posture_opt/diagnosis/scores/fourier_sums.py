@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from posture_opt.numerics import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _KERNEL_POINTS = 10  # points of the grid that a value is spread over: sums to nine digits
 _KAISER_SHAPE = (
@@ -33,7 +37,7 @@ class FourierSums:
         window: (K,) the transform of the window; ``modes`` (K,) where each frequency is in that of the grid.
     """
 
-    spread: Any
+    spread: csr_array
     middle: Array
     window: Array
     modes: Array
@@ -64,7 +68,7 @@ class FourierSums:
         sums = np.concatenate([*self._blocks(a)], axis=1)
         return sums.imag, sums.real
 
-    def _blocks(self, a: Array) -> Iterator[Any]:
+    def _blocks(self, a: Array) -> Iterator[NDArray[np.complex128]]:
         """Complex sums (K, p) of some columns at a time."""
         from scipy.fft import ifft
 

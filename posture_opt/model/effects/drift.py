@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -82,7 +82,7 @@ class Drift(Effect):
         return [cls(course="linear", constant=_seconds_text(case.duration)), *curves]
 
 
-def _seconds_text(value: float) -> Any:
+def _seconds_text(value: float) -> Scalar:
     """A time as the text that the field reads, to the last digit."""
     return f"{value!r} s"
 
@@ -93,7 +93,7 @@ def _vector_length(parts: list[tuple[float, float]]) -> tuple[float, float]:
     return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
 
 
-def _axis_vector(axis: int, size: Scalar) -> Any:
+def _axis_vector(axis: int, size: Scalar) -> Scalar:
     """(3,) a world axis times a size."""
     vector: list[Scalar] = [0.0, 0.0, 0.0]
     vector[axis] = size

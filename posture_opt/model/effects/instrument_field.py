@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, subtract
+from posture_opt.model.chain import ZERO, Scalar, subtract
 from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
@@ -44,7 +44,7 @@ class InstrumentField(SoleEffect):
         found = []
         for axis in range(3):
             for product in products:
-                vector: list[Any] = [0.0, 0.0, 0.0]
+                vector: list[Scalar] = [0.0, 0.0, 0.0]
                 vector[axis] = product
                 found.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
         return tuple(found)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, at_least, cross, subtract
+from posture_opt.model.chain import ZERO, Scalar, at_least, cross, subtract
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
@@ -132,7 +132,7 @@ class Slip(Effect):
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
         foot = state.walk.screws[len(state.robot.base)].origin
         lever = subtract(state.tool, foot)
-        vectors: list[Any] = [tuple(after * float(a) for a in axis) for axis in _WORLD_AXES]
+        vectors: list[Scalar] = [tuple(after * float(a) for a in axis) for axis in _WORLD_AXES]
         units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
         units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_BASE_ANGLES, vectors, strict=True)}
         return tuple(units[name] for name in _BASE_PARAMETERS[self.way])
@@ -161,7 +161,7 @@ class Slip(Effect):
             raise BadValueError(f"the robot has no joint '{self.of}'", "write base or one of its joints")
 
 
-def _well_covered(moments: Array, times: Any) -> Mask:
+def _well_covered(moments: Array, times: Scalar) -> Mask:
     """Which moments (k,) [s] have enough rows of the ``times`` (N,) [s] on either side; all, where nothing is
     measured.
     """

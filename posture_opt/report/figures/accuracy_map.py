@@ -5,7 +5,7 @@ Bias is where the arm lands on the average without its corrections; spread is wh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from posture_opt.report.figures.target_map import (
 from posture_opt.report.page.style import COLOUR_MAP, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
     from posture_opt.validation.accuracy_map import AccuracyMap
@@ -67,7 +69,7 @@ def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None,
     canvas = Canvas.of(grid, values, None if measured is None else measured[near])
     statuses = np.array([map_point.status for map_point in targets.map_points])
     figure, panels = new_panels(canvas)
-    mesh: Any = None
+    mesh: QuadMesh | None = None
     for axes, layer in panels:
         mesh = draw_cells(axes, canvas, canvas.layers(values)[layer])
         hatch_cells(axes, canvas, canvas.layers(statuses)[layer])
@@ -82,7 +84,7 @@ def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None,
     return figure
 
 
-def _arrows(axes: Any, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
+def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
     """The part of the bias in the plane of the figure, enlarged alike everywhere."""
     grid = canvas.grid
     inside = canvas.layers(found.bias @ grid.axes[:2].T)[layer]
@@ -105,7 +107,7 @@ def _arrows(axes: Any, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
     axes.plot([], [], ls="none", marker=">", color="white", mec="black", ms=7, label=label)
 
 
-def _rows(axes: Any, canvas: Canvas, found: AccuracyMap, lengths: Array, layer: int) -> None:
+def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer: int) -> None:
     """Measured rows near this layer, in the colours of the cells."""
     assert found.measured is not None
     measured, grid = found.measured, canvas.grid

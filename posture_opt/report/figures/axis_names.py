@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from posture_opt.numerics import Array
 from posture_opt.report.text.words import PARTS, line_words
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+
     from posture_opt.uncertainty.regions.critical import Critical
 
 _DECADES = 2.5  # more of them need no ticks between
@@ -69,7 +71,7 @@ def _parallel(a: Array, b: Array) -> bool:
     return bool(np.linalg.norm(np.cross(a, b)) < _SAME)
 
 
-def decimals(axis: Any) -> None:
+def decimals(axis: Axis) -> None:
     """Ticks of a logarithmic axis (x or y of some axes) as plain decimals; between decades where there are few."""
     from matplotlib.ticker import LogLocator, NullFormatter
 

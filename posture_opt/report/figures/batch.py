@@ -24,6 +24,7 @@ from posture_opt.report.text.words import source_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.batch.batch_calibration import Batch
@@ -48,7 +49,7 @@ def plot_batch(problem: ProblemData, found: Batch) -> Figure:
     return figure
 
 
-def _panel(axes: Any, problem: ProblemData, found: Batch, pair: CorrelatedPair) -> None:
+def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair) -> None:
     """One pair of parameters; the ellipse is that of the robots, the estimates' own errors taken off."""
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
@@ -58,7 +59,8 @@ def _panel(axes: Any, problem: ProblemData, found: Batch, pair: CorrelatedPair) 
     errors = np.array([np.sqrt(_variances(found, k, (pair.a, pair.b))) for k in range(len(points))]) * scale
     axes.axhline(0, color=GREY, lw=0.8)
     axes.axvline(0, color=GREY, lw=0.8)
-    axes.errorbar(*points.T, *errors.T[::-1], fmt="o", color=BLUE, ms=5, elinewidth=1, label="robots, ± std. error")
+    (x, y), (across, up) = points.T, errors.T
+    axes.errorbar(x, y, up, across, fmt="o", color=BLUE, ms=5, elinewidth=1, label="robots, ± std. error")
     center, C = found.spread.mean[[i, j]] * scale, found.spread.covariance[chosen] * np.outer(scale, scale)
     ellipse = Ellipsoid(center, C)
     if ellipse.rank == 2:

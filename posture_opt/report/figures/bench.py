@@ -6,7 +6,7 @@ It shows how much is lost where the workpiece cannot be put at its best place.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from posture_opt.report.text.units_text import length_unit
 from posture_opt.selection.answer.placement import COORDINATES
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.selection.answer.solution import Solution
@@ -59,7 +60,7 @@ def plot_bench(found: Solution) -> Figure:
     return figure
 
 
-def _draw_map(figure: Figure, axes: Any, found: Solution, bench: BenchMap) -> None:
+def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> None:
     """Colours where all features can be done, hatching elsewhere."""
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
@@ -85,7 +86,7 @@ def _draw_map(figure: Figure, axes: Any, found: Solution, bench: BenchMap) -> No
         bar.set_label(f"standard deviation, {what} [{unit}]")
 
 
-def _draw_features(axes: Any, found: Solution) -> None:
+def _draw_features(axes: Axes, found: Solution) -> None:
     """The features as points [mm], the worst one ringed; their names where there is room."""
     points = 1e3 * np.array([station.target.lower for station in found.stations])
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.uncertainty.simulation.cloud import Cloud
@@ -84,7 +85,7 @@ def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
     return [frame[list(pair)] for pair in combinations(range(3), 2)]
 
 
-def _task_marks(axes: Any, seen: TaskSpread | None, B: Array, scale: float, half: float) -> None:
+def _task_marks(axes: Axes, seen: TaskSpread | None, B: Array, scale: float, half: float) -> None:
     """The direction that counts and the clearance, in a view that shows all that counts."""
     if seen is None or not np.allclose(seen.critical.basis @ B.T @ B, seen.critical.basis, atol=1e-9):
         return
@@ -93,7 +94,7 @@ def _task_marks(axes: Any, seen: TaskSpread | None, B: Array, scale: float, half
     clearance_lines(axes, seen, B, scale, half)
 
 
-def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
+def _view(axes: Axes, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
     """One view: points (n, 2) [m] and both ellipses about the nominal tool point.
 
     Args:
@@ -142,7 +143,7 @@ def plot_cross_section(
     return figure
 
 
-def _top_end(axes: Any, seen: TaskSpread, B: Array, scale: float) -> Array:
+def _top_end(axes: Axes, seen: TaskSpread, B: Array, scale: float) -> Array:
     """(k, 2) the 95 % ellipse of the other end of a peg, drawn dashed where the view is across the direction."""
     if seen.peg is None or len(seen.peg.top.basis) != 2:
         return np.zeros((0, 2))
@@ -154,12 +155,12 @@ def _top_end(axes: Any, seen: TaskSpread, B: Array, scale: float) -> Array:
     return np.asarray(boundary)
 
 
-def mark_origin(axes: Any, label: str) -> None:
+def mark_origin(axes: Axes, label: str) -> None:
     """A cross whose arms reach beyond every mark that may lie on it."""
     axes.plot(0, 0, "+", color="black", ms=22, mew=1.4, zorder=6, ls="none", label=label)
 
 
-def frame_target(axes: Any, seen: TaskSpread, B: Array, half: float, unit: str, origin: str = "target") -> None:
+def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str, origin: str = "target") -> None:
     """The square about the target that is shown, with its axes named."""
     names = [f"{axis_name(b, seen.direction)}, off the {origin} [{unit}]" for b in B]
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=names[0], ylabel=names[1])
@@ -180,7 +181,7 @@ def view_basis(spread: Spread, seen: TaskSpread) -> Array:
     return basis
 
 
-def _band(axes: Any, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
+def _band(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
     """The 95 % interval of the one direction that counts, as a band through the plane."""
     along = B @ seen.critical.basis[0]
     centre = float(seen.critical.bias[0]) * scale
@@ -202,7 +203,7 @@ def _strip(along: Array, low: float, high: float, reach: float) -> Array:
                      low * along + reach * side])  # fmt: skip
 
 
-def clearance_lines(axes: Any, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
+def clearance_lines(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
     """The play of the hole about the target: a circle, or two lines where one direction counts."""
     clearance = seen.clearance
     if math.isnan(clearance) or seen.critical.within == "all":

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import MODEL_COLOURS, MODEL_DASHES, legend_beside, styled
+from posture_opt.report.page.style import MODEL_COLOURS, MODEL_DASHES, Look, legend_beside, styled
 from posture_opt.report.text.units_text import length_unit
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.uncertainty.regions.regions import Ellipsoid
@@ -52,7 +52,7 @@ def plot_landing(comparison: Comparison, models: Iterable[str] | None = None) ->
         axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)
         axes.plot(*boundary, color=colour, ls=MODEL_DASHES[name], label=f"{label}: 95 % ellipse" if large else None)
         hidden = None if large else f"{label}: 95 % ellipse smaller than this mark"
-        look: dict[str, Any] = {"marker": _MARKS[name], "ms": 7, "mec": "white", "ls": "none"}
+        look: Look = {"marker": _MARKS[name], "ms": 7, "mec": "white", "ls": "none"}
         axes.plot(*(scale * region.center), color=colour, zorder=7, label=hidden, **look)
     mark_origin(axes, "target")
     half *= scale

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from posture_opt.report.page.style import (
 from posture_opt.units import number
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.diagnosis.diagnosis import Diagnosis
@@ -144,8 +145,10 @@ def _share_of(line: float, baseline: ProjectedBaseline) -> float:
     return high
 
 
-def _mark(axes: Any, cycles: float, k: int) -> None:
+def _mark(axes: Axes, cycles: float, k: int) -> None:
     """A line with its number, the one beside it lower."""
     axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
-    at = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -10 - 10 * (k % 3))}
-    axes.annotate(f"{cycles:.4g}", (cycles, 1.0), **at)
+    axes.annotate(
+        f"{cycles:.4g}", (cycles, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        xytext=(3, -10 - 10 * (k % 3)),
+    )  # fmt: skip

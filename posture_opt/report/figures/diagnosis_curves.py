@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,11 +22,13 @@ from posture_opt.report.page.style import (
     ORANGE,
     PURPLE,
     VERMILLION,
+    Look,
     legend_below,
     styled,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.diagnosis.causes.causes import Finding
@@ -82,7 +84,7 @@ def plot_curves(found: Diagnosis) -> Figure:
     return figure
 
 
-def _panel(axes: Any, curve: Curve) -> None:
+def _panel(axes: Axes, curve: Curve) -> None:
     """One effect; a curve for each side of approach where it has two."""
     dots = chosen_rows(len(curve.x), _DOTS)
     sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
@@ -110,7 +112,7 @@ def _panel(axes: Any, curve: Curve) -> None:
     axes.set(xlabel=curve.xlabel, ylabel=curve.ylabel)
 
 
-def _look(rows: int) -> dict[str, Any]:
+def _look(rows: int) -> Look:
     """How dots of so many rows are drawn."""
     return {"mew": 0, "rasterized": True, **dots_look(rows)}
 
@@ -202,7 +204,7 @@ def plot_left(found: Diagnosis) -> Figure:
     return figure
 
 
-def _cloud(axes: Any, x: Array, y: Array, label: str) -> None:
+def _cloud(axes: Axes, x: Array, y: Array, label: str) -> None:
     """Values (n,) over x (n,) with the mean of neighbours."""
     dots = chosen_rows(len(x), _DOTS)
     axes.plot(x[dots], y[dots], ".", color=GREEN, label="rows", **_look(len(x)))

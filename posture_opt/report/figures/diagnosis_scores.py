@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import GREY, PURPLE, legend_below, styled
+from posture_opt.report.page.style import GREY, PURPLE, Look, legend_below, styled
 from posture_opt.report.text.words import p_words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.diagnosis.diagnosis import Diagnosis
@@ -106,7 +107,7 @@ def _title(own: int, drawn: int, count: int) -> str:
     return f"Part of the model: {own}. Below the line: the best {drawn - own} of {count - own} other candidates"
 
 
-def _say(axes: Any, k: int, share: float, width: float, text: str) -> None:
+def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
     """A text after its bar, or inside where there is no room."""
     inside = share + _LETTER * len(text) > 1
     axes.annotate(
@@ -115,7 +116,7 @@ def _say(axes: Any, k: int, share: float, width: float, text: str) -> None:
     )  # fmt: skip
 
 
-def _look(row: ScoredRow) -> dict[str, Any]:
+def _look(row: ScoredRow) -> Look:
     """Colour and hatching tell causes with a name from those without, and the model's from the others."""
     if row.p_value is None:
         return {"color": "#7FB8D8", "label": "named cause"} if row.named else {

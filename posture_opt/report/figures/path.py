@@ -24,6 +24,7 @@ from posture_opt.report.text.units_text import joint_unit, length_unit
 from posture_opt.report.text.words import source_words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.selection.answer.solution import Solution
@@ -53,22 +54,22 @@ def plot_path(found: Solution) -> Figure:
     return figure
 
 
-def _spread(axes: Any, found: Solution) -> None:
+def _spread(axes: Axes, found: Solution) -> None:
     sigma, way = found.motion.sigma, 1e3 * found.path.lengths
     unit, factor = length_unit(sigma.tolist())
     every = np.unique(np.linspace(0, len(sigma) - 1, min(_MOST, len(sigma))).round().astype(int))
     names, shares = _shares(found, every)
     heights = factor * shares * sigma[every]
     colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
-    look = {"colors": colours, "alpha": 0.9, "lw": 0.8, "edgecolor": "white"}
-    axes.stackplot(way[every], heights, labels=[label_of(name) for name in names], **look)
+    labels = [label_of(name) for name in names]
+    axes.stackplot(way[every], heights, labels=labels, colors=colours, alpha=0.9, lw=0.8, edgecolor="white")
     axes.plot(way, factor * sigma, color="black", lw=1.4)
     for k, corner in enumerate(_corners(found)):
         label = None if k else "corner: another direction counts"
         axes.axvline(way[corner], color="black", lw=0.8, ls=":", zorder=3, label=label)
     axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
     worst = found.worst_index
-    star = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
+    star: dict[str, Any] = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
     axes.plot(way[worst], factor * sigma[worst], "*", **star, label="worst")
     if found.bound > 0:
         axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
@@ -106,7 +107,7 @@ def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
     return [*names, "others"], np.array([*shares, np.maximum(left, 0.0)])
 
 
-def _joints(axes: Any, found: Solution) -> None:
+def _joints(axes: Axes, found: Solution) -> None:
     way, Q = 1e3 * found.path.lengths, found.motion.Q
     for k, (joint, (colour, dashes)) in enumerate(
         zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)

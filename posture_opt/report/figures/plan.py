@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +17,14 @@ from posture_opt.report.page.style import (
     LIGHT,
     ORANGE,
     VERMILLION,
+    Look,
     legend_below,
     legend_beside,
     styled,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.experiments.measurement_plan import MeasurementPlan
@@ -58,7 +60,7 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
         axes.plot(*(1e3 * plan.points[:, at]).T, "o", color=BLUE, mec="white", ms=8, zorder=3, label="to be measured")
         if plan.target is not None:
             point, _ = nominal_poses(plan.robot, plan.target.q[None])
-            star: dict[str, Any] = {"color": ORANGE, "mec": "black", "ms": 16, "ls": "none", "zorder": 4}
+            star: Look = {"color": ORANGE, "mec": "black", "ms": 16, "ls": "none", "zorder": 4}
             axes.plot(*(1e3 * point[:, at]).T, "*", label="the task's posture", **star)
         if plan.workspace.height > -math.inf and pair[1] == 2:
             axes.axhline(1e3 * plan.workspace.height, color=VERMILLION, ls="--", lw=1.2, zorder=2, label="kept above")
@@ -107,15 +109,17 @@ def _merits(plan: MeasurementPlan) -> list[tuple[str, float, float]]:
     return found
 
 
-def _together(axes: Any, plan: MeasurementPlan, merits: list[tuple[str, float, float]]) -> None:
+def _together(axes: Axes, plan: MeasurementPlan, merits: list[tuple[str, float, float]]) -> None:
     """The merits of the plan as multiples of its own error."""
     y = np.arange(len(merits), dtype=float)
     before, random = (np.array([merit[k] for merit in merits]) for k in (1, 2))
     _dots(axes, y, before, np.ones(len(merits)), random, len(plan.q))
     largest = float(np.nanmax([*random, 1.0]))
     for k, value in enumerate(random):
-        said = {"xytext": (8, 0), "textcoords": "offset points", "va": "center"}
-        axes.annotate(f"{value:.2f} times the planned error", (max(value, 1.0), k), **said)
+        axes.annotate(
+            f"{value:.2f} times the planned error", (max(value, 1.0), k), xytext=(8, 0), textcoords="offset points",
+            va="center",
+        )  # fmt: skip
     far = [f"{name}, before: {value:.3g}" for name, value, _ in merits if value > _BEYOND * largest]
     axes.set_xlim(min(0.95 * float(np.nanmin([*random, 1.0])), 0.9), 1.0 + 1.9 * max(largest - 1.0, 0.15))
     axes.set_title(
@@ -127,17 +131,17 @@ def _together(axes: Any, plan: MeasurementPlan, merits: list[tuple[str, float, f
     axes.tick_params(axis="y", length=0)
 
 
-def _dots(axes: Any, y: Array, before: Array, after: Array, random: Array, count: int) -> None:
+def _dots(axes: Axes, y: Array, before: Array, after: Array, random: Array, count: int) -> None:
     """The three stages on each line; those below are larger and hollow, so that all are seen where they meet."""
     three = np.array([before, after, random])
     axes.hlines(y, np.fmin.reduce(three), np.fmax.reduce(three), color=LIGHT, lw=1.5, zorder=1)
-    hollow: dict[str, Any] = {"mfc": "none", "mew": 1.8, "ls": "none"}
+    hollow: Look = {"mfc": "none", "mew": 1.8, "ls": "none"}
     axes.plot(before, y, "s", color=GREY, ms=9, zorder=2, label="before", **hollow)
     axes.plot(random, y, "D", color=ORANGE, ms=9, zorder=3, label=f"{count} random postures (median)", **hollow)
     axes.plot(after, y, "o", color=BLUE, ms=5, zorder=4, ls="none", label="planned")
 
 
-def _errors(axes: Any, plan: MeasurementPlan, rows: list[int], factor: float) -> None:
+def _errors(axes: Axes, plan: MeasurementPlan, rows: list[int], factor: float) -> None:
     """Expected standard errors [deg or mm] of single parameters at the three stages, logarithmic."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from posture_opt.report.page.style import (
     GREY,
     ORANGE,
     VERMILLION,
+    Look,
     legend_below,
     legend_beside,
     styled,
@@ -27,6 +28,7 @@ from posture_opt.validation.prediction import ErrorSources
 from posture_opt.validation.repeat_scatter import prismatic_joints, repeat_errors
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.report.figures.residuals import Shown
@@ -64,7 +66,7 @@ def plot_shape(shown: Shown) -> Figure:
     return figure
 
 
-def _histogram(axes: Any, values: Array) -> None:
+def _histogram(axes: Axes, values: Array) -> None:
     """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation."""
     mean, sd = values.mean(), values.std(ddof=1)
     bins = int(np.clip(np.sqrt(len(values)), *_BINS))
@@ -75,7 +77,7 @@ def _histogram(axes: Any, values: Array) -> None:
     axes.plot(x, curve * len(values) * (edges[1] - edges[0]), color=VERMILLION, zorder=3)
 
 
-def _quantiles(axes: Any, values: Array) -> None:
+def _quantiles(axes: Axes, values: Array) -> None:
     """Ordered values over those of as many normal ones, and where 95 % of normal ones lie, each by itself.
 
     The k-th of n uniform numbers has a beta distribution with parameters k and n + 1 − k.
@@ -120,7 +122,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
         points = errors[:, list(pair)]
         region = Ellipsoid(np.zeros(2), points.T @ points / len(points))
         few = f"{len(rows)} of " if len(rows) < len(points) else ""
-        dots: dict[str, Any] = {"color": BLUE, "mew": 0, "rasterized": True, **dots_look(len(rows))}
+        dots: Look = {"color": BLUE, "mew": 0, "rasterized": True, **dots_look(len(rows))}
         axes.plot(*points[rows].T, ".", zorder=2, label=f"{few}{len(points)} errors", **dots)
         label = f"95 % ellipse for {left.dof} {rows_or_poses} ({factor:.3f} std. dev.)"
         axes.plot(*boundary(region, factor).T, color=VERMILLION, lw=2.2, zorder=4, label=label)
@@ -179,7 +181,7 @@ def _outlines(ellipses: list[Ellipsoid | None]) -> list[Array]:
     return [boundary(ellipse, coverage_factor(0.95, 2)) for ellipse in ellipses if ellipse is not None]
 
 
-def _panel(axes: Any, cloud: Array, predicted: Ellipsoid | None) -> None:
+def _panel(axes: Axes, cloud: Array, predicted: Ellipsoid | None) -> None:
     """One cloud of visits (k, 2) [mm] with the ellipse that was predicted."""
     axes.plot(*cloud[:_VISITS].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
               label="visits about their mean")  # fmt: skip

@@ -20,11 +20,13 @@ from posture_opt.report.page.style import (
     ORANGE,
     PURPLE,
     VERMILLION,
+    Look,
     legend_below,
     styled,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.report.figures.residuals import Shown
@@ -39,7 +41,7 @@ _GAP = 0.08  # of the bins, all of them empty: no line is drawn over it
 _LEVER = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
 _SIDES = ((-1, "from below", ORANGE, -0.12), (1, "from above", PURPLE, 0.12))
-_XYZ: tuple[dict[str, Any], ...] = (
+_XYZ: tuple[Look, ...] = (
     {"color": BLUE, "marker": "o"},
     {"color": VERMILLION, "marker": "s", "ls": "--"},
     {"color": GREEN, "marker": "^", "ls": ":"},
@@ -77,7 +79,7 @@ class Binned:
         variance = np.bincount(at, (values - mean[at]) ** 2, bins) / (some - 1)
         return cls(middle, mean, stdtrit(some - 1, 0.975) * np.sqrt(variance / some))
 
-    def draw(self, axes: Any, color: str = "black", label: str = "", **look: Any) -> None:
+    def draw(self, axes: Axes, color: str = "black", label: str = "", **look: Any) -> None:
         """The line with its band; it passes over a few empty bins, not over a wide gap."""
         known = np.isfinite(self.mean)
         wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_GAP * len(known), 3)) + 1
@@ -113,10 +115,10 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     return figure
 
 
-def _panel(axes: Any, x: Array, along: Array, colour: str, poses: int) -> None:
+def _panel(axes: Axes, x: Array, along: Array, colour: str, poses: int) -> None:
     """One joint; ``poses`` were measured in all, and those that the joint hardly moves are not among ``x``."""
     dots = chosen_rows(len(x), _DOTS)
-    look: dict[str, Any] = {"color": colour, "mew": 0, **dots_look(len(dots))}
+    look: Look = {"color": colour, "mew": 0, **dots_look(len(dots))}
     some = f"{_DOTS} of {poses}" if poses > _DOTS else str(poses)
     axes.plot(x[dots], along[dots], ".", zorder=2, rasterized=True, label=f"{some} poses", **look)
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
@@ -178,7 +180,7 @@ def _clock(seconds: Array) -> tuple[str, Array]:
     return "time [s]", seconds
 
 
-def _over(axes: Any, shown: Shown, errors: Array, x: Array) -> None:
+def _over(axes: Axes, shown: Shown, errors: Array, x: Array) -> None:
     """The mean error of each axis over x (n,), in bins."""
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for axis in shown.axes:
@@ -194,7 +196,7 @@ def _both_sides(shown: Shown) -> list[int]:
     ]  # fmt: skip
 
 
-def _approach(axes: Any, shown: Shown, errors: Array, joints: list[int]) -> None:
+def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> None:
     """Mean and its 95 % interval of the error along the motion of each joint, by the side that it came from."""
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for side, label, colour, shift in _SIDES:

@@ -15,6 +15,7 @@ from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.calibration.calibration import Calibration
@@ -142,13 +143,13 @@ def plot_residual_vectors(shown: Shown) -> Figure:
 
 
 def _arrows(
-    axes: Any, shown: Shown, errors: Array, view: tuple[int, int], rows: Any, factor: float, colour: str
+    axes: Axes, shown: Shown, errors: Array, view: tuple[int, int], rows: Any, factor: float, colour: str
 ) -> Any:
     x, y = shown.places[rows][:, list(view)].T
     u, v = factor * errors[rows][:, list(view)].T
     base = shown.base[list(view)]
     axes.plot(*base, "s", color="black", ms=7, zorder=3)
-    axes.annotate("base", base, xytext=(6, 6), textcoords="offset points", annotation_clip=True)
+    axes.annotate("base", (base[0], base[1]), xytext=(6, 6), textcoords="offset points", annotation_clip=True)
     axes.plot(x, y, ".", color=colour, ms=2, alpha=0.6, zorder=2)
     axes.set(xlabel=f"{'xyz'[view[0]]} [mm]", ylabel=f"{'xyz'[view[1]]} [mm]", aspect="equal")
     axes.locator_params(nbins=6)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from posture_opt.report.text.units_text import joint_unit, length_unit, percent
 from posture_opt.report.text.words import PARTS
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.robot.robot import Joint
@@ -126,7 +127,7 @@ def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
     return sigma, np.broadcast_to(moments.position, (q1.size, 3)).reshape(*q1.shape, 3)
 
 
-def _mark(axes: Any, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:
+def _mark(axes: Axes, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:
     """The answer, other optima, and the edge of the postures that reach a region."""
     target = solution.target
     if target.kind == "region":
@@ -148,7 +149,7 @@ def _mark(axes: Any, solution: Solution, shown: list[Array], position: Array, fa
     axes.spines[:].set_color(GREY)
 
 
-def _ticks(axes: Any, joints: Sequence[Joint], shown: list[Array]) -> None:
+def _ticks(axes: Axes, joints: Sequence[Joint], shown: list[Array]) -> None:
     """Whole turns are divided by 45 or 60 degrees."""
     from matplotlib.ticker import MultipleLocator
 

@@ -23,6 +23,7 @@ from posture_opt.report.text.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import RELIABILITY_LEVELS
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.validation.spread_check import SpreadCheck
@@ -91,7 +92,7 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     return figure
 
 
-def _bars(axes: Any, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
+def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
     """One panel.
 
     Args:

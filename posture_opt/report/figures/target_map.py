@@ -20,14 +20,18 @@ from posture_opt.report.page.style import (
     ORANGE,
     VERMILLION,
     WIDTH,
+    Look,
     legend_below,
     styled,
 )
 from posture_opt.report.text.units_text import length_unit
 from posture_opt.report.text.words import PARTS, line_words
+from posture_opt.robot.robot import Robot
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
@@ -88,7 +92,7 @@ def plot_target_map(found: TargetMap) -> Figure:
     canvas = Canvas.of(found.grid, found.sigma)
     statuses = np.array([map_point.status for map_point in found.map_points])
     figure, panels = new_panels(canvas)
-    mesh: Any = None
+    mesh: QuadMesh | None = None
     for axes, layer in panels:
         mesh = draw_cells(axes, canvas, canvas.layers(found.sigma)[layer])
         hatch_cells(axes, canvas, canvas.layers(statuses)[layer])
@@ -97,7 +101,7 @@ def plot_target_map(found: TargetMap) -> Figure:
     return figure
 
 
-def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Any, int]]]:
+def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
     """A figure with axes for each layer that is shown, and the numbers of these layers."""
     count = canvas.grid.shape[0]
     shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_LAYERS)).round().astype(int)).tolist()
@@ -125,7 +129,7 @@ def edges_of(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
     return (1e3 * (u[0] - du / 2), 1e3 * (u[-1] + du / 2)), (1e3 * (v[0] - dv / 2), 1e3 * (v[-1] + dv / 2))
 
 
-def _name_axes(axes: Any, grid: Grid, layer: int, small: bool) -> None:
+def _name_axes(axes: Axes, grid: Grid, layer: int, small: bool) -> None:
     """Labels, limits and the height of one layer."""
     names = [line_words(e) for e in grid.axes]
     off = "" if grid.aligned else ", off the middle"
@@ -145,7 +149,7 @@ def _corners(grid: Grid) -> tuple[Array, Array]:
     return np.linspace(u0, u1, len(grid.values[0]) + 1), np.linspace(v0, v1, len(grid.values[1]) + 1)
 
 
-def draw_cells(axes: Any, canvas: Canvas, values: Array) -> Any:
+def draw_cells(axes: Axes, canvas: Canvas, values: Array) -> QuadMesh:
     """The cells of one layer, values (V, U) [m], NaN left empty."""
     shown = np.ma.masked_invalid(canvas.scale * values)
     mesh = axes.pcolormesh(*_corners(canvas.grid), shown, cmap=COLOUR_MAP, norm=canvas.norm, zorder=1)
@@ -153,7 +157,7 @@ def draw_cells(axes: Any, canvas: Canvas, values: Array) -> Any:
     return mesh
 
 
-def hatch_cells(axes: Any, canvas: Canvas, statuses: NDArray[Any]) -> None:
+def hatch_cells(axes: Axes, canvas: Canvas, statuses: NDArray[Any]) -> None:
     """Grey hatching over the cells (V, U) without a posture, by what keeps the arm from it."""
     from matplotlib.collections import PolyCollection
 
@@ -164,11 +168,11 @@ def hatch_cells(axes: Any, canvas: Canvas, statuses: NDArray[Any]) -> None:
             for k, i in np.argwhere(statuses == status).tolist()
         ]
         if cells:
-            look: dict[str, Any] = {"facecolor": "#EFEFEF", "edgecolor": "#B0B0B0", "hatch": hatch, "lw": 0}
+            look: Look = {"facecolor": "#EFEFEF", "edgecolor": "#B0B0B0", "hatch": hatch, "lw": 0}
             axes.add_collection(PolyCollection(cells, zorder=1, label=_NO_POSTURE[status], **look))
 
 
-def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
+def _mark_spots(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
     """The best place, the file's own position, base and direction."""
     mark_own(axes, canvas, found, layer)
     _mark(axes, canvas, found.best.position, layer, "best place", marker="*", color=ORANGE, mec="black", ms=18)
@@ -176,14 +180,14 @@ def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None
     mark_direction(axes, canvas.grid, found.target.direction)
 
 
-def mark_own(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
+def mark_own(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
     """The position in the file, if this layer is the one next to it."""
     if found.own is not None:
         text = "position in the problem" + ("" if found.own.feasible else ", no posture there")
         _mark(axes, canvas, found.own.position, layer, text, marker="X", color=VERMILLION, mec="white", ms=12)
 
 
-def _mark(axes: Any, canvas: Canvas, point: Array, layer: int, label: str, **look: Any) -> None:
+def _mark(axes: Axes, canvas: Canvas, point: Array, layer: int, label: str, **look: Any) -> None:
     """A mark at a point (3,) [m], where this layer is the one nearest to it."""
     (u, v, w), levels = canvas.grid.coordinates(point[None])[0], canvas.grid.values[2]
     here = int(np.argmin(np.abs(levels - w))) == layer and abs(levels[layer] - w) <= canvas.grid.sides[2] / 2 + 1e-9
@@ -198,16 +202,16 @@ def _seen(grid: Grid, u: float, v: float) -> bool:
     return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
 
 
-def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
+def mark_base(axes: Axes, canvas: Canvas, robot: Robot) -> None:
     """The base of the arm as a square, if the picture shows it."""
     reached = walk(robot.base, factor_values(robot.base, []))
     u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
     if _seen(canvas.grid, u, v):
-        look: dict[str, Any] = {"color": "black", "mec": "white", "ms": 9, "ls": "none", "clip_on": False}
+        look: Look = {"color": "black", "mec": "white", "ms": 9, "ls": "none", "clip_on": False}
         axes.plot(u, v, "s", zorder=5, label="base of the arm", **look)  # whole on the edge, too
 
 
-def mark_direction(axes: Any, grid: Grid, direction: Array) -> None:
+def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
     """The direction of the task as an arrow in a corner, where it lies in the picture."""
     along = grid.axes[:2] @ direction
     if np.linalg.norm(along) < 0.999:
@@ -216,14 +220,16 @@ def mark_direction(axes: Any, grid: Grid, direction: Array) -> None:
     length = _ARROW * min(u1 - u0, v1 - v0)
     start = np.array([u1, v1]) - 0.06 * min(u1 - u0, v1 - v0) - length * np.clip(along, 0, 1)
     arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", start + length * along, start, arrowprops=arrow, zorder=7)
+    end = start + length * along
+    axes.annotate("", (end[0], end[1]), (start[0], start[1]), arrowprops=arrow, zorder=7)
     axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
 
 
-def finish(figure: Figure, panels: Sequence[tuple[Any, int]], mesh: Any, label: str) -> None:
+def finish(figure: Figure, panels: Sequence[tuple[Axes, int]], mesh: QuadMesh | None, label: str) -> None:
     """The scale of colours, and one legend for all panels."""
     from matplotlib.ticker import MaxNLocator
 
+    assert mesh is not None, "there is a panel"
     bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], aspect=25, ticks=MaxNLocator(7))
     bar.set_label(label)
     bar.outline.set_visible(False)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
 from posture_opt.report.page.page import View
 from posture_opt.report.scene.arm_geometry import (
@@ -95,7 +95,7 @@ class ArmView(View):
         """Of all postures."""
         return frozenset(posture.key for posture in self.postures)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, Json]:
         """Plain numbers: lengths in mm, frames as ``R | t`` row by row."""
         around = self._around
         # The floor goes on beyond what is drawn of it.
@@ -164,7 +164,7 @@ class ArmView(View):
             factor = max(1.0, enlargement(max(sizes), _LARGEST / 0.16 * self._extent))
         return tuple(ErrorRegion.of(spread, factor) for spread in spreads)
 
-    def _posture(self, posture: ShownPosture) -> dict[str, Any]:
+    def _posture(self, posture: ShownPosture) -> dict[str, Json]:
         k = self.postures.index(posture)
         region = None
         if posture.spread is not None:
@@ -200,7 +200,7 @@ class ArmView(View):
         values = zip(self.robot.joint_names, units, q, strict=True)
         return [(name, f"{fixed(value * factor)} {unit}") for name, (unit, factor), value in values]
 
-    def _joint(self, k: int) -> dict[str, Any]:
+    def _joint(self, k: int) -> dict[str, Json]:
         joint = self._arm.joints[k]
         return {"name": joint.name, "frame": joint.frame, "middle": (1e3 * joint.middle).round(1).tolist()}
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.collision.facets import cylinder_facets, tapered_facets
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.report.scene.arm_solids import Solid
 
 _SAME = 1e-7  # m: corners nearer than this are one
@@ -41,7 +40,7 @@ class Triangles:
             count += len(first)
         return cls(np.concatenate(corners), np.concatenate(faces), np.concatenate(owner))
 
-    def document(self, decimals: int = 1) -> dict[str, Any]:
+    def document(self, decimals: int = 1) -> dict[str, Json]:
         """``x, y, z`` [mm] of the corners, and ``i, j, k`` of the triangles."""
         points = np.round(1e3 * self.corners, decimals)
         return {
@@ -50,7 +49,7 @@ class Triangles:
         }
 
 
-def solids_document(solids: Sequence[Solid]) -> dict[str, Any]:
+def solids_document(solids: Sequence[Solid]) -> dict[str, Json]:
     """Solids as one mesh: beside its triangles the frame of each corner, and of which part each triangle is."""
     found = Triangles.of([solid.faces for solid in solids])
     frame = np.zeros(len(found.corners), dtype=int)

@@ -11,7 +11,8 @@ import json
 from base64 import b64encode
 from functools import cache
 from importlib import import_module
-from typing import Any
+
+from posture_opt.numerics import Json
 
 INSTALL = "pip install 'posture_opt[viewer]'"
 """What brings the interactive view."""
@@ -28,7 +29,7 @@ def plotly_js() -> str:
     return packed(offline.get_plotlyjs())
 
 
-def packed_json(document: Any) -> str:
+def packed_json(document: Json) -> str:
     """A document as compressed base64."""
     return packed(json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False))
 

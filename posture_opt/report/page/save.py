@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from posture_opt.numerics import Json
 from posture_opt.output import json_text, write_folder
 from posture_opt.report.page.page import Page
 from posture_opt.report.page.style import image
@@ -80,7 +81,7 @@ def summary_html(summary: Summary) -> str:
 
 def report_files(
     name: str,
-    document: dict[str, Any],
+    document: Mapping[str, Json],
     page: Page,
     figures: Mapping[str, Figure],
     made: Callable[[bytes], bytes] = bytes,

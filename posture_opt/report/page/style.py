@@ -28,7 +28,9 @@ GREY = "#767676"
 LIGHT = "#D9D9D9"
 MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "delivered": PURPLE}
 """Of named models, the same in every figure."""
-MODEL_DASHES: dict[str, Any] = {
+Look = dict[str, Any]
+"""Keyword arguments of matplotlib: colours, widths, marks."""
+MODEL_DASHES: Look = {
     "nominal": (0, (4, 1.5)), "calibrated": "-", "extended": (0, (1, 1)), "delivered": (0, (5, 1, 1, 1))
 }  # fmt: skip
 """Of named models, for whoever sees no colours."""
@@ -44,7 +46,7 @@ _HANDLE = 0.55  # of a legend: width of a mark with its gaps [inch]
 _DOT = 4.5  # of a legend: size of what stands for many small dots [pt]
 _ASIDE = 34  # letters of a line of a legend beside the axes
 
-STYLE: dict[str, Any] = {
+STYLE: Look = {
     "font.family": "DejaVu Sans",  # travels with matplotlib
     "font.size": FONT,
     "axes.titlesize": FONT,

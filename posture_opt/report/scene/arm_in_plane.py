@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, legend_below
+from posture_opt.report.page.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, Look, legend_below
 from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.text.units_text import stated_length
 from posture_opt.report.text.words import line_words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.report.scene.arm_geometry import ArmGeometry, TargetGeometry
@@ -23,7 +24,7 @@ APART = 0.1  # mm: from there on the target is marked beside the tool point
 ARROW = 0.3  # of the arm's extent
 _THIN = 1e-3  # of the extent: what is thinner is drawn as a line
 _LINK = {"facecolor": "#D3DBE2", "edgecolor": GREY, "lw": 1.0}
-_LOOKS: dict[str, dict[str, Any]] = {
+_LOOKS: dict[str, Look] = {
     "base": {"facecolor": "#3C4146", "edgecolor": "black", "lw": 1.0, "zorder": 2.0, "label": "base"},
     "link": {**_LINK, "zorder": 2.5, "label": "links"},
     "tool": {"facecolor": "#53585E", "edgecolor": "black", "lw": 1.0, "zorder": 2.6, "label": "tool"},
@@ -43,7 +44,7 @@ def draw_in_plane(
         way: (k, 3) the tool's path [m].
     """
     figure = new_figure(5.0)
-    axes: Any = figure.add_subplot()
+    axes: Axes = figure.add_subplot()
     B = 1e3 * basis
     seen = _bodies(axes, geometry, ghosts, B) + _region(axes, geometry, B)
     tool = B @ geometry.tool_point
@@ -57,13 +58,13 @@ def draw_in_plane(
         seen += _target(axes, geometry.target, geometry, B)
     if geometry.direction is not None:
         seen += _direction(axes, B @ geometry.direction, tool, 1e3 * geometry.extent)
-    _limits(axes, np.vstack(seen))
+    _limits(figure, axes, np.vstack(seen))
     axes.set(xlabel=f"{line_words(basis[0])} [mm]", ylabel=f"{line_words(basis[1])} [mm]", aspect="equal")
     legend_below(figure)
     return figure
 
 
-def _bodies(axes: Any, geometry: ArmGeometry, ghosts: Sequence[Solid], B: Array) -> list[Array]:
+def _bodies(axes: Axes, geometry: ArmGeometry, ghosts: Sequence[Solid], B: Array) -> list[Array]:
     """Draws the outlines of all solids; the points that must be seen: those of the arm, and of whole obstacles."""
     seen, size = [], 1e3 * geometry.extent
     labels: set[str] = set()
@@ -132,16 +133,15 @@ def _turn(a: Array, b: Array, c: Array) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _region(axes: Any, geometry: ArmGeometry, B: Array) -> list[Array]:
+def _region(axes: Axes, geometry: ArmGeometry, B: Array) -> list[Array]:
     """The enlarged 95 % ellipse; its points (k, 2) [mm] must be seen."""
     boundary: Array = geometry.region.surface(60)[-1] @ B.T
     axes.fill(*boundary.T, facecolor=ORANGE, alpha=0.35, zorder=3)
-    look = {"facecolor": "none", "edgecolor": VERMILLION, "lw": 1.8, "zorder": 5}
-    axes.fill(*boundary.T, **look, label=geometry.region.label)
+    axes.fill(*boundary.T, facecolor="none", edgecolor=VERMILLION, lw=1.8, zorder=5, label=geometry.region.label)
     return [boundary]
 
 
-def _target(axes: Any, target: TargetGeometry, geometry: ArmGeometry, B: Array) -> list[Array]:
+def _target(axes: Axes, target: TargetGeometry, geometry: ArmGeometry, B: Array) -> list[Array]:
     """Draws region or point, and the clearance on the scale of the ellipse; the points that must be seen."""
     seen = []
     if target.kind == "region":
@@ -158,7 +158,7 @@ def _target(axes: Any, target: TargetGeometry, geometry: ArmGeometry, B: Array) 
     return seen
 
 
-def _hole(axes: Any, target: TargetGeometry, geometry: ArmGeometry, B: Array, point: Array) -> Array:
+def _hole(axes: Axes, target: TargetGeometry, geometry: ArmGeometry, B: Array, point: Array) -> Array:
     """The walls of the hole on both sides of the direction, as far apart as the ellipse is enlarged."""
     assert target.clearance is not None
     factor, along = geometry.region.factor, B @ target.direction / 1e3
@@ -172,22 +172,22 @@ def _hole(axes: Any, target: TargetGeometry, geometry: ArmGeometry, B: Array, po
     return np.vstack(walls)
 
 
-def _direction(axes: Any, along: Array, tool: Array, extent: float) -> list[Array]:
+def _direction(axes: Axes, along: Array, tool: Array, extent: float) -> list[Array]:
     """Draws the direction (2,), where it is not that of the view; the point that must be seen."""
     if np.linalg.norm(along) < 1e-3:
         return []
     end = tool + ARROW * extent * along / 1e3
     arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", end, tool, arrowprops=arrow, zorder=7)
+    axes.annotate("", (end[0], end[1]), (tool[0], tool[1]), arrowprops=arrow, zorder=7)
     axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
     return [end[None]]
 
 
-def _limits(axes: Any, points: Array) -> None:
+def _limits(figure: Figure, axes: Axes, points: Array) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 * max(float((high - low).max()), 1.0)
     # As high as it must be for its width: no white bands above and below an arm that lies flat.
     width, height = high - low + 2 * margin
-    axes.figure.set_size_inches(WIDTH, min(max((WIDTH - 1.0) * height / width + 1.1, 3.0), 6.0))
+    figure.set_size_inches(WIDTH, min(max((WIDTH - 1.0) * height / width + 1.1, 3.0), 6.0))
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - margin, high[1] + margin)

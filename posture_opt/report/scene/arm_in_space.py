@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Mask
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import FONT, GREEN, GREY, VERMILLION, WIDTH
+from posture_opt.report.page.style import FONT, GREEN, GREY, VERMILLION, WIDTH, Look
 from posture_opt.report.scene.arm_in_plane import APART, ARROW
 from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.scene.camera import Camera, best_camera
@@ -21,6 +21,7 @@ from posture_opt.report.scene.scene_image import SceneImage, grid_step
 from posture_opt.report.text.units_text import stated_length
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from posture_opt.report.scene.arm_geometry import ArmGeometry
@@ -40,7 +41,7 @@ class SceneMark:
     """What is drawn over the picture: a line (k, 3) or point (1, 3) [m], its look, and what it is called, if so."""
 
     points: Array
-    look: dict[str, Any]
+    look: Look
     text: str = ""
 
     @property
@@ -67,7 +68,7 @@ def draw_in_space(
     scene = SceneImage(geometry, camera, height, tuple(ghosts))
     figure = new_figure(height)
     figure.set_layout_engine("none")  # the picture fills it
-    axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     (left, low), (wide, high) = camera.lower, camera.size
     axes.imshow(scene.pixels, extent=(left, left + wide, low, low + high), origin="lower", interpolation="lanczos")
     axes.set(xlim=(left, left + wide), ylim=(low, low + high))
@@ -81,7 +82,7 @@ def draw_in_space(
     _cover(taken, marks, camera, geometry)
     _column(axes, posture, taken, height)
     _corner(axes, camera, geometry, taken, height)
-    _labels(axes, _named(geometry, scene, marks), taken, camera, height)
+    _labels(figure, axes, _named(geometry, scene, marks), taken, camera, height)
     return figure
 
 
@@ -148,7 +149,7 @@ def _way_marks(way: Array | None) -> list[SceneMark]:
     )
 
 
-def _arrow(axes: Any, camera: Camera, geometry: ArmGeometry) -> None:
+def _arrow(axes: Axes, camera: Camera, geometry: ArmGeometry) -> None:
     if geometry.direction is None:
         return
     ends = geometry.tool_point + ARROW * geometry.extent * np.outer([0.0, 1.0], geometry.direction)
@@ -172,36 +173,39 @@ def _named(geometry: ArmGeometry, scene: SceneImage, marks: Sequence[SceneMark])
     return named + scene.obstacle_anchors()
 
 
-def _labels(axes: Any, named: Sequence[tuple[str, Array]], taken: Mask, camera: Camera, height: float) -> None:
+def _labels(
+    figure: Figure, axes: Axes, named: Sequence[tuple[str, Array]], taken: Mask, camera: Camera, height: float
+) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    renderer: Any = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[no-untyped-call]
+    renderer: Any = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     size, labels = 72 * np.array([WIDTH, height]), []
     for text, point in named:
         drawn = axes.text(0, 0, text)
         box = drawn.get_window_extent(renderer)
         drawn.remove()
-        extent = np.array([box.width, box.height]) * 72 / axes.figure.dpi
+        extent = np.array([box.width, box.height]) * 72 / figure.dpi
         labels.append(Label(text, (point - camera.lower) / camera.size * size, extent))
     for label in placed(labels, taken, size):
         axes.annotate(
-            "", label.label.anchor, label.end, xycoords="axes points", textcoords="axes points", zorder=7,
+            "", tuple(label.label.anchor), tuple(label.end), xycoords="axes points", textcoords="axes points", zorder=7,
             arrowprops={"arrowstyle": "-", "color": "#404040", "lw": 0.8, "shrinkA": 0, "shrinkB": 0},
         )  # fmt: skip
-        text = axes.text(*(label.middle / size), label.label.text, transform=axes.transAxes, ha="center", va="center")
-        text.set(zorder=8, linespacing=1.1)
-        text.set_bbox({"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1})
-        text.placed_label = label
+        x, y = label.middle / size
+        shown: Any = axes.text(x, y, label.label.text, transform=axes.transAxes, ha="center", va="center")
+        shown.set(zorder=8, linespacing=1.1)
+        shown.set_bbox({"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1})
+        shown.placed_label = label
 
 
-def _column(axes: Any, posture: Sequence[tuple[str, str]], taken: Mask, height: float) -> None:
+def _column(axes: Axes, posture: Sequence[tuple[str, str]], taken: Mask, height: float) -> None:
     """The joint values at the right edge, from the top; marked as taken."""
     if not posture:
         return
     rows = [("posture", ""), *posture]
     for k, (name, value) in enumerate(rows):
         at = 1 - (0.08 + _ROW * k) / height
-        look: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "zorder": 8}
+        look: Look = {"transform": axes.transAxes, "va": "top", "zorder": 8}
         axes.text(1 - _COLUMN / WIDTH, at, name, weight="normal" if k else "bold", **look)
         axes.text(1 - 0.1 / WIDTH, at, value, ha="right", **look)
     high, wide = taken.shape
@@ -222,7 +226,7 @@ def _cover(taken: Mask, marks: Sequence[SceneMark], camera: Camera, geometry: Ar
             taken[max(row - 3, 0) : row + 4, max(column - 3, 0) : column + 4] = True
 
 
-def _corner(axes: Any, camera: Camera, geometry: ArmGeometry, taken: Mask, height: float) -> None:
+def _corner(axes: Axes, camera: Camera, geometry: ArmGeometry, taken: Mask, height: float) -> None:
     """The axes of the world and the scale, in the lower corner that is emptier; marked as taken."""
     rows, columns = (_CORNER[::-1] / [height, WIDTH] * taken.shape).astype(int)
     left = taken[:rows, :columns].sum() <= taken[:rows, -columns:].sum()
@@ -233,10 +237,11 @@ def _corner(axes: Any, camera: Camera, geometry: ArmGeometry, taken: Mask, heigh
         way = camera.project(axis[None])[0, :2]
         end = at + _TRIAD * way
         arrow = {"arrowstyle": "-|>", "color": "black", "lw": 1.1, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
-        axes.annotate("", camera.lower + end * inch, camera.lower + at * inch, arrowprops=arrow, zorder=7)
+        axes.annotate("", tuple(camera.lower + end * inch), tuple(camera.lower + at * inch), arrowprops=arrow, zorder=7)
         beyond = at + (_TRIAD + FONT / 100) * way
         if np.linalg.norm(way) > 0.25:
-            axes.text(*(camera.lower + beyond * inch), name, ha="center", va="center", zorder=8)
+            x, y = camera.lower + beyond * inch
+            axes.text(x, y, name, ha="center", va="center", zorder=8)
     step = grid_step(geometry.extent)
     text = f"{1e3 * step:g} mm"
     start = camera.lower + (at + np.array([0.6, -0.2])) * inch

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.selection.answer.expected_calibration import Calibrating, after_calibration
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -38,7 +38,7 @@ class Improvement:
     sigma_max: float
     gain: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {"change": self.change, **vars(self)}
 

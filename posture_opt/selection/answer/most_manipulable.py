@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
@@ -30,7 +30,7 @@ class ManipulablePosture:
     manipulability: float
     sigma_max: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {"posture": self.posture, "manipulability": self.manipulability, "sigma_max": self.sigma_max}
 

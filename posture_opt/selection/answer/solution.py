@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from posture_opt.collision.scene import Clearance
-from posture_opt.numerics import Array, Mask, finite_or_none
+from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.combine import combined_sigma
@@ -32,6 +32,7 @@ from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.joint_success import JointSuccess, PlaceErrors, success_of_all
@@ -50,7 +51,7 @@ class Alternative:
     position: Array
     sigma_max: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
 
@@ -215,7 +216,7 @@ class Solution(Result):
         return self.spread.covariance
 
     @property
-    def ellipse(self) -> Any:
+    def ellipse(self) -> Ellipsoid:
         """Ellipse of a planar arm, else ellipsoid, of the tool point."""
         return self.spread.ellipse
 
@@ -314,7 +315,7 @@ class Solution(Result):
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only."""
         return {
             "name": self.problem.name,
@@ -390,7 +391,7 @@ class Solution(Result):
             "worst_sigma_max": finite_or_none(statistics.worst),
         }
 
-    def _lower_bound_json(self) -> dict[str, Any] | None:
+    def _lower_bound_json(self) -> dict[str, Json] | None:
         if self.lower_bound is None:
             return None
         return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}

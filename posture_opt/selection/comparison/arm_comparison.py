@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
-from posture_opt.numerics import Progress
+from posture_opt.numerics import Json, Progress
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
@@ -47,7 +46,7 @@ class JudgedPlan:
         known = [p for p in p_success if p is not None]
         return min(known) if len(known) == len(p_success) else None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {
             "sigma_max": self.sigma_max,
@@ -76,7 +75,7 @@ class ComparedArm:
         """The postures of the answer: one, one a feature, or one a listed point of a path."""
         return () if self.answer is None else stations_of(self.answer)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document of this arm: SI units and radians."""
         if self.answer is None:
             return {"status": "infeasible", "reasons": list(self.reasons)}
@@ -120,7 +119,7 @@ class ArmComparison(Result):
         least = min(sigmas.values())
         return next(name for name, sigma in sigmas.items() if sigma <= least * (1 + _TIE))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``comparison.json``: SI units and radians."""
         task = self.problem.task
         return {

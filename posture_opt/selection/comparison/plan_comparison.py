@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
 from posture_opt.model.stretched import stretched
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.posture_distance import PostureDistance
@@ -63,7 +62,7 @@ class PlannedPosture:
     predicted_error: PredictedError | None = None
     reasons: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any] | None:
+    def to_json(self) -> dict[str, Json] | None:
         """The posture, the σ that the model predicts, and what the reference predicts [m, rad]; None without one."""
         if self.solution is None or self.predicted_error is None:
             return None
@@ -111,7 +110,7 @@ class Comparison(Result):
         """Why models have no posture, in sentences, each once."""
         return tuple(dict.fromkeys(reason for plan in self.plans.values() for reason in plan.reasons))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The part ``posture`` of a document: what each model chooses and what the reference expects of it [m, rad]."""
         return {**{name: plan.to_json() for name, plan in self.plans.items()}, "reasons": list(self.reasons)}
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Json, Mask
 from posture_opt.robot.robot import Robot
 
 _TURN = 2 * math.pi
@@ -42,7 +41,7 @@ class PostureDistance:
         name = robot.joint_names[worst] if beyond[worst] > 0 else ""
         return cls(float(near.max(axis=1).min()), name, float(beyond[worst]))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [rad or m]."""
         return {"nearest": self.nearest, "joint": self.joint or None, "beyond": self.beyond}
 

@@ -12,6 +12,9 @@ import numpy as np
 
 from posture_opt.selection.search.engine import CandidatePosture
 
+PackedRow = list[Any]
+"""Numbers, texts and lists of them in an order that their class knows, as they travel between processes."""
+
 MapStatus = Literal["feasible", "not reached", "requirement not met"]
 
 
@@ -30,7 +33,7 @@ class MapCandidate:
     best: CandidatePosture | None
     scale: float
 
-    def packed(self) -> list[Any]:
+    def packed(self) -> PackedRow:
         """Numbers and text, to be sent to another process or written to a checkpoint."""
         c = self.best
         if c is None:
@@ -39,7 +42,7 @@ class MapCandidate:
         return [self.status, float(self.scale), c.q.tolist(), *numbers, bool(c.optimal), c.message, int(c.count)]
 
     @classmethod
-    def unpacked(cls, row: list[Any]) -> MapCandidate:
+    def unpacked(cls, row: PackedRow) -> MapCandidate:
         """The one that was packed."""
         status, scale, *best = row
         return cls(status, CandidatePosture(np.array(best[0]), *best[1:]) if best else None, scale)

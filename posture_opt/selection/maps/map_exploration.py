@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from posture_opt.selection.maps.map_candidate import MapCandidate
+from posture_opt.selection.maps.map_candidate import MapCandidate, PackedRow
 from posture_opt.selection.maps.map_starts import best_among, better_of, freedom, out_of_plane
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
@@ -34,7 +33,7 @@ class Exploration:
     seed: int
 
 
-def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
+def explore(engine: Engine, item: Exploration) -> list[PackedRow]:
     """The packed candidate of every target, by random starts, or the known one where that is better.
 
     The starts of a target depend on the seed, their number and its index alone, not on the chunk that it is in.

@@ -6,14 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, finite_or_none
+from posture_opt.numerics import Array, Codes, Json, finite_or_none
 from posture_opt.selection.answer.end_moments import end_moments, success_with_peg
 from posture_opt.selection.answer.solution import critical_basis
-from posture_opt.selection.maps.map_candidate import MapCandidate, MapStatus
+from posture_opt.selection.maps.map_candidate import MapCandidate, MapStatus, PackedRow
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
@@ -88,7 +87,7 @@ class Grid:
             index.append(nearest)
         return np.where(inside, np.ravel_multi_index(tuple(index[::-1]), self.shape), -1)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Axes, origin [m] and values [m] of the grid, world."""
         return {
             "origin": self.origin.tolist(),
@@ -129,7 +128,7 @@ class NeighbourSolves:
     most: float
     found: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The numbers as they are."""
         return {"again": self.again, "better": self.better, "most": self.most, "found": self.found}
 
@@ -167,19 +166,19 @@ class MapPoint:
         """Whether there is a posture."""
         return self.status == "feasible"
 
-    def packed(self) -> list[Any]:
+    def packed(self) -> PackedRow:
         """Numbers and text, to be sent."""
         numbers = (self.q, self.covariance.ravel(), self.bias)
         rest = (self.sigma_max, self.sigma_along, self.radius95, self.success_probability)
         return [self.status, self.optimal, *(array.tolist() for array in numbers), *map(float, rest)]
 
     @classmethod
-    def unpacked(cls, position: Array, row: list[Any]) -> MapPoint:
+    def unpacked(cls, position: Array, row: PackedRow) -> MapPoint:
         """The one at ``position`` (3,) [m] that was packed."""
         status, optimal, q, covariance, bias, *rest = row
         return cls(position, status, optimal, np.array(q), np.reshape(covariance, (3, 3)), np.array(bias), *rest)
 
-    def to_json(self, joints: tuple[str, ...]) -> dict[str, Any]:
+    def to_json(self, joints: tuple[str, ...]) -> dict[str, Json]:
         """SI units; what is not known is null."""
         return {
             "position": self.position.tolist(),
@@ -194,7 +193,7 @@ class MapPoint:
         }
 
 
-def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[MapCandidate]]) -> list[list[Any]]:
+def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[MapCandidate]]) -> list[PackedRow]:
     """Targets with what was found there, as packed points: a part of the work."""
     return [map_point.packed() for map_point in map_points_of(engine.optimisation_problem, *item)]
 

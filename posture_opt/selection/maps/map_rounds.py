@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar, overload
+from typing import Generic, TypeVar, overload
 
 from posture_opt.selection.search.engine import Engine
 from posture_opt.workers import Part, Workers
@@ -17,6 +17,7 @@ CHUNK = 32
 """Targets of a part: about a tenth of a second. The answer knows it, so that it does not depend on who works."""
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,11 @@ def chunks_of(indices: Sequence[int]) -> list[Sequence[int]]:
 
 def worked_on(
     workers: Workers,
-    part: Part,
+    part: Part[Engine, T, Sequence[R]],
     engines: Sequence[Engine],
     indices: Iterable[int],
-    item: Callable[[Sequence[int]], Any],
-) -> Iterator[tuple[int, Any]]:
+    item: Callable[[Sequence[int]], T],
+) -> Iterator[tuple[int, R]]:
     """Each of some targets with its row of what the part returns for its chunk, as they are done.
 
     Args:

@@ -6,12 +6,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.maps.map_candidate import MapCandidate
+from posture_opt.selection.maps.map_candidate import MapCandidate, PackedRow
 from posture_opt.selection.maps.map_starts import best_among, freedom, is_near, out_of_plane
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
@@ -73,13 +72,13 @@ class Trial:
     bends: list[float] = field(default_factory=list)
     better: bool = False
 
-    def packed(self) -> list[Any]:
+    def packed(self) -> PackedRow:
         """Numbers and text, to be sent to another process."""
         lists = ([q.tolist() for q in self.tried], [q.tolist() for q in self.lost], list(map(float, self.bends)))
         return [self.candidate.packed(), *lists, self.better]
 
     @classmethod
-    def unpacked(cls, row: list[Any]) -> Trial:
+    def unpacked(cls, row: PackedRow) -> Trial:
         """The one that was packed."""
         candidate, tried, lost, bends, better = row
         return cls(
@@ -87,12 +86,12 @@ class Trial:
         )
 
 
-def try_all(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[Any]]:
+def try_all(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """At every target, polish those postures of neighbours that may become the best one, best first: packed trials."""
     return [_tried(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
 
 
-def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[Any]]:
+def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """Targets without a posture sought about those of their neighbours: packed candidates."""
     found = [item.candidate for item in items]
     mine = [k for k, item in enumerate(items) if not out_of_plane(engine, item.target)]
@@ -106,7 +105,7 @@ def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[An
     return [candidate.packed() for candidate in found]
 
 
-def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[Any]]:
+def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """At every target the posture of a neighbour, where it is another one and as good: packed candidates."""
     return [_agreed(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
 

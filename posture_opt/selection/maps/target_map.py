@@ -6,13 +6,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
-from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.answer.selector import PostureSelector
@@ -95,7 +94,7 @@ class TargetMap(Result):
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
         joints = self.optimisation_problem.robot.joint_names
         return {

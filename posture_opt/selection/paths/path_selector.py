@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -61,7 +60,7 @@ class PathSelector(DerivedAgain):
             InputError: nothing uncertain, or a task that the arm cannot do.
         """
         task = path_task_of(problem)
-        one: Any = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
+        one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
         placement = PlacementRange.of(task.workpiece)
         # Many placements, and rows that keep the arm clear, are worth the seconds that compiling takes.
         selector = PostureSelector(one, compiled=None if np.any(placement.free) or problem.scene.explicit else False)

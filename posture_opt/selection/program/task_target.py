@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
+from posture_opt.model.chain import Scalar
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.tasks import Task
@@ -298,7 +298,7 @@ def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
     return p, dict(zip(SIZES, parts, strict=True))
 
 
-def turned_about_z(vector: Any, c: Any, s: Any) -> Any:
+def turned_about_z(vector: Scalar, c: Scalar, s: Scalar) -> Scalar:
     """(3,) a vector turned about z by the angle of that cosine and sine: numbers, or symbols of CasADi."""
     parts = (c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2])
     return np.array(parts) if isinstance(vector, np.ndarray) else ca.vertcat(*parts)

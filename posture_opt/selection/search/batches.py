@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import MultistartResult, as_good, multistart
 from posture_opt.workers import Part, opened
 
-STARTS_PER_BATCH = (
-    32  # of a batch where two degrees of freedom are left or fewer, and so many more for each further one
-)
+S = TypeVar("S")
+R = TypeVar("R")
+
+STARTS_PER_BATCH = 32  # where two degrees of freedom are left or fewer; as many more for each further one
 MAX_STARTS_PER_BATCH = 128
 BATCHES_THAT_AGREE = 2  # that are to find the best optimum
 MAX_BATCHES = 12  # batches
@@ -99,7 +100,7 @@ def recurrences(values: Sequence[float], limit: Callable[[float], float]) -> int
     return sum(value <= limit(best) for value in values) if np.isfinite(best) else 0
 
 
-def independent_batches(part: Part, shared: Any, numbers: range, workers: int) -> Iterator[Any]:
+def independent_batches(part: Part[S, int, R], shared: S, numbers: range, workers: int) -> Iterator[R]:
     """``part(shared, k)`` of the batches k in their order, as many at a time as there are workers."""
     with opened(workers) as pool:
         for first in range(numbers.start, numbers.stop, workers):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.scene import ITSELF, row_name
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -56,7 +55,7 @@ class Relaxation:
     posture: dict[str, float]
     cost: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {"change": self.change, "reasons": [vars(reason) for reason in self.reasons], "posture": self.posture}
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.selection.program.pose_request import PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
@@ -105,7 +104,7 @@ class SearchStatistics:
         """σ_max [m] of the worst feasible start; NaN where there are none."""
         return self.sampled.worst
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The part ``solver`` of ``solution.json``."""
         counts = (
             "starts",

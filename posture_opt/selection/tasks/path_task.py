@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -89,7 +89,7 @@ class PathTask(Task):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_path(cls, data: Any) -> Any:
+    def _one_path(cls, data: object) -> object:
         """The section as it is, where the target is stated in one way."""
         if isinstance(data, dict):
             given = [key for key in ("path", "points", "position", "region", "features") if data.get(key)]

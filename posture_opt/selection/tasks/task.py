@@ -8,7 +8,7 @@ its kind.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -120,7 +120,7 @@ class Task(Spec):
 
     @field_validator("position", mode="before")
     @classmethod
-    def _three(cls, value: Any, info: ValidationInfo) -> Any:
+    def _three(cls, value: object, info: ValidationInfo) -> object:
         """The position as it was given, with three entries: pydantic's own message does not say what to write."""
         if isinstance(value, list | tuple) and len(value) != 3:
             raise BadValueError(

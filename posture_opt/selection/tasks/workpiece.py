@@ -25,7 +25,7 @@ def _span(dimension: str) -> Any:
     """The type of a value, or [least, most]: always kept as two numbers [SI], equal where the value is fixed."""
     example = DIMENSIONS[dimension][1]
 
-    def read(value: Any) -> tuple[float, float]:
+    def read(value: object) -> tuple[float, float]:
         if not isinstance(value, list | tuple):
             fixed = parse_quantity(value, dimension)
             return fixed, fixed

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -110,9 +109,9 @@ def _mixed_moments(
 class _Shift:
     """What the nodes add to one factor: ``size`` [rad or m], its sine and its cosine less one."""
 
-    size: Any
-    sine: Any
-    cosine_less_one: Any
+    size: Scalar
+    sine: Scalar
+    cosine_less_one: Scalar
 
 
 def _node_shifts(segment: Segment, nodes: Nodes, symbolic: bool) -> list[_Shift | None]:
@@ -166,7 +165,7 @@ def _rotation_change(k: int, shift: _Shift, p: Vector) -> Vector:
     return (x[0], x[1], x[2])
 
 
-def _node_average(weights: Array, x: Any) -> Any:
+def _node_average(weights: Array, x: Scalar) -> Scalar:
     """The average over the nodes, which are on the last axis; a number that does not depend on them is its own
     average.
     """

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -138,11 +137,11 @@ def _is_identity(c: Scalar, s: Scalar) -> bool:
     return isinstance(s, float) and s == 0.0 and isinstance(c, float) and c == 1.0
 
 
-def _exp(x: Scalar) -> Any:
+def _exp(x: Scalar) -> Scalar:
     """Exponential function of a float, an array or an expression."""
     return math.exp(x) if isinstance(x, float) else np.exp(x) if isinstance(x, np.ndarray) else ca.exp(x)
 
 
-def _expm1(x: Scalar) -> Any:
+def _expm1(x: Scalar) -> Scalar:
     """``exp(x) − 1`` without cancellation, of a float, an array or an expression."""
     return math.expm1(x) if isinstance(x, float) else np.expm1(x) if isinstance(x, np.ndarray) else ca.expm1(x)

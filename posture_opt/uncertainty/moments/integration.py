@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.moments.conditional_moments import Segment
 from posture_opt.uncertainty.moments.gaussian_rules import (
@@ -67,7 +67,7 @@ class Integration:
     nodes: int
     relative_error: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers."""
         return dict(vars(self))
 

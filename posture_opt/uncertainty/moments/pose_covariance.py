@@ -14,11 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from posture_opt.model.chain import Walk
+from posture_opt.model.chain import Scalar, Walk
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.conditional_moments import Segment, deviations
 from posture_opt.uncertainty.moments.integration import Integration, SharedSpan, converged
@@ -110,7 +109,7 @@ def turns(nominal: Walk, errors: dict[int, Array]) -> Array:
 
     ``R R₀ᵀ = Π_i exp(ε_i a_i)`` with the axes ``a_i`` of the nominal chain, from the base to the tool.
     """
-    w: Any = 1.0
+    w: Scalar = 1.0
     v = np.zeros((3, 1))
     for index in sorted(errors):
         screw = nominal.screws[index]

@@ -13,14 +13,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from posture_opt.model.chain import ZERO, Vector, Walk, add, cross, position_column, rotation_column, scale, stack
-from posture_opt.numerics import Array, finite_or_none
+from posture_opt.model.chain import (
+    ZERO,
+    Scalar,
+    Vector,
+    Walk,
+    add,
+    cross,
+    position_column,
+    rotation_column,
+    scale,
+    stack,
+)
+from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 
@@ -35,13 +46,13 @@ class SecondOrder:
         bias: (3,) ``½ tr(Σ H)`` [m].
     """
 
-    first: Any
-    curvature: Any
-    mixed: Any
-    bias: Any
+    first: Scalar
+    curvature: Scalar
+    mixed: Scalar
+    bias: Scalar
 
     @property
-    def covariance(self) -> Any:
+    def covariance(self) -> Scalar:
         """(3, 3) covariance complete to O(σ⁴) [m²]."""
         return self.first + self.curvature + self.mixed
 
@@ -118,12 +129,12 @@ def _weighted_axis(a: Sequence[Vector], weights: Sequence[tuple[float, int]]) ->
     return total
 
 
-def transpose(matrix: Any) -> Any:
+def transpose(matrix: Scalar) -> Scalar:
     """The transpose of an SX, or of arrays with the batch axis first."""
     return matrix.T if isinstance(matrix, ca.SX) else np.swapaxes(matrix, -1, -2)
 
 
-def _trace_of_product(A: Any, B: Any) -> Any:
+def _trace_of_product(A: Array | ca.SX, B: Array | ca.SX) -> Scalar:
     """``tr(A B)``."""
     if isinstance(A, ca.SX) or isinstance(B, ca.SX):
         return ca.trace(ca.SX(A) @ ca.SX(B))
@@ -213,7 +224,7 @@ class Validity:
             f"covariance {seen}limit {MAX_GOOD_INDEX:g})."
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Indices, null where infinite (then the flag next to it is true), verdict and sentence."""
         return {
             "curvature": finite_or_none(self.curvature),

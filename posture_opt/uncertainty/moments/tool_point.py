@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import casadi as ca
 import numpy as np
@@ -47,10 +47,10 @@ class Moments:
         integration: how the mean over shared factors was taken; None in closed form, or with nodes that were given.
     """
 
-    position: Any
-    mean: Any
-    covariance: Any
-    first_order: Any
+    position: Scalar
+    mean: Scalar
+    covariance: Scalar
+    first_order: Scalar
     walk: Walk
     integration: Integration | None = None
 
@@ -195,45 +195,47 @@ class ToolPoint:
         whole = self.arm.reach(q)
         return converged(lambda s: self._given_nodes(whole.values, s, whole.shift), self.spans, goal).segments
 
-    def _given_nodes(self, values: Sequence[Scalar], segments: Sequence[Segment], shift: Vector) -> tuple[Any, Any]:
+    def _given_nodes(
+        self, values: Sequence[Scalar], segments: Sequence[Segment], shift: Vector
+    ) -> tuple[Scalar, Scalar]:
         """Mean (3,) and covariance (3, 3) with nodes, which are on the last axis until they are mixed."""
         columns = [value[:, None] if isinstance(value, np.ndarray) else value for value in values]
         mean, C = conditional_moments(self.robot.factors, columns, self.variances(self.shared.own), segments)
         moved = add((_without_nodes(mean[0]), _without_nodes(mean[1]), _without_nodes(mean[2])), shift)
         return stack(moved), stack([[_without_nodes(entry) for entry in row] for row in C])
 
-    def _of_effects(self, q: Sequence[Scalar], reached: Walk) -> Any:
+    def _of_effects(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
         """(3, 3) what the uncertainty of the effects adds to the covariance, to first order."""
         assert self.effects is not None
         E = self.effect_columns(q, reached)
         cross = self.jacobian(reached) @ self.effects.cross @ transpose(E) if self.indices else np.zeros((3, 3))
         return E @ self.effects.covariance @ transpose(E) + cross + transpose(cross)
 
-    def effect_columns(self, q: Sequence[Scalar], reached: Walk, *, turns: bool = False) -> Any:
+    def effect_columns(self, q: Sequence[Scalar], reached: Walk, *, turns: bool = False) -> Scalar:
         """(3, e) shift of the tool point per unit of each effect's parameter; (6, e) with its rotation."""
         assert self.effects is not None
         twists = self.arm.twists(self.effects.names, q, reached)
         columns = [(*shift, *turn) if turns else shift for shift, turn in twists]
         return stack(list(zip(*columns, strict=True)))
 
-    def jacobian(self, reached: Walk) -> Any:
+    def jacobian(self, reached: Walk) -> Scalar:
         """``∂x/∂source`` (3, k) [m/rad, m/m], world frame."""
         if not self.indices:
             return np.zeros((3, 0))
         return stack(list(zip(*(shift for shift, _ in self.arm.twists(self.indices, (), reached)), strict=True)))
 
-    def twists(self, q: Sequence[Scalar], reached: Walk) -> Any:
+    def twists(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
         """(6, k) shift of the tool point and small rotation per source, world-aligned axes."""
         return stack(list(zip(*((*v, *w) for v, w in self.arm.twists(self.indices, q, reached)), strict=True)))
 
-    def pose_first_order(self, q: Sequence[Scalar], reached: Walk) -> Any:
+    def pose_first_order(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
         """(6, 6) ``J Σ Jᵀ`` of the shift of the tool point and the small rotation of the tool, world-aligned axes."""
         if not self.indices:
             return self.effects_of_pose(q, reached)
         T = self.twists(q, reached)
         return T @ self.covariance @ transpose(T) + self.effects_of_pose(q, reached)
 
-    def effects_of_pose(self, q: Sequence[Scalar], reached: Walk) -> Any:
+    def effects_of_pose(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
         """(6, 6) the part of `pose_first_order` that the effects add."""
         if self.effects is None:
             return np.zeros((6, 6))
@@ -250,7 +252,7 @@ class ToolPoint:
         return variances
 
 
-def _shared_subexpressions(mean: Any, C: Any) -> tuple[Any, Any]:
+def _shared_subexpressions(mean: Scalar, C: Scalar) -> tuple[Scalar, Scalar]:
     """The same; symbols with what nodes have in common written once."""
     if not isinstance(C, ca.SX):
         return mean, C

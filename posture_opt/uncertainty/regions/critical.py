@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE, deviation
 
@@ -60,7 +60,7 @@ class Critical:
         """Distance from the target that 95 % of all tool points stay within [m]."""
         return coverage_radius(0.95, self.covariance, self.bias)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {
             "within": self.within,

@@ -108,7 +108,9 @@ class AdaptiveResult:
         return difference.within(self.tolerances)
 
 
-def adaptive(draw: Draw, p: float = 0.95, digits: int = 2, seed: int = 0, max_blocks: int = 200) -> AdaptiveResult:
+def adaptive(
+    draw: Draw, p: float = 0.95, digits: int = 2, seed: int | None = None, max_blocks: int = 200
+) -> AdaptiveResult:
     """Draw blocks of trials until the results are stable in ``digits`` significant decimal digits.
 
     Blocks of ``M = max(ceil(100 / (1 - p)), 10^4)`` trials, at least ten. Stable is what has twice the standard error
@@ -119,7 +121,7 @@ def adaptive(draw: Draw, p: float = 0.95, digits: int = 2, seed: int = 0, max_bl
         draw: gives (M, m) trials of the output for a number M and a generator.
         p: coverage probability of kp.
         digits: 1 or 2 are usual; each further one takes a hundred times the trials.
-        seed: of the generator: the same seed gives the same result.
+        seed: of the generator: the same seed gives the same result; 0 by default.
         max_blocks: bounds time and memory; reached, the result says ``stable=False``.
 
     Raises:
@@ -130,7 +132,7 @@ def adaptive(draw: Draw, p: float = 0.95, digits: int = 2, seed: int = 0, max_bl
     if not 0 < p < 1 or digits < 1 or max_blocks < MIN_BLOCKS:
         raise InputError(f"0 < p < 1, one digit and {MIN_BLOCKS} blocks at least: not {p:g}, {digits}, {max_blocks}")
     size = max(math.ceil(100 / (1 - p)), SMALLEST_BLOCK)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed or 0)
     trials: list[Array] = []
     summaries: list[Array] = []
     while True:

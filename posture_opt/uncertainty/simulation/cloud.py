@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import interruptible
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
 from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME
@@ -158,7 +157,7 @@ class Cloud(Result):
         varies = closed > RANK_TOLERANCE * closed[-1]
         return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
         closed = self.spread.to_json()
         about = {key: value for key, value in closed.items() if key != "integration"}
@@ -180,7 +179,7 @@ class Cloud(Result):
         comparison = {"closed_form": closed, "ratio": self.ratio.tolist()}
         return {**about, **sampled, **drawn, **self._sampling_json(), **comparison}
 
-    def _sampling_json(self) -> dict[str, Any]:
+    def _sampling_json(self) -> dict[str, Json]:
         """Means and moments with their sampling errors, as the documents list them."""
         return {
             "mean": self.mean.tolist(),
@@ -192,7 +191,7 @@ class Cloud(Result):
             "coverage95": {"value": self.coverage95, "interval95": list(self.coverage95_interval)},
         }
 
-    def _adaptive_json(self) -> dict[str, Any] | None:
+    def _adaptive_json(self) -> dict[str, Json] | None:
         """How n was found; None where it was given."""
         found = self.adaptive
         if found is None:
@@ -202,8 +201,9 @@ class Cloud(Result):
 
 @interruptible()
 def simulate(
-    problem: HasSources, posture: PostureLike, n: int = 5000, seed: int = 0, adaptive: bool = False, digits: int = 2
-) -> Cloud:
+    problem: HasSources, posture: PostureLike, n: int = 5000, seed: int | None = None, adaptive: bool = False,
+    digits: int = 2,
+) -> Cloud:  # fmt: skip
     """Draw n sets of errors ``p ~ N(0, Σ)`` and send each through the full forward model.
 
     Samples are drawn in blocks, and at most a million points are kept: memory does not grow with n beyond that.
@@ -212,7 +212,7 @@ def simulate(
         problem: names ``arm``, ``sources`` and perhaps ``task``.
         posture: n joint values [rad or m], or joint name -> value; numbers, or texts with units.
         n: number of samples; not used with ``adaptive``.
-        seed: the same seed gives the same cloud.
+        seed: the same seed gives the same cloud; 0 by default.
         adaptive: draw until means, standard deviations, correlations and coverage factor are stable in ``digits``
             significant digits (JCGM 102:2011, 7.8), at most two million.
         digits: significant digits of the adaptive procedure.
@@ -226,6 +226,7 @@ def simulate(
         >>> bool(abs(cloud.ratio - 1).max() < 0.1)
         True
     """
+    seed = 0 if seed is None else seed
     _check_arguments(n, seed)
     spread = propagate(problem, posture)
     if not adaptive:
@@ -266,7 +267,7 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
     )
 
 
-def _check_arguments(n: Any, seed: Any) -> None:
+def _check_arguments(n: object, seed: object) -> None:
     """Refuse a number of samples or a seed that cannot be used.
 
     Raises:

@@ -70,7 +70,7 @@ class RepeatabilitySampling:
 
 
 def position_performance(
-    attained: ArrayLike, commanded: ArrayLike, p: float = 0.95, seed: int = 0
+    attained: ArrayLike, commanded: ArrayLike, p: float = 0.95, seed: int | None = None
 ) -> PositionPerformance:
     """AP and RP of positions attained for one commanded position.
 
@@ -133,7 +133,7 @@ def orientation_performance(attained: ArrayLike, commanded: float) -> Orientatio
 
 
 def repeatability_sampling(
-    covariance: ArrayLike, n: int = 30, p: float = 0.95, trials: int = 4000, seed: int = 0
+    covariance: ArrayLike, n: int = 30, p: float = 0.95, trials: int = 4000, seed: int | None = None
 ) -> RepeatabilitySampling:
     """How far RP of n Gaussian cycles may lie from the RP of infinitely many, by simulating the test.
 
@@ -150,7 +150,7 @@ def repeatability_sampling(
         raise InputError("repeatability needs three cycles or more, and some scatter")
     values, axes = np.linalg.eigh(C)
     root = axes * np.sqrt(np.clip(values, 0, None))
-    x = np.random.default_rng(seed).standard_normal((trials, n, len(C))) @ root.T
+    x = np.random.default_rng(seed or 0).standard_normal((trials, n, len(C))) @ root.T
     distance = np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2)
     found = distance.mean(axis=1) + 3 * distance.std(axis=1, ddof=1)
     ratio = found / repeatability_from_covariance(C)

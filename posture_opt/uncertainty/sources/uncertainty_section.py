@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -226,7 +226,7 @@ class UncertaintySpec(Spec):
 
 
 def _read_sigma(
-    name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue],
+    name: str, text: object, dimensions: dict[str, str] | None, issues: list[Issue],
     word: Literal["sigma", "scatter"] = "sigma",
 ) -> float:  # fmt: skip
     """A standard deviation [rad or m, SI of an effect]; 0 with an issue where it is none."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from posture_opt.model.chain import Vector
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.spread.spread import Spread
 
 
@@ -43,7 +42,7 @@ class Orientation:
         linear = np.asarray(tool_point.pose_first_order(q, reached), dtype=float)
         return cls(*_tilt_and_spin(spread.pose_covariance[3:, 3:], axis), *_tilt_and_spin(linear[3:, 3:], axis))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {
             "tilt_sigma_max": self.tilt,

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, finite_or_none
+from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.moments.two_points import JointProbability, both_within, joint_covariance
@@ -106,7 +105,7 @@ class PegSpread:
         turned = np.sin(angle) * first + 2 * np.sin(angle / 2) ** 2 * np.cross(unit, first)
         return np.asarray(shift + turned)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         ends = [{"name": name, **end.to_json()} for name, end in (("tip", self.tip), ("top end", self.top))]
         risks = {"two_point_contact": self.two_point_contact, "wedging": self.wedging}

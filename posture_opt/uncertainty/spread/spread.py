@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import HasArm
-from posture_opt.model.chain import Walk
-from posture_opt.numerics import Array
+from posture_opt.model.chain import Scalar, Walk
+from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike, limit_notes, read_posture
 from posture_opt.robot.robot import Robot
@@ -89,7 +89,7 @@ class Spread(Result):
         return self.tool_point.method
 
     @property
-    def method_json(self) -> dict[str, Any]:
+    def method_json(self) -> dict[str, Json]:
         """`method` and, unless it is a closed form, what `integration` says of the error."""
         return {"method": self.method} | ({"integration": self.integration.to_json()} if self.integration else {})
 
@@ -162,7 +162,7 @@ class Spread(Result):
         parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
         return Validity.of(parts.first, parts.curvature, parts.bias)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The document ``spread.json``: SI units, finite numbers only."""
         return {
             "posture": self.posture,
@@ -253,7 +253,7 @@ def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:
     return np.array([e1, e2 if e2[np.abs(e2).argmax()] > 0 else -e2])
 
 
-def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Any]:
+def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Json]:
     """Semi-axes of one standard deviation [m] and, one a row, their unit vectors in the world.
 
     Args:
@@ -268,17 +268,17 @@ def ellipse_json(ellipse: Ellipsoid, directions: Array) -> dict[str, Any]:
     }
 
 
-def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:
+def budget_json(shares: Sequence[Share]) -> list[dict[str, Json]]:
     """The shares as the documents list them."""
     return [{"parameter": share.parameter, "share": share.share} for share in shares]
 
 
-def groups_json(groups: Sequence[ShareGroup]) -> list[dict[str, Any]]:
+def groups_json(groups: Sequence[ShareGroup]) -> list[dict[str, Json]]:
     """Sources whose errors cancel together, as the documents list them."""
     return [{"parameters": list(group.parameters), "share": group.share} for group in groups]
 
 
-def task_json(seen: TaskSpread | None) -> dict[str, Any]:
+def task_json(seen: TaskSpread | None) -> dict[str, Json]:
     """What the task sees, and the budget of its worst axis; null without a task."""
     if seen is None:
         return dict.fromkeys(("task", "critical", "success_probability", "critical_budget", "critical_budget_groups"))
@@ -306,7 +306,7 @@ def quaternion(reached: Walk) -> Array:
     return unit if unit[0] >= 0 else -unit
 
 
-def _symmetric(matrix: Any) -> Array:
+def _symmetric(matrix: Scalar) -> Array:
     """(m, m) the mean of a matrix and its transpose: rounding leaves them apart."""
     array = np.asarray(matrix, dtype=float)
     return np.asarray((array + array.T) / 2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.c_source import c_source
+from posture_opt.model.chain import Scalar
 from posture_opt.model.lane_function import LaneFunction
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.fixed_plan import FixedPlan
@@ -95,7 +95,7 @@ class SpreadFunction:
         """Rows of postures (N, n) -> mean tool points (N, 3) [m]."""
         return self._batch_of(lambda moments: moments.mean)
 
-    def _batch_of(self, select: Callable[[Moments], Any]) -> LaneFunction:
+    def _batch_of(self, select: Callable[[Moments], Scalar]) -> LaneFunction:
         """The function of rows of postures that gives a part of the moments, column by column."""
         q = ca.SX.sym("q", self._tool_point.robot.n)
         # A robot that does not move its tool point leaves numbers, which CasADi must hear of as SX.
@@ -132,7 +132,7 @@ class SpreadFunction:
         return rows, single
 
 
-def _symmetric_expression(matrix: Any) -> ca.SX:
+def _symmetric_expression(matrix: Scalar) -> ca.SX:
     """The matrix with its upper half on both sides, so that each entry is computed once."""
     C = ca.SX(matrix)
     return ca.SX(ca.triu2symm(ca.triu(C)))

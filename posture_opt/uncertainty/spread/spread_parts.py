@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
 from posture_opt.uncertainty.regions.regions import deviation
@@ -44,7 +43,7 @@ class SpreadParts:
         """Whether what is not known reaches farther than scatter does."""
         return self.systematic_radius > self.scatter_radius
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
             "scatter": {"sigma_max": self.scatter_sigma, "radius95": self.scatter_radius},

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.clearance import within_clearance
@@ -146,7 +146,7 @@ class TaskSpread:
             return replace(self, peg=peg)
         return replace(self, peg=peg, critical=peg.top, tool_point=part.behind(self.tool_point))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """What the documents say of it."""
         return {
             "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
@@ -156,7 +156,7 @@ class TaskSpread:
             **self._expanded_json(),
         }
 
-    def _expanded_json(self) -> dict[str, Any]:
+    def _expanded_json(self) -> dict[str, Json]:
         """The expanded uncertainty, where one is asked for."""
         if self.expanded is None:
             return {}

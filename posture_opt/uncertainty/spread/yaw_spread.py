@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Json
 from posture_opt.uncertainty.regions.critical import Critical
 
 
@@ -40,6 +39,6 @@ class YawSpread:
         square = float(np.trace(critical.covariance) + critical.bias @ critical.bias) + lever**2 * variance
         return cls(math.sqrt(variance), lever, math.sqrt(max(square, 0.0)))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {"sigma": self.sigma, "lever": self.lever or None, "corner_rms": self.corner if self.lever else None}

@@ -261,7 +261,7 @@ class Effect(CatalogueEntry):
         return self.model_copy(update={"estimate": texts})
 
 
-def _read_parameter(value: Any, dimension: str) -> float:
+def _read_parameter(value: object, dimension: str) -> float:
     """A parameter in SI units.
 
     Raises:
