@@ -37,7 +37,7 @@ from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.numerics import Codes
 from posture_opt.result import Result
-from posture_opt.selection.comparison.plan_comparison import Comparison
+from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
