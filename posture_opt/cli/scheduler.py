@@ -8,18 +8,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.files import located
-from posture_opt.problem.problem import Problem
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
 
 
 def scheduler_option(command: Command) -> Command:
@@ -57,4 +58,4 @@ def digest_of(problem: Problem) -> str:
 
 
 def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else str(value)
+    return value.tolist() if hasattr(value, "tolist") else str(value)
