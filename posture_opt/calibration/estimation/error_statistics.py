@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, rms
 
 By = Literal["pose", "block", "place"]
 
@@ -33,9 +33,9 @@ class Statistics:
     def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
         """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,)."""
         lengths = np.linalg.norm(errors, axis=1)
-        rms = float(np.sqrt(np.mean(lengths**2)))
         interval = _bootstrap_interval(lengths**2, groups, draws)
-        return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
+        largest, p95 = float(lengths.max()), float(np.quantile(lengths, 0.95))
+        return cls(rms(lengths), float(lengths.mean()), largest, p95, interval)
 
     def to_json(self) -> dict[str, object]:
         """Plain numbers [m]."""

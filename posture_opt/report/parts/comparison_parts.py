@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from posture_opt.errors import enumerated
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.units_text import joint_unit, joint_value, length, percent
@@ -219,8 +220,7 @@ def _moved(value: float, kind: str) -> str:
 
 def _sources(parts: SpreadParts, comparison: Comparison) -> str:
     """What the systematic part comes from: parameters by their names, effects by what they are."""
-    words = list(dict.fromkeys(_source(name, comparison) for name in parts.parameters))
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return enumerated(dict.fromkeys(_source(name, comparison) for name in parts.parameters))
 
 
 def _source(name: str, comparison: Comparison) -> str:
