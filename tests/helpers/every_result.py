@@ -54,6 +54,7 @@ MADE: dict[str, Callable[[], Result]] = {name: cache(make) for name, make in {
     "AccuracyMap": lambda: po.map_accuracy(po.load_problem("insert_planar_2r_calibrated"), counts=(3, 3)),
     "MeasurementPlan": lambda: po.plan_measurements(po.load_problem(MEASURED), 10, candidates=100),
     "Comparison": compared,
+    "Comparison of arms": arms_compared,
     "Compensation": lambda: po.compensate(
         po.load_problem("insert_planar_2r_calibrated"), {"x [m]": [0.9, 1.1], "y [m]": [0.4, 0.5]}
     ),

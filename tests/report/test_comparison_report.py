@@ -15,8 +15,7 @@ from posture_opt.report.parts.comparison_parts import (
     distinct_columns,
 )
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.posture_distance import PostureDistance
-from posture_opt.selection.comparison.predicted_error import JudgedAnswer, PredictedError
+from posture_opt.selection.comparison.predicted_error import JudgedAnswer, PostureDistance, PredictedError
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
 ONE_JOINT: Any = SimpleNamespace(

@@ -128,8 +128,3 @@ def test_presets_are_compared_at_a_task_of_the_command_line(capsys):
     document = json.loads(capsys.readouterr().out)
     assert set(document["arms"]) == {"ur5e", "ur10e"}
     assert document["best"] == "ur5e"  # half the reach, and half the repeatability on its data sheet
-
-
-def test_the_former_name_of_its_class_is_deprecated():
-    with pytest.deprecated_call(match="posture_opt.Comparison"):
-        assert po.ArmComparison is po.Comparison
