@@ -59,8 +59,8 @@ if TYPE_CHECKING:
     from posture_opt.robot.robot import Robot
     from posture_opt.selection.answer.selector import PostureSelector
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.comparison.arm_comparison import ArmComparison, compare
-    from posture_opt.selection.comparison.plan_comparison import Comparison, compare_plans
+    from posture_opt.selection.comparison.compare import compare, compare_plans
+    from posture_opt.selection.comparison.comparison import Comparison
     from posture_opt.selection.maps.target_map import TargetMap, map_targets
     from posture_opt.selection.posture_batch import PostureBatch, select_postures
     from posture_opt.selection.select_posture import select_posture
@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment, assess
     from posture_opt.validation.spread_check import SpreadCheck, check_spread
 
+    ArmComparison = Comparison
     FeaturesSolution = PathSolution = Solution
 
 __version__ = "0.1.0"
@@ -79,7 +80,6 @@ __version__ = "0.1.0"
 __all__ = [
     "AccuracyMap",
     "Arm",
-    "ArmComparison",
     "Assessment",
     "Batch",
     "BatchDiagnosis",
@@ -131,14 +131,13 @@ _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
     "AccuracyMap": "validation.accuracy_map",
     "Arm": "model.arm",
-    "ArmComparison": "selection.comparison.arm_comparison",
     "Assessment": "validation.assessment",
     "Batch": "batch.batch_calibration",
     "BatchDiagnosis": "batch.batch_diagnosis",
     "Calibration": "calibration.calibration",
     "Cloud": "uncertainty.simulation.cloud",
     "Compensation": "compensation.compensation",
-    "Comparison": "selection.comparison.plan_comparison",
+    "Comparison": "selection.comparison.comparison",
     "Diagnosis": "diagnosis.diagnosis",
     "Exported": "export.export_format",
     "MeasurementPlan": "experiments.measurement_plan",
@@ -158,8 +157,8 @@ _HOMES = {
     "calibrate_batch": "batch.batch_calibration",
     "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
-    "compare": "selection.comparison.arm_comparison",
-    "compare_plans": "selection.comparison.plan_comparison",
+    "compare": "selection.comparison.compare",
+    "compare_plans": "selection.comparison.compare",
     "compensate": "compensation.compensate",
     "diagnose": "diagnosis.diagnose",
     "diagnose_batch": "batch.batch_diagnosis",
@@ -177,7 +176,7 @@ _HOMES = {
     "simulate": "uncertainty.simulation.cloud",
 }
 
-_RENAMED = {"FeaturesSolution": "Solution", "PathSolution": "Solution"}
+_RENAMED = {"ArmComparison": "Comparison", "FeaturesSolution": "Solution", "PathSolution": "Solution"}
 """Names of before -> what they are now; they are importable for one release."""
 
 

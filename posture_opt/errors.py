@@ -194,8 +194,7 @@ def either(names: Iterable[str]) -> str:
         >>> either(["a", "b", "c"])
         "'a', 'b' or 'c'"
     """
-    *others, last = [f"'{name}'" for name in names]
-    return f"{', '.join(others)} or {last}" if others else last
+    return enumerated((f"'{name}'" for name in names), "or")
 
 
 def one_of(word: str, known: Iterable[str], what: str = "one of") -> str:
@@ -208,6 +207,19 @@ def one_of(word: str, known: Iterable[str], what: str = "one of") -> str:
     names = list(known)
     name = nearest(word, names)
     return (f"did you mean '{name}'? " if name else "") + f"{what}: {listed(names)}"
+
+
+def enumerated(words: Iterable[str], last: str = "and") -> str:
+    """Words in one text; empty without any.
+
+    Example:
+        >>> enumerated(["a", "b", "c"])
+        'a, b and c'
+        >>> enumerated(["a", "b", "c"], "or")
+        'a, b or c'
+    """
+    *others, end = [*words] or [""]
+    return f"{', '.join(others)} {last} {end}" if others else end
 
 
 def listed(names: Iterable[str], most: int = 40) -> str:

@@ -9,6 +9,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import BinaryIO
@@ -124,6 +125,24 @@ def nearest_file(path: Path) -> str:
     # Without their endings: '.csv' alone makes any two names alike.
     stem = nearest(path.stem, names)
     return str(path.parent / names[stem]) if stem else ""
+
+
+@cache
+def problems_folder() -> Path:
+    """The folder of the built-in problems: inside the installed package, or beside it in a source tree."""
+    inside = Path(str(files("posture_opt"))) / "problems"
+    return inside if inside.is_dir() else inside.parents[1] / "problems"
+
+
+def preset_names() -> tuple[str, ...]:
+    """The names of all presets of robots, sorted."""
+    folder = files("posture_opt").joinpath("robot", "presets")
+    return tuple(sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")))
+
+
+def builtin_names() -> tuple[str, ...]:
+    """The names of the problems that travel with the package, sorted."""
+    return tuple(sorted(path.stem for path in problems_folder().glob("*.yaml")))
 
 
 def packaged(package: str, *parts: str) -> str:

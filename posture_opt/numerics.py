@@ -34,6 +34,26 @@ def finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def rms(values: Array) -> float:
+    """``sqrt(mean(v²))`` over all entries of an array of any shape."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rms_length(vectors: Array) -> float:
+    """``sqrt(mean(|v|²))`` over the rows of vectors (N, m)."""
+    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=1))))
+
+
+def stacked_rows(vector: Sequence[Any], n: int) -> Array:
+    """(n, m) rows of a vector whose m entries are numbers, or arrays (n,) of one number a row."""
+    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
+
+
+def turn_of(a: Array, b: Array, c: Array) -> float:
+    """Twice the area of the triangle a, b, c (2,), positive where it turns to the left."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
 class DerivedAgain:
     """Pickles and copies as what it was made from: what its cached properties hold is derived again on demand.
 

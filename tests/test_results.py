@@ -35,10 +35,13 @@ def test_every_result_is_public_and_tried_here() -> None:
     assert public == {kind.__name__ for kind in Result.__subclasses__()} == {name.split()[0] for name in MADE}
 
 
-@pytest.mark.parametrize("name", ["FeaturesSolution", "PathSolution"])
-def test_former_names_are_those_of_today(name: str) -> None:
-    with pytest.warns(DeprecationWarning, match=f"posture_opt.{name} is posture_opt.Solution now"):
-        assert getattr(po, name) is po.Solution
+@pytest.mark.parametrize(
+    ("name", "today"),
+    [("FeaturesSolution", "Solution"), ("PathSolution", "Solution"), ("ArmComparison", "Comparison")],
+)
+def test_former_names_are_those_of_today(name: str, today: str) -> None:
+    with pytest.warns(DeprecationWarning, match=f"posture_opt.{name} is posture_opt.{today} now"):
+        assert getattr(po, name) is getattr(po, today)
     assert name not in po.__all__
 
 

@@ -16,7 +16,7 @@ from posture_opt.calibration.assumptions.frames import fit_frames
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Mask, rms_length
 
 Folds = Sequence[Codes]
 
@@ -45,7 +45,7 @@ class HeldOut:
     @property
     def rms(self) -> float:
         """Root mean square of the lengths [m]."""
-        return float(np.sqrt(np.mean(np.sum(self.errors**2, axis=1))))
+        return rms_length(self.errors)
 
     def take(self, rows: Codes) -> HeldOut:
         """Those of ``rows``, indices."""

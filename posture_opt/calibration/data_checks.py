@@ -13,7 +13,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Mask, rms_length
 from posture_opt.robot.robot import Robot
 
 _STILL_JOINT_RANGE = 1e-3  # rad or m: a joint that moves less says nothing of what lies before it
@@ -157,7 +157,7 @@ class Disagreement:
 
         Disagreement begins at 1 % of the motion, and at 0.1 % of the reach of the arm.
         """
-        found = cls(_rms_length(errors), _rms_motion(residuals))
+        found = cls(rms_length(errors), _rms_motion(residuals))
         long = reach(residuals.robot)
         return (
             found
@@ -169,7 +169,7 @@ class Disagreement:
 def _rms_motion(residuals: Residuals) -> float:
     """RMS motion of the measured points; of touched ones, the reach of the arm."""
     data = residuals.data
-    return reach(residuals.robot) if data.position is None else _rms_length(data.position - data.position.mean(axis=0))
+    return reach(residuals.robot) if data.position is None else rms_length(data.position - data.position.mean(axis=0))
 
 
 def check_sense(residuals: Residuals, errors: Array) -> None:
@@ -178,7 +178,7 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
     Raises:
         InputError: they are another robot's, or joints have other signs.
     """
-    motion, left = _rms_motion(residuals), _rms_length(errors)
+    motion, left = _rms_motion(residuals), rms_length(errors)
     if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
         residuals.robot
     ):
@@ -189,8 +189,3 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
     )
     hint = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
     raise InputError(Issue(message, hint=hint, file=residuals.data.file))
-
-
-def _rms_length(errors: Array) -> float:
-    """Root mean square of the lengths of errors (N, 3) [m]."""
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,8 +16,9 @@ from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import print_rate, progress_bar
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
 from posture_opt.errors import InputError
-from posture_opt.problem.load import load_problem
-from posture_opt.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
 
 
 @click.command("batch")
@@ -34,7 +36,7 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
         twice = next(name for name in files if files.count(name) > 1)
         raise click.UsageError(f"{twice} is named twice: name different problem files.")
     problems = {name: _read(name) for name in files}
-    read = {name: p for name, p in problems.items() if isinstance(p, Problem)}
+    read = {name: p for name, p in problems.items() if not isinstance(p, InputError)}
     asked = {"seed": common.seed, "problems": [[name, digest_of(problem)] for name, problem in read.items()]}
     with output(common):
         work = working(common, scheduler, checkpoint, command="batch", **asked)
@@ -49,6 +51,6 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
 def _read(name: str) -> Problem | InputError:
     """The problem of a file, or what is wrong with it: a row of the report says so."""
     try:
-        return load_problem(name)
+        return po.load_problem(name)
     except InputError as error:
         return error

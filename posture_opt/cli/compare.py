@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 import posture_opt as po
+from posture_opt.cli import deferred
 from posture_opt.cli.named import PROBLEM
 from posture_opt.cli.options import Common, common_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.request import placed, requested_problem
-from posture_opt.files import is_there
-from posture_opt.problem.problem import Problem
-from posture_opt.robot import preset_names
+from posture_opt.files import is_there, preset_names
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
 
 
 @click.command("compare")
@@ -36,7 +38,7 @@ def compare_command(common: Common, problems: Sequence[str], **given: str | None
     asked = dict(zip(_names(problems), (_requested(name, given) for name in problems), strict=True))
     first = next(iter(asked.values()))
     with output(common):
-        with progress_bar(common, "arms") as progress, placed(first):
+        with progress_bar(common, "arms") as progress, deferred.placed(first):
             found = po.compare(asked, seed=common.seed, workers=common.workers, progress=progress)
         save_result(common, found)
     show_result(common, found)
@@ -45,8 +47,8 @@ def compare_command(common: Common, problems: Sequence[str], **given: str | None
 def _requested(name: str, given: Mapping[str, str | None]) -> Problem:
     """The problem of a file, of a built-in name, or of a preset."""
     if name in preset_names() and not is_there(Path(name)):
-        return requested_problem(None, name, **given)
-    return requested_problem(name, **given)
+        return deferred.requested_problem(None, name, **given)
+    return deferred.requested_problem(name, **given)
 
 
 def _names(problems: Sequence[str]) -> list[str]:

@@ -8,13 +8,12 @@ from pathlib import Path
 import click
 
 import posture_opt as po
+from posture_opt.cli import deferred
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
-from posture_opt.export.known_programs import compensated_program
 
 
 @click.command("compensate")
@@ -29,10 +28,10 @@ def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **
     near; or joint columns alone, which stand for where the drawn arm would be with them. JOINT.approach and payload
     count as in measurements. The answer, compensated.csv, has the rows of the targets in their units.
     """
-    problem = requested_problem(**given)
-    with output(common), placed(problem):
+    problem = deferred.requested_problem(**given)
+    with output(common), deferred.placed(problem):
         with progress_bar(common, "compensating"):
             found = po.compensate(problem, targets)
-        program = motion.files(common, "compensated", partial(compensated_program, found))
+        program = motion.files(common, "compensated", partial(deferred.compensated_program, found))
         save_result(common, found, program)
     show_result(common, found)

@@ -8,20 +8,35 @@ from pathlib import Path
 import click
 
 import posture_opt as po
+from posture_opt.cli import deferred
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import OUT, output, show
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.quantities import requested_posture
-from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import motion_options
-from posture_opt.export.export_files import export_kinds
+from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.output import write_folder
 
+_JOINTS = "Joint values are those of the joints of the model, with its zeros and directions."
 
-@click.command("export")
+
+class ExportCommand(click.Command):
+    """The command with the formats in its help, which are read when it is shown."""
+
+    @property
+    def help(self) -> str:
+        """The help text: what the command does, and a line a format."""
+        formats = "\n".join(f"{kind:<11} {listed.summary}" for kind, listed in deferred.export_kinds().items())
+        return f"{self._help}\n\n\b\n{formats}\n\n{_JOINTS}\n"
+
+    @help.setter
+    def help(self, text: str) -> None:
+        self._help = text
+
+
+@click.command("export", cls=ExportCommand)
 @problem_options
 @task_options
-@click.option("--to", type=click.Choice(list(export_kinds())), required=True, help="The format: see below.")
+@click.option("--to", type=click.Choice([*ARM_FORMATS, *PROGRAM_FORMATS]), required=True, help="The format: see below.")
 @click.option("--name", default="", metavar="NAME", help="Of functions, programs and files.")
 @click.option("--posture", metavar="TEXT", help="Stop of a robot program; default: the best posture, planned.")
 @motion_options(0.0)
@@ -29,9 +44,10 @@ from posture_opt.output import write_folder
 def export_command(
     common: Common, to: str, name: str, posture: str | None, speed: float, wait: float, **given: str | None
 ) -> None:
-    problem = requested_problem(**given)
-    q = None if posture is None else requested_posture(posture, problem.robot)
-    with output(common), placed(problem):
+    """The arm, its covariance as code, or its posture as a robot program, in another format."""
+    problem = deferred.requested_problem(**given)
+    q = None if posture is None else deferred.requested_posture(posture, problem.robot)
+    with output(common), deferred.placed(problem):
         with progress_bar(common, "exporting"):
             found = po.export_files(
                 problem, to, name=name, posture=q, speed=speed, wait=wait, seed=common.seed, workers=common.workers
@@ -47,14 +63,6 @@ def export_command(
         )
 
     show(common, lambda: {"target": to, "files": dict(found.files), "notes": list(found.notes)}, report)
-
-
-export_command.help = f"""The arm, its covariance as code, or its posture as a robot program, in another format.
-
-\b
-{"".join(f"{kind:<11} {listed.summary}" + chr(10) for kind, listed in export_kinds().items())}
-Joint values are those of the joints of the model, with its zeros and directions.
-"""
 
 
 def write_files(out: Path, files: Mapping[str, str]) -> None:

@@ -17,8 +17,10 @@ from importlib import import_module
 from typing import Any, NoReturn, cast
 
 import click
+from click.shell_completion import CompletionItem
 
 from posture_opt import __version__
+from posture_opt.cli.completion import VARIABLE, complete
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.streams import discard, ended_by_signals, exit_code_of, open_standard_streams, output_fault
 from posture_opt.errors import PostureOptError, nearest
@@ -90,8 +92,15 @@ class PostureCommands(click.Group):
         if args and args[0] not in COMMANDS:
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
+            if ctx.resilient_parsing:  # a word is completed
+                return None, None, []
             raise click.UsageError(f"No such command '{args[0]}'. {hint}", ctx)
         return super().resolve_command(ctx, args)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        """The commands that begin so, without their files, or the options."""
+        commands = [CompletionItem(name, help=told) for name, told in COMMANDS.items() if name.startswith(incomplete)]
+        return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The section "Commands" of the help, from the lines above: no command is imported for it."""
@@ -115,6 +124,9 @@ class PostureCommands(click.Group):
     def _run(self, words: list[str], prog_name: str, extra: dict[str, Any]) -> int:
         """As click's ``main``, whose own ideas of interrupts and closed pipes are left out."""
         extra.pop("standalone_mode", None)
+        if asked := os.environ.get(VARIABLE):
+            complete(self, asked)
+            return 0
         try:
             with self.make_context(prog_name, words, **extra) as ctx:
                 self.invoke(ctx)

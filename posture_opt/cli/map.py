@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 import posture_opt as po
+from posture_opt.cli import deferred
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import print_rate, progress_bar
-from posture_opt.cli.quantities import corner
-from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
 from posture_opt.errors import InputError, Issue
-from posture_opt.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
 
 
 @click.command("map")
@@ -51,8 +52,8 @@ def map_command(
     if data is not None and quantity != "accuracy":
         raise click.UsageError("--data goes with --quantity accuracy.")
     where = {**_where(grid, low, high), "plane": plane, "seed": common.seed}
-    problem = requested_problem(**given)
-    with output(common), placed(problem):
+    problem = deferred.requested_problem(**given)
+    with output(common), deferred.placed(problem):
         asked = {"problem": digest_of(problem), "quantity": quantity, "data": str(data) if data else None, **where}
         with working(common, scheduler, checkpoint, command="map", **asked) as workers:
             found = _mapped(problem, quantity, data, common, {**where, "executor": workers})
@@ -82,8 +83,8 @@ def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any
     issues: list[Issue] = []
     where = {
         "counts": _counts(grid, issues),
-        "low": corner("--min", low, issues),
-        "high": corner("--max", high, issues),
+        "low": deferred.corner("--min", low, issues),
+        "high": deferred.corner("--max", high, issues),
     }
     if issues:
         raise InputError(issues)

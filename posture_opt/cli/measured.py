@@ -6,28 +6,27 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
 import posture_opt as po
 from posture_opt.calibration.estimation.error_statistics import By
+from posture_opt.cli import deferred
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show, show_result, write_text
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.quantities import columns_of
-from posture_opt.cli.request import placed, problem_of_data, requested_problem, with_columns
-from posture_opt.cli.robot_options import names_problem_file
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.files import content, is_file
-from posture_opt.problem.problem import Problem
-from posture_opt.problem.yaml_source import MAX_BYTES
-from posture_opt.result import Result
 
-OfOne = Callable[[po.Problem, po.Measurements, po.Measurements | None], Result]
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.result import Result
+
+OfOne: TypeAlias = "Callable[[Problem, po.Measurements, po.Measurements | None], Result]"
 """Problem, measurements and test file of one robot -> the result."""
-OfBatch = Callable[[po.Problem, po.Measurements], Result]
+OfBatch: TypeAlias = "Callable[[Problem, po.Measurements], Result]"
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def measured_options(command: Command) -> Command:
     @wraps(command)
     def with_session(*args: Any, data: Path, test: Path | None, refit_frames: bool, **others: Any) -> Any:
         by, folds, plan = others.pop("by"), others.pop("folds"), not others.pop("no_plan")
-        named, rows = columns_of(others.pop("column")), others.pop("rows")
+        named, rows = deferred.columns_of(others.pop("column")), others.pop("rows")
         most = {} if rows is None else {"most_rows": rows}
         return command(*args, session=Session(data, test, refit_frames, by, folds, plan, named, most), **others)
 
@@ -102,13 +101,13 @@ def answer(common: Common, session: Session, given: dict[str, str | None], of_on
     """Reads the measurements and shows what they say, those of one robot or those of several."""
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
-    made = given["problem"] is None and given["robot"] is not None and not names_problem_file(given["robot"])
+    made = given["problem"] is None and given["robot"] is not None and not deferred.names_problem_file(given["robot"])
     if made:
-        problem = problem_of_data(session.data, columns=session.columns, **_without_problem(given))
+        problem = deferred.problem_of_data(session.data, columns=session.columns, **_without_problem(given))
     else:
-        problem = with_columns(requested_problem(**given), session.columns)
+        problem = deferred.with_columns(deferred.requested_problem(**given), session.columns)
     starter = StarterFile.of(common, session.data, problem) if made else StarterFile()
-    with output(common), placed(problem):
+    with output(common), deferred.placed(problem):
         measured = _read(common, session.data, problem)
         if len(measured.robot_names) > 1:
             if session.test is not None:
@@ -158,7 +157,7 @@ class StarterFile:
         files = problem.files("problem")
         for name, made in files.items():
             there = common.out / name
-            if is_file(there) and content(there, MAX_BYTES) != made:
+            if is_file(there) and content(there, deferred.MAX_BYTES) != made:
                 hint = f"name it with --problem {there} in place of --robot, or choose another folder"
                 raise InputError(Issue(f"{there} exists and says something else", ("--out",), str(common.out), hint))
         return cls(files)
@@ -170,7 +169,7 @@ class StarterFile:
         if not self.alone.exists():
             write_text(self.alone, self.text)
             click.echo(f"{self.alone} is the problem file of this call: edit it, and name it with --problem.")
-        elif content(self.alone, MAX_BYTES) != self.text.encode():
+        elif content(self.alone, deferred.MAX_BYTES) != self.text.encode():
             click.echo(f"{self.alone} exists and was left as it is: it is used with --problem {self.alone}.")
 
 

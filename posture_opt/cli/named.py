@@ -1,4 +1,4 @@
-"""Values of options and arguments that are one of known names, or a file: what shells complete."""
+"""Values of options and arguments that are one of known names, or a file, and what completes them in a shell."""
 
 from __future__ import annotations
 
@@ -7,14 +7,22 @@ from dataclasses import dataclass
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
+
+from posture_opt.files import builtin_names, preset_names
+from posture_opt.selection.tasks import KINDS
 
 if TYPE_CHECKING:
     Text = click.ParamType[Any]
+    Completed = list[CompletionItem[Any]]
 else:
     Text = click.ParamType  # generic from click 8.4 on
+
+FILE = "file"
+"""What an item of a completion is that names a file or a folder, as ``CompletionItem.kind`` states it."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,7 @@ class Named(Text):
     """A text that may be one of some names; whether it is one, the command itself says, with a hint.
 
     Args:
-        names: those known, asked for where a completion script is made.
+        names: those known, asked for where a word is completed.
         endings: of files that may be named in place of them; none where a file is no answer.
     """
 
@@ -34,27 +42,40 @@ class Named(Text):
         """The text as it is."""
         return value
 
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Completed:
+        """The names that begin so, and the files."""
+        names = [CompletionItem(name) for name in self.names() if name.startswith(incomplete)]
+        return names + (completed_files(incomplete, self.endings) if self.endings else [])
 
-def _problems() -> Iterable[str]:
-    """The built-in problems."""
-    names: Iterable[str] = import_module("posture_opt.problem.load").builtin_names()
-    return names
 
+def completed_files(begun: str, endings: tuple[str, ...] = (), *, folders: bool = False) -> Completed:
+    """The files and folders whose path begins so, files with one of the ``endings`` or none but ``folders``.
 
-def _presets() -> Iterable[str]:
-    """The preset robots."""
-    names: Iterable[str] = import_module("posture_opt.robot").preset_names()
-    return names
+    A folder that is the only one is looked into: a shell would put a space behind it, as behind every whole word.
+    """
+    place, _, start = begun.rpartition("/")
+    inside = Path(f"{place}/").expanduser() if place or begun.startswith("/") else Path()
+    try:
+        entries = sorted(entry for entry in inside.iterdir() if entry.name.startswith(start))
+    except OSError:
+        return []
+    shown = [entry for entry in entries if start or not entry.name.startswith(".")]
+    root = begun[: len(begun) - len(start)]
+    there = [f"{root}{entry.name}/" for entry in shown if entry.is_dir()]
+    files = [] if folders else [f"{root}{e.name}" for e in shown if not e.is_dir() and e.name.endswith(endings or "")]
+    if len(there) == 1 and not files and (deeper := completed_files(there[0], endings, folders=folders)):
+        return deeper if not folders else [CompletionItem(there[0], kind=FILE), *deeper]
+    return [CompletionItem(path, kind=FILE) for path in sorted([*there, *files])]
 
 
 def _tasks() -> Iterable[str]:
-    """The kinds of tasks, those of other installed packages included."""
-    tasks = import_module("posture_opt.selection.registered_tasks").every_task()
-    return [get_args(task.model_fields["kind"].annotation)[0] for task in tasks]
+    """The tasks of this package, and those that other packages register, whose code is not loaded."""
+    points = import_module("importlib.metadata").entry_points(group="posture_opt.tasks")
+    return dict.fromkeys((*KINDS, *(point.name for point in points)))
 
 
-PROBLEM = Named(_problems, (".yaml", ".yml"))
-ROBOT = Named(_presets, (".urdf", ".xml", ".yaml", ".yml"))
+PROBLEM = Named(builtin_names, (".yaml", ".yml"))
+ROBOT = Named(preset_names, (".urdf", ".xml", ".yaml", ".yml"))
 TASK = Named(_tasks)
 
 
@@ -70,6 +91,11 @@ class NamedPath(click.Path):
         if not str(value).strip():
             self.fail("the name is empty; write . for this folder", param, ctx)
         return super().convert(value, param, ctx)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Completed:
+        """Files as the help calls them: folders of DIR, tables of DATA.csv, all of FILE."""
+        named = f"{param.metavar or ''}".lower()
+        return completed_files(incomplete, (".csv",) if named.endswith(".csv") else (), folders=named == "dir")
 
 
 PATH = NamedPath(path_type=Path)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,7 +17,9 @@ from posture_opt.cli.options import Common
 from posture_opt.cli.progress import progress_bar
 from posture_opt.numerics import Json
 from posture_opt.output import json_text, writable_folder, write_file
-from posture_opt.result import Result
+
+if TYPE_CHECKING:
+    from posture_opt.result import Result
 
 OUT = ("--out",)
 

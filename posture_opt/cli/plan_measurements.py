@@ -9,17 +9,15 @@ from pathlib import Path
 import click
 
 import posture_opt as po
+from posture_opt.cli import deferred
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.quantities import corner, height_of
-from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import InputError, Issue
 from posture_opt.experiments.measurement_plan import Purpose
-from posture_opt.export.known_programs import measuring_program
 
 Corner = tuple[float, ...]
 Box = tuple[Corner, Corner]
@@ -56,16 +54,16 @@ def plan_measurements_command(
     **given: str | None,
 ) -> None:  # fmt: skip
     """Which postures to measure next: the most informative about the arm, or about its task."""
-    problem, box = requested_problem(**given), _box(low, high)
-    with output(common), placed(problem):
+    problem, box = deferred.requested_problem(**given), _box(low, high)
+    with output(common), deferred.placed(problem):
         measured = None if data is None else po.read_measurements(data, problem)
         with working(common, scheduler) as workers, progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
                 problem, count, given=measured, purpose=purpose, seed=common.seed,
-                link_height=None if link_height is None else height_of(link_height), within=box,
+                link_height=None if link_height is None else deferred.height_of(link_height), within=box,
                 repeats=repeats, candidates=candidates, executor=workers, progress=progress,
             )  # fmt: skip
-        save_result(common, plan, motion.files(common, "measure", partial(measuring_program, plan)))
+        save_result(common, plan, motion.files(common, "measure", partial(deferred.measuring_program, plan)))
     show_result(common, plan)
 
 
@@ -76,7 +74,7 @@ def _box(low: str | None, high: str | None) -> Box | None:
         InputError: a corner without three lengths, or an empty box.
     """
     issues: list[Issue] = []
-    corners = corner("--min", low, issues), corner("--max", high, issues)
+    corners = deferred.corner("--min", low, issues), deferred.corner("--max", high, issues)
     lower, upper = corners[0] or (-math.inf,) * 3, corners[1] or (math.inf,) * 3
     if not issues and any(a > b for a, b in zip(lower, upper, strict=True)):
         issues.append(Issue("the box is empty: --min is above --max", ("--min",), low, "swap them"))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 import posture_opt as po
+from posture_opt.cli import deferred
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
 from posture_opt.cli.output import output, save_result, show, show_result
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.quantities import requested_posture
-from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
-from posture_opt.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
 
 
 def solve(common: Common, explain: bool, **given: str | None) -> None:
@@ -21,7 +24,7 @@ def solve(common: Common, explain: bool, **given: str | None) -> None:
     """
     if given["robot"] and not given["task"]:
         raise click.UsageError("Name the --task of the robot, for example --task insert.")
-    problem = requested_problem(**given)
+    problem = deferred.requested_problem(**given)
     with output(common):
         solution, reason = _solved(problem, common)
         save_result(common, solution)
@@ -32,7 +35,7 @@ def solve(common: Common, explain: bool, **given: str | None) -> None:
 
 def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
-    with progress_bar(common, "searching") as progress, placed(problem):
+    with progress_bar(common, "searching") as progress, deferred.placed(problem):
         try:
             return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
         except NoSolutionError as error:
@@ -53,9 +56,9 @@ def _text(solution: po.Solution, explain: bool, full: bool) -> str:
 @common_options
 def uncertainty_command(common: Common, posture: str, **given: str | None) -> None:
     """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
-    problem = requested_problem(**given)
-    values = requested_posture(posture, problem.robot)
-    with output(common), placed(problem):
+    problem = deferred.requested_problem(**given)
+    values = deferred.requested_posture(posture, problem.robot)
+    with output(common), deferred.placed(problem):
         with progress_bar(common, "computing"):
             spread = po.propagate(problem, values)
         save_result(common, spread)
@@ -72,10 +75,10 @@ def uncertainty_command(common: Common, posture: str, **given: str | None) -> No
 @common_options
 def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **given: str | None) -> None:
     """Monte Carlo cloud of the tool point at one posture, beside the closed form."""
-    problem = requested_problem(**given)
-    values = requested_posture(posture, problem.robot)
+    problem = deferred.requested_problem(**given)
+    values = deferred.requested_posture(posture, problem.robot)
     seed = problem.solver.seed if common.seed is None else common.seed
-    with output(common), placed(problem):
+    with output(common), deferred.placed(problem):
         with progress_bar(common, "simulating"):
             cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
         save_result(common, cloud)

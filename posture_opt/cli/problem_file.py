@@ -1,38 +1,15 @@
-"""Commands that tell what a problem file may say: ``list``, ``new`` and ``schema``."""
+"""Commands that state what a problem file may contain: ``list``, ``new`` and ``schema``."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
-from textwrap import indent
-from typing import Any, get_args
 
 import click
 
+from posture_opt.cli import deferred
 from posture_opt.cli.named import PATH, ROBOT
 from posture_opt.cli.output import write_text
-from posture_opt.cli.robot_options import RobotOptions
-from posture_opt.collision.obstacles import OBSTACLES
-from posture_opt.errors import InputError, Issue
-from posture_opt.export import EXPORTS
-from posture_opt.files import content, is_file
-from posture_opt.model.effects import CATALOGUE
-from posture_opt.output import json_text
-from posture_opt.problem.load import builtin_names, load_builtin
-from posture_opt.problem.schema import TITLE, json_schema
-from posture_opt.problem.starter import starter_text
-from posture_opt.problem.urdf_starter import urdf_starter_text
-from posture_opt.report.text.text import terminal_width
-from posture_opt.report.text.text_table import text_table
-from posture_opt.robot import load_preset, preset_names
-from posture_opt.selection.registered_tasks import every_task, registered_tasks
-from posture_opt.selection.solvers import SOLVERS
-from posture_opt.selection.terms import TERMS
-
-_LARGEST = 10_000_000  # bytes of a schema, which has some hundred thousand
-Row = dict[str, str]
+from posture_opt.files import preset_names
 
 
 @click.command("list")
@@ -40,65 +17,7 @@ Row = dict[str, str]
 @click.option("--debug", is_flag=True, hidden=True)
 def list_command(as_json: bool, debug: bool) -> None:
     """List tasks, effects, presets, solvers, terms, exports and built-in problems."""
-    tables = {title: rows() for title, rows in TABLES.items()}
-    click.echo(json_text({key.replace(" ", "_"): rows for key, rows in tables.items()}) if as_json else _text(tables))
-
-
-def _text(tables: dict[str, list[Row]]) -> str:
-    """The tables as text, each under its title."""
-    return "\n\n".join(f"{title.capitalize()}\n{indent(_table(rows), '  ')}" for title, rows in tables.items())
-
-
-def _table(rows: list[Row]) -> str:
-    """Rows as a table of the terminal's width."""
-    if not rows:
-        return "none so far"
-    cells, width = [tuple(row.values()) for row in rows], terminal_width() - 2
-    return text_table(tuple(rows[0]), cells, len(rows[0]), width, rule=False)
-
-
-def _kinds(specs: Iterable[Any]) -> list[Row]:
-    """Kind and one line of each listed ``Spec``."""
-    return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
-
-
-def _broken() -> list[Row]:
-    """Tasks of other packages that cannot be used, and why not."""
-    return [
-        {"kind": task.name, "is": f"cannot be used: {task.reason} ({task.package})"}
-        for task in registered_tasks().broken
-    ]
-
-
-def _presets() -> list[Row]:
-    """Name, robot, number of joints and repeatability of each preset."""
-    robots = {name: load_preset(name) for name in preset_names()}
-    return [
-        {
-            "name": name,
-            "robot": robot.name,
-            "joints": str(robot.n),
-            "repeatability": f"{robot.repeatability.value * 1e3:g} mm" if robot.repeatability else "not stated",
-        }
-        for name, robot in robots.items()
-    ]
-
-
-def _problems() -> list[Row]:
-    """Name and title of each built-in problem."""
-    return [{"name": name, "is": load_builtin(name).name} for name in builtin_names()]
-
-
-TABLES: dict[str, Callable[[], list[Row]]] = {
-    "tasks": lambda: [*_kinds(every_task()), *_broken()],
-    "effects": lambda: _kinds(CATALOGUE),
-    "presets": _presets,
-    "solvers": lambda: _kinds(SOLVERS),
-    "terms": lambda: _kinds(TERMS),
-    "obstacles": lambda: _kinds(OBSTACLES),
-    "exports": lambda: _kinds(EXPORTS),
-    "built-in problems": _problems,
-}
+    click.echo(deferred.listing(as_json))
 
 
 @click.command("new")
@@ -114,31 +33,7 @@ def new_command(
     """Print a commented problem file for a preset or a URDF file, which solves as it is."""
     if robot is None:
         raise click.UsageError(f"Name a preset: {', '.join(preset_names())}; or a URDF file.")
-    options = RobotOptions(robot, base_link, tip_link)
-    options.check()
-    if out is not None and out.exists() and not force:
-        raise InputError(
-            Issue(f"{out} exists", ("--out",), str(out), "choose another name, or replace it with --force")
-        )
-    write_text(out, _starter(options, Path() if out is None else out.parent))
-
-
-def _starter(options: RobotOptions, folder: Path) -> str:
-    """The commented problem file of a preset or a URDF file.
-
-    Raises:
-        InputError: there is no such preset, or the file cannot be read; by the option that names it.
-    """
-    robot = str(options.robot)
-    try:
-        if options.is_robot_file:
-            return urdf_starter_text(Path(robot), options.base_link, options.tip_link, folder)
-        return starter_text(robot)
-    except InputError as error:
-        keys = {"base_link": "--base-link", "tip_link": "--tip-link"}
-        what = "URDF" if options.is_robot_file else "PRESET"
-        named = [replace(i, key=(keys.get(str(i.key[0]) if i.key else "", what),)) for i in error.issues]
-        raise InputError(named) from None
+    write_text(out, deferred.starter(robot, base_link, tip_link, out, force))
 
 
 @click.command("schema")
@@ -150,8 +45,4 @@ def schema_command(out: Path | None, debug: bool) -> None:
     An editor with a YAML language server checks and completes a problem file that begins with
     '# yaml-language-server: $schema=problem.schema.json'.
     """
-    if out is not None and is_file(out) and TITLE.encode() not in content(out, _LARGEST):
-        hint = "choose another name"
-        raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), hint))
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}
-    write_text(out, json.dumps(schema, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(out, deferred.schema_text(out))

@@ -10,12 +10,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
 from posture_opt.cli.options import Common
-from posture_opt.numerics import Progress
+
+if TYPE_CHECKING:
+    from posture_opt.numerics import Progress
 
 DELAY = 2.0  # s; what is done by then needs no bar
 STAGE_DELAY = 0.3  # s of one stage of a longer work: what is shorter would only flicker

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from posture_opt.cli import deferred
 from posture_opt.cli.options import Command, Common, add_options
-from posture_opt.export.export_files import program_files, program_kinds
-from posture_opt.export.robot_program import RobotProgram
+from posture_opt.export import PROGRAM_FORMATS
+
+if TYPE_CHECKING:
+    from posture_opt.export.robot_program import RobotProgram
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class ProgramRequest:
             return {}
         if common.out is None:
             raise click.UsageError("--program goes with --out DIR, which it is written to.")
-        found = program_files(program(self.speed, self.wait), self.kind, name)
+        found = deferred.program_files(program(self.speed, self.wait), self.kind, name)
         return {file: text.encode() for file, text in found.files.items()}
 
 
@@ -65,7 +68,7 @@ def program_options(wait: float) -> Callable[[Command], Command]:
             return command(*args, motion=ProgramRequest(program, speed, wait), **others)
 
         option = click.option(
-            "--program", type=click.Choice(list(program_kinds())),
+            "--program", type=click.Choice(list(PROGRAM_FORMATS)),
             help="Write a robot program through the postures too.",
         )  # fmt: skip
         return add_options(motion_options(wait)(with_motion), option)

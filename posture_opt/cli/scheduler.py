@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.files import located
 from posture_opt.numerics import Json
-from posture_opt.problem.problem import Problem
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
 
 
 def scheduler_option(command: Command) -> Command:
@@ -57,4 +59,6 @@ def digest_of(problem: Problem) -> str:
 
 
 def _plain(value: object) -> Json:
-    return value.tolist() if isinstance(value, np.ndarray) else str(value)
+    """An array as nested lists, anything else that JSON does not know as text."""
+    tolist: Callable[[], Json] | None = getattr(value, "tolist", None)  # NumPy is not loaded for one name
+    return str(value) if tolist is None else tolist()

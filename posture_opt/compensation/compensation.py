@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
-from posture_opt.numerics import Array, Json, Mask
+from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
 from posture_opt.selection.problem_data import ProblemData
@@ -129,8 +129,8 @@ class Compensation(Result):
                 }
                 for k, (line, posture, reached) in enumerate(rows)
             ],
-            "off_rms": root_mean_square(self.off),
-            "left_rms": root_mean_square(self.left),
+            "off_rms": rms(self.off),
+            "left_rms": rms(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
             "notes": list(self.notes),
         }
@@ -155,8 +155,3 @@ def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:
     if column is not None:
         return targets.headers[column.index].strip(), column.factor
     return (f"{joint.name} [deg]", float(np.pi / 180)) if joint.type == "revolute" else (f"{joint.name} [mm]", 1e-3)
-
-
-def root_mean_square(values: Array) -> float:
-    """Root mean square of values, in their unit."""
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -35,9 +35,9 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
-from posture_opt.numerics import Codes, Json
+from posture_opt.numerics import Codes, Json, rms, rms_length
 from posture_opt.result import Result
-from posture_opt.selection.comparison.plan_comparison import Comparison
+from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
@@ -115,7 +115,7 @@ class Diagnosis(Result):
         touched points and the offsets of several targets, which no file states.
         """
         errors, kept = stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
-        return float(np.sqrt(np.mean(np.sum(errors[kept] ** 2, axis=1)))), int(np.count_nonzero(~kept))
+        return rms_length(errors[kept]), int(np.count_nonzero(~kept))
 
     @cached_property
     def models(self) -> dict[str, ProblemData]:
@@ -247,7 +247,7 @@ class Diagnosis(Result):
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
         place = self.effects[i].place
         if place is not None:
-            alone, beyond = (float(np.sqrt(np.mean(v**2))) for v in tool_shifts(self.model, place))
+            alone, beyond = (rms(v) for v in tool_shifts(self.model, place))
             document["tool_shift_rms"] = {"alone": alone, "beyond_geometry": beyond}
         if place is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)

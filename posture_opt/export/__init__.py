@@ -1,18 +1,46 @@
 """What leaves the program for other programs and for controllers: one frozen ``Spec`` a format, listed here.
 
-A new format is one file and one line in ``EXPORTS``.
+A new format is one file and one line in ``ARM_FORMATS``, or in ``PROGRAM_FORMATS`` where it is a robot program. The
+names of the formats alone, as the completion of a word in a shell needs them, load no library.
 """
 
 from __future__ import annotations
 
-from posture_opt.export.c_code import CCode
-from posture_opt.export.dh_table import DhTable
-from posture_opt.export.export_format import ExportFormat
-from posture_opt.export.joint_state import JointState
-from posture_opt.export.krl import Krl
-from posture_opt.export.python_code import PythonCode
-from posture_opt.export.rapid import Rapid
-from posture_opt.export.urdf_arm import UrdfArm
-from posture_opt.export.urscript import UrScript
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-EXPORTS: tuple[type[ExportFormat], ...] = (CCode, PythonCode, UrdfArm, DhTable, UrScript, Krl, Rapid, JointState)
+if TYPE_CHECKING:
+    from posture_opt.export.export_format import ExportFormat
+
+    EXPORTS: tuple[type[ExportFormat], ...]
+
+ARM_FORMATS = {
+    # kind -> its file, whose words in capitals are its class
+    "c": "c_code",
+    "python": "python_code",
+    "urdf": "urdf_arm",
+    "dh": "dh_table",
+}
+"""The formats of the arm and of its covariance."""
+PROGRAM_FORMATS = {
+    "urscript": "ur_script",
+    "krl": "krl",
+    "rapid": "rapid",
+    "jointstate": "joint_state",
+}
+"""The languages of robot programs."""
+
+
+def __getattr__(name: str) -> Any:
+    if name != "EXPORTS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = tuple(map(_format, (*ARM_FORMATS, *PROGRAM_FORMATS)))
+    return globals()[name]
+
+
+def _format(kind: str) -> type[ExportFormat]:
+    """The class of a format, whose file is imported."""
+    home = import_module(f"posture_opt.export.{ARM_FORMATS[kind] if kind in ARM_FORMATS else PROGRAM_FORMATS[kind]}")
+    words = home.__name__.rpartition(".")[2].split("_")
+    found: type[ExportFormat] = getattr(home, "".join(word.capitalize() for word in words))
+    return found

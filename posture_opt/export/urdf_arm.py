@@ -6,6 +6,7 @@ to the joint, whose axis is given in the joint frame; the child link's frame is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import ClassVar, Literal
 from xml.sax.saxutils import quoteattr
@@ -14,16 +15,16 @@ import numpy as np
 
 from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.urdf_shape_text import shape_lines
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot
-from posture_opt.robot.shape import BASE, TOOL
+from posture_opt.robot.shape import BASE, TOOL, Capsule
 from posture_opt.robot.urdf_chain import xyz_rpy
 
 _EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, and nobody stated these
 _PLACEHOLDERS = "effort and velocity limits of the joints are placeholders: the problem file has none"
 _NO_MASSES = "masses are left out: a URDF wants tensors of inertia with them, and the problem file has none"
+_BALL = 1e-9  # m: a shorter capsule is one ball
 
 
 class UrdfArm(ExportFormat):
@@ -147,3 +148,29 @@ def _unique(names: Sequence[str]) -> list[str]:
             fresh += "_"
         found.append(fresh)
     return found
+
+
+def shape_lines(capsules: Iterable[Capsule], T: Array) -> list[str]:
+    """The elements of a link; T (4, 4) maps the frame that the capsules are given in to the link's."""
+    return [line for capsule in capsules for line in _capsule(capsule, T)]
+
+
+def _capsule(capsule: Capsule, T: Array) -> list[str]:
+    """A cylinder with a ball at both ends; a ball alone where the ends are one point."""
+    start, end = (T[:3, :3] @ np.array(point) + T[:3, 3] for point in (capsule.start, capsule.end))
+    length = float(np.linalg.norm(end - start))
+    ball = f'<sphere radius="{capsule.radius!r}"/>'
+    if length < _BALL:
+        return _both((start + end) / 2, (0.0, 0.0), ball)
+    x, y, z = (end - start) / length
+    turned = math.atan2(math.hypot(x, y), z), math.atan2(y, x)
+    cylinder = f'<cylinder radius="{capsule.radius!r}" length="{length!r}"/>'
+    middle = _both((start + end) / 2, turned, cylinder)
+    return [*middle, *_both(start, (0.0, 0.0), ball), *_both(end, (0.0, 0.0), ball)]
+
+
+def _both(at: Array, turned: tuple[float, float], geometry: str) -> list[str]:
+    """The same body as ``visual`` and ``collision``: its axis z is turned by pitch and yaw [rad]."""
+    place = " ".join(repr(float(v)) for v in at)
+    origin = f'<origin xyz="{place}" rpy="0.0 {turned[0]!r} {turned[1]!r}"/>'
+    return [f"    <{kind}>{origin}<geometry>{geometry}</geometry></{kind}>" for kind in ("visual", "collision")]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
-from importlib.resources import files
 from os import PathLike, fspath
 from pathlib import Path
 
 from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, nearest
+from posture_opt.files import builtin_names as builtin_names
 from posture_opt.files import is_there, nearest_file
+from posture_opt.files import problems_folder as problems_folder
 from posture_opt.problem.plain_data import Plain, plain, text_issues
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
@@ -45,11 +45,6 @@ def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = "
     return build_problem(Document(found, issues=tuple(text_issues(found))), Path(folder), "problem")
 
 
-def builtin_names() -> tuple[str, ...]:
-    """The names of the problems that travel with the package, sorted."""
-    return tuple(sorted(path.stem for path in problems_folder().glob("*.yaml")))
-
-
 def _near_builtin(name: str) -> str:
     """A hint for an unknown name: built-in problems that are called like it; empty where a file is."""
     if nearest_file(Path(name)):
@@ -82,10 +77,3 @@ def builtin_problem(task: str) -> Problem:
     own = f"{task}_planar_2r"
     problem = load_builtin(own if own in builtin_names() else _DEFAULT)
     return problem if problem.task and problem.task.kind == task else problem.with_task(task)
-
-
-@cache
-def problems_folder() -> Path:
-    """The folder of the built-in problems: inside the installed package, or beside it in a source tree."""
-    inside = Path(str(files("posture_opt"))) / "problems"
-    return inside if inside.is_dir() else inside.parents[1] / "problems"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +11,7 @@ from pydantic import Field
 
 from posture_opt.errors import InputError, Issue, as_given, one_of
 from posture_opt.files import packaged
+from posture_opt.files import preset_names as preset_names
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
 from posture_opt.robot.mdh import MdhRobot
@@ -77,12 +77,6 @@ class PresetRobot(RobotFormat):
             robot = replace(robot, tool=self.tool.factors("tool"), tool_free=self.tool.free)
         robot = replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
         return shaped(robot, self.shape)
-
-
-def preset_names() -> tuple[str, ...]:
-    """The names of all presets, sorted."""
-    folder = files("posture_opt.robot") / "presets"
-    return tuple(sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")))
 
 
 def preset_text(name: str) -> str:

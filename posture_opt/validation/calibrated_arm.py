@@ -11,7 +11,8 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit_request import persistent_sources, places_in_robot
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.comparison.plan_comparison import Comparison, compare_plans
+from posture_opt.selection.comparison.compare import compare_plans
+from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import JointScatter

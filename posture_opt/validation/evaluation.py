@@ -7,7 +7,7 @@ from functools import cached_property
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.numerics import DerivedAgain, Json
-from posture_opt.selection.comparison.plan_comparison import Comparison
+from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.assessment import Assessment, assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models

@@ -12,7 +12,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements, nominal_poses
-from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none
+from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none, rms
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.maps.target_map import TargetMap
 from posture_opt.selection.problem_data import ProblemData
@@ -81,15 +81,14 @@ class MeasuredErrors:
 
     def to_json(self) -> dict[str, Json]:
         """Counts, shares, and lengths [m]."""
-        rms = {name: float(np.sqrt(np.mean(e**2))) for name, e in (("un", self.uncorrected), ("", self.corrected))}
         return {
             "rows": len(self.cell),
             "rows_near": int(self.near.sum()),
             "near_within": self.reach,
             "share_within_95_of_cell": finite_or_none(self.share_near),
             "share_within_95_of_own_posture": finite_or_none(self.share),
-            "rms_uncorrected": rms["un"],
-            "rms": rms[""],
+            "rms_uncorrected": rms(self.uncorrected),
+            "rms": rms(self.corrected),
             "notes": list(self.notes),
         }
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes, Json, rms
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
@@ -179,8 +179,8 @@ class Deviation:
         sizes = np.linalg.norm(vectors, axis=1)
         mean = vectors.mean(axis=0)
         bias = float(mean[0]) if len(mean) == 1 else float(np.linalg.norm(mean))
-        rms = float(np.sqrt(np.mean(sizes**2)))
-        return cls(name, bias, rms, float(sizes.mean()), float(np.quantile(sizes, 0.95)), float(sizes.max()))
+        size = rms(sizes)
+        return cls(name, bias, size, float(sizes.mean()), float(np.quantile(sizes, 0.95)), float(sizes.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
         parts += [part for part, known in zip(both, measured_parts(axes, direction), strict=True) if known]
     deviations = tuple(Deviation.of(name, vectors) for name, vectors in (*parts, ("all", errors[:, axes])))
     measured = errors[:, axes]
-    coordinate = float(np.sqrt(np.mean(measured**2)))
+    coordinate = rms(measured)
     beyond = float(np.mean(np.abs(measured - measured.mean(axis=0)) > 3 * measured.std(axis=0)))
     means = group_means(fitted[:, axes], data.pose)
     places = group_means(data.q if data.position is None else data.position, data.pose)

@@ -12,7 +12,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.model.effects import NoiseEffect
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.likeliest_variances import likeliest_variances
@@ -138,7 +138,7 @@ def _from_data(
     known = known + loud @ np.swapaxes(loud, -1, -2)
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
     stated = position_sigma(problem, calibration.residuals.data)
-    size = float(np.sqrt(np.mean(errors**2)))
+    size = rms(errors)
     if size <= _NEGLIGIBLE_SHARE * stated or not size > 0:
         return None  # better than their instrument: made up, or the instrument is another one
     if stated:

@@ -15,7 +15,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.measurements.repeated_readings import MIN_FREEDOM
 from posture_opt.measurements.repeats import Contrasts
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.validation.likeliest_variances import likeliest_variances
@@ -85,7 +85,7 @@ def _by_repeats(
     given = np.array([fixed.get(name, 0.0) for name in names])
     loud, sought = columns * given, np.array([name not in fixed for name in names])
     stated = position_sigma(problem, kept.data)
-    size = float(np.sqrt(np.mean(e**2)))
+    size = rms(e)
     if not size > 0 or not sought.any():
         return None
     noise = likeliest_variances(

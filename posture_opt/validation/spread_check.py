@@ -12,7 +12,7 @@ from posture_opt.calibration.estimation.error_statistics import folds_of, groups
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Json, Mask
+from posture_opt.numerics import Array, Codes, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.coverage import Coverage
@@ -151,7 +151,7 @@ def check_spread(
         repeats=between.test,
         repeats_by=between.by,
         repeat_sigma=between.sigma,
-        residual_rms=float(np.sqrt(np.mean(left**2))),
+        residual_rms=rms(left),
         noise=noise,
         from_repeats=bool(len(between.scatter.freedom)),
         shown=worth_showing(used, calibration.x, noise),

@@ -190,7 +190,7 @@ def test_unexpected_failure_is_one_line_unless_debugged(monkeypatch: pytest.Monk
     def broken(*args: object, **named: object) -> None:
         raise ZeroDivisionError("first\nsecond")
 
-    monkeypatch.setattr("posture_opt.cli.posture.requested_problem", broken)
+    monkeypatch.setattr("posture_opt.cli.request.requested_problem", broken)
     result = run("--task", "insert")
     assert result.exit_code == 1
     assert result.stderr == "error: ZeroDivisionError: first (a defect of this program; --debug shows where)\n"

@@ -1,19 +1,22 @@
-"""Shell completion: the scripts as the shells themselves run them, in a folder with files of every kind."""
+"""Shell completion: click's scripts as the shells themselves run them, in a folder with files of every kind."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
-import click
 import pytest
 from click.testing import CliRunner
 
+import posture_opt
 from posture_opt.cli.main import COMMANDS, main
+from posture_opt.cli.named import TASK, completed_files
+from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
+from posture_opt.export.export_files import export_kinds, program_kinds
 from posture_opt.problem.load import builtin_names
-from posture_opt.robot import preset_names
 from posture_opt.selection.tasks import TASKS
 
 FILES = ("my cell.yaml", "mine.yml", "data.csv", "arm.urdf", "notes.txt", "results/")
@@ -29,15 +32,18 @@ TRIES = [
     (["--robot", "arm"], {"arm.urdf"}),
     (["--problem", "insert_panda"], {name for name in builtin_names() if name.startswith("insert_panda")}),
     (["--problem", "mi"], {"mine.yml"}),
-    (["--problem", "my"], {"my cell.yaml"}),
+    (["--problem", "my"], {r"my\ cell.yaml"}),
     (["map", "--plane", ""], {"xy", "xz", "yz"}),
-    (["map", "--out", "re"], {"results"}),
+    (["map", "--out", "re"], {"results/"}),
     (["map", "--position", ""], set()),
     (["diagnose", "da"], {"data.csv"}),
     (["diagnose", "data.csv", "--problem", "insert_ur10_m"], {"insert_ur10_measured"}),
     (["compare", "mi"], {"mine.yml"}),
     (["new", "ur10"], {"ur10", "ur10e"}),
     (["--problem", "map", "--ro"], {"--robot"}),  # a value that is called like a command
+    (["export", "--to", "r"], {"rapid"}),
+    (["compensate", "data.csv", "--program", "k"], {"krl"}),
+    (["no-such-command", "cal"], {"calibrate"}),
     (["completion", ""], {"bash", "fish", "zsh"}),
 ]
 
@@ -53,16 +59,23 @@ def script(shell: str) -> str:
 def folder(tmp_path: Path) -> Path:
     for name in FILES:
         (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).touch()
+    program = tmp_path / ".bin" / "optimize-posture"
+    program.parent.mkdir()
+    root = Path(posture_opt.__file__).parents[1]
+    program.write_text(
+        f'#!/bin/sh\nPYTHONPATH="{root}" exec "{sys.executable}" -m posture_opt "$@"\n', encoding="utf-8"
+    )
+    program.chmod(0o755)
     return tmp_path
 
 
-def ran(shell: str, text: str, folder: Path, *words: str) -> str:
-    """What a shell prints that has read the script and nothing else: no program of ours is in reach."""
+def ran(shell: str, text: str, folder: Path, *words: str, **asked: str) -> str:
+    """What a shell prints that has read the script."""
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f"there is no {shell} here")
-    (folder / ".script").write_text(script(shell), encoding="utf-8")
-    environment = {"PATH": "/usr/bin:/bin", "HOME": str(folder), "LANG": "C.UTF-8"}
+    (folder / ".script").write_text(script(shell) if shell in ("bash", "zsh", "fish") else "", encoding="utf-8")
+    environment = {"PATH": f"{folder}/.bin:/usr/bin:/bin", "HOME": str(folder), "LANG": "C.UTF-8", **asked}
     done = subprocess.run(
         [program, "-c", text, shell, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=30
     )
@@ -70,18 +83,21 @@ def ran(shell: str, text: str, folder: Path, *words: str) -> str:
     return done.stdout
 
 
+def in_bash(folder: Path, *words: str) -> set[str]:
+    """What bash may put at the cursor behind these words."""
+    text = """source .script; COMP_WORDS=(optimize-posture "$@"); COMP_CWORD=$#
+              _optimize_posture_completion optimize-posture; printf '%s\\n' "${COMPREPLY[@]}" """
+    return {line for line in ran("bash", text, folder, *words).splitlines() if line}
+
+
 @pytest.mark.parametrize(("words", "expected"), TRIES, ids=[" ".join(words) for words, _ in TRIES])
 def test_bash_completes(words: list[str], expected: set[str], folder: Path) -> None:
-    text = """source .script; COMP_WORDS=(optimize-posture "$@"); COMP_CWORD=$#
-              _optimize_posture; printf '%s\\n' "${COMPREPLY[@]}" """
-    assert {line for line in ran("bash", text, folder, *words).splitlines() if line} == expected
+    assert in_bash(folder, *words) == expected
 
 
 def test_bash_takes_the_equals_sign_as_a_word_of_its_own(folder: Path) -> None:
-    text = """source .script; COMP_WORDS=(optimize-posture "$@"); COMP_CWORD=$#
-              _optimize_posture; printf '%s\\n' "${COMPREPLY[@]}" """
-    assert ran("bash", text, folder, "--problem", "=", "mi").split() == ["mine.yml"]
-    assert "drill" in ran("bash", text, folder, "--task", "=").split()
+    assert in_bash(folder, "--problem", "=", "mi") == {"mine.yml"}
+    assert in_bash(folder, "--task", "=") == TASK_KINDS
 
 
 @pytest.mark.parametrize(
@@ -102,23 +118,60 @@ def test_fish_completes(line: str, expected: set[str], folder: Path) -> None:
 
 def test_zsh_reads_its_script(folder: Path) -> None:
     text = "autoload -U compinit; compinit -u -D; source .script; print ${_comps[optimize-posture]}"
-    assert ran("zsh", text, folder).strip() == "_optimize-posture"
+    assert ran("zsh", text, folder).strip() == "_optimize_posture_completion"
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_every_command_option_and_name_is_there(shell: str) -> None:
-    text = script(shell)
-    group = main
-    assert isinstance(group, click.Group)
-    options = {
-        option.removeprefix("--")
-        for name in COMMANDS
-        for parameter in (group.get_command(click.Context(group), name) or group).params
-        if isinstance(parameter, click.Option) and not parameter.hidden
-        for option in parameter.opts
-        if option.startswith("--")
-    }
-    missing = {
-        word for word in {*COMMANDS, *options, *preset_names(), *builtin_names(), *TASK_KINDS} if word not in text
-    }
-    assert missing == set()
+def test_the_program_answers_the_scripts_of_zsh_and_fish(folder: Path) -> None:
+    """Also where these shells are not installed: type, word and help text, as click's scripts read them."""
+    words = {"COMP_WORDS": "optimize-posture ca", "COMP_CWORD": "1"}
+    zsh = ran("sh", "optimize-posture", folder, _OPTIMIZE_POSTURE_COMPLETE="zsh_complete", **words)
+    assert zsh.splitlines() == ["plain", "calibrate", COMMANDS["calibrate"]]
+    words = {"COMP_WORDS": "optimize-posture --problem my", "COMP_CWORD": "my"}
+    fish = ran("sh", "optimize-posture", folder, _OPTIMIZE_POSTURE_COMPLETE="fish_complete", **words)
+    assert fish.splitlines() == ["plain,my cell.yaml"]
+
+
+def test_a_folder_that_is_the_only_one_is_looked_into(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    (folder / "cells" / "old").mkdir(parents=True)
+    for name in ("a.yaml", "b.yaml", "b.txt"):
+        (folder / "cells" / name).touch()
+
+    def shown(begun: str, *endings: str, folders: bool = False) -> list[str]:
+        return [item.value for item in completed_files(begun, endings, folders=folders)]
+
+    assert shown("ce", ".yaml") == ["cells/a.yaml", "cells/b.yaml", "cells/old/"]
+    assert shown("cells/b") == ["cells/b.txt", "cells/b.yaml"]
+    assert shown("ce", folders=True) == ["cells/", "cells/old/"]
+    assert shown(f"{folder}/ce", ".yaml")[0] == f"{folder}/cells/a.yaml"
+    assert shown("nowhere/a") == []
+    assert not any(name.startswith(".") for name in shown(""))
+
+
+@pytest.mark.parametrize("command", ["", *sorted(COMMANDS)])
+def test_completing_a_word_loads_no_library(command: str, folder: Path) -> None:
+    """A library costs more than a tenth of a second, with every press of the tab key."""
+    code = """if True:
+        import sys
+        from posture_opt.cli.completion import complete
+        from posture_opt.cli.main import main
+        complete(main, "bash_complete")
+        print(*({"numpy", "casadi", "pydantic", "yaml", "scipy", "matplotlib"} & set(sys.modules)), file=sys.stderr)
+    """
+    words = f"optimize-posture {command} --"
+    environment = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "PATH": "/usr/bin:/bin"}
+    root = Path(posture_opt.__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stderr.strip() == ""
+    assert "plain,--help" in done.stdout.splitlines()
+
+
+def test_the_names_of_the_exports_are_those_of_their_classes() -> None:
+    assert tuple(ARM_FORMATS | PROGRAM_FORMATS) == tuple(export_kinds())
+    assert tuple(PROGRAM_FORMATS) == tuple(program_kinds())
+
+
+def test_the_names_of_the_tasks_are_those_of_their_classes() -> None:
+    assert set(TASK.names()) == TASK_KINDS

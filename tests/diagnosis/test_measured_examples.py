@@ -34,8 +34,8 @@ def test_the_plan_with_the_calibrated_arm_hits() -> None:
     found = po.calibrate(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
     again = compare_models(problem.robot, calibrated_models(problem, found))
     assert again is not None
-    (_, landed), (_, predicted_error) = again.answered.values()
-    before, after = (shop.reached(solution.q) - (0.9, 0.4) for solution, _ in again.answered.values())
+    landed, predicted_error = (column.judged[again.reference].worst for column in again.answered.values())
+    before, after = (shop.reached(column.stations[0].q) - (0.9, 0.4) for column in again.answered.values())
     sigma = predicted_error.sigma_max
     assert abs(after[0]) < 3.5 * sigma  # across the direction
     assert abs(before[0] - landed.miss[0]) < 3.5 * sigma

@@ -7,11 +7,11 @@ from functools import cache
 
 import click
 
-from posture_opt.cli.command_line import CommandLine, Option, Value, every_command_line
 from posture_opt.cli.main import main
 from tests.fuzz.bases import problem_file
 from tests.fuzz.case import Case, Entry, Folder, Link, Pipe
 from tests.fuzz.values import WORDS, number_text, size, word
+from tests.helpers.known_words import CommandLine, Option, Value, every_command_line
 
 _FILES: dict[str, Entry] = {
     "folder": Folder(),

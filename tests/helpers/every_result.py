@@ -36,7 +36,7 @@ def followed() -> Any:
     return po.load_problem("insert_planar_2r").with_task("trace", points=points)
 
 
-def arms_compared() -> po.ArmComparison:
+def arms_compared() -> po.Comparison:
     names = ("insert_planar_2r_measured", "insert_planar_2r_calibrated")
     return po.compare({name: po.load_problem(name) for name in names})
 
@@ -54,10 +54,10 @@ MADE: dict[str, Callable[[], Result]] = {name: cache(make) for name, make in {
     "AccuracyMap": lambda: po.map_accuracy(po.load_problem("insert_planar_2r_calibrated"), counts=(3, 3)),
     "MeasurementPlan": lambda: po.plan_measurements(po.load_problem(MEASURED), 10, candidates=100),
     "Comparison": compared,
+    "Comparison of arms": arms_compared,
     "Compensation": lambda: po.compensate(
         po.load_problem("insert_planar_2r_calibrated"), {"x [m]": [0.9, 1.1], "y [m]": [0.4, 0.5]}
     ),
-    "ArmComparison": arms_compared,
     "Calibration": lambda: calibrated()[2],
     "Assessment": lambda: po.assess(*calibrated()),
     "SpreadCheck": lambda: po.check_spread(*calibrated()),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -102,7 +102,7 @@ class Module:
     @cached_property
     def named_imports(self) -> list[tuple[int, str]]:
         """The line of every ``import_module`` and what it gets, as a pattern: ``x.*`` where only ``x`` is constant."""
-        constants = dict(_string_constants(self.tree))
+        constants = dict(_string_constants(self.tree)) | dict(_string_tables(self.tree))
         calls = [node for node in ast.walk(self.tree) if isinstance(node, ast.Call) and node.args and _imports(node)]
         return sorted((node.lineno, _pattern(node.args[0], constants)) for node in calls)
 
@@ -141,12 +141,27 @@ def _string_constants(tree: ast.Module) -> Iterator[tuple[str, str]]:
             )
 
 
-def _pattern(node: ast.expr, constants: dict[str, str]) -> str:
+def _string_tables(tree: ast.Module) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Names that the module gives to dictionaries of strings, with the strings."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict) and isinstance(node.targets[0], ast.Name):
+            values = [str(text.value) for text in node.value.values if _is_text(text)]  # type: ignore[attr-defined]
+            if len(values) == len(node.value.values):
+                yield node.targets[0].id, tuple(values)
+
+
+def _pattern(node: ast.expr, constants: Mapping[str, str | tuple[str, ...]]) -> str:
     """A regular expression for the strings that an expression can have."""
     if isinstance(node, ast.Constant):
         return re.escape(str(node.value))
-    if isinstance(node, ast.Name) and node.id in constants:
-        return re.escape(constants[node.id])
+    known = constants.get(node.id) if isinstance(node, ast.Name) else None
+    if isinstance(known, str):
+        return re.escape(known)
+    entries = constants.get(ast.unparse(node.value)) if isinstance(node, ast.Subscript) else None
+    if isinstance(entries, tuple):
+        return f"({'|'.join(map(re.escape, entries))})"
+    if isinstance(node, ast.IfExp):
+        return f"({_pattern(node.body, constants)}|{_pattern(node.orelse, constants)})"
     if isinstance(node, ast.JoinedStr):
         return "".join(_pattern(part, constants) for part in node.values)
     if isinstance(node, ast.FormattedValue):

@@ -18,10 +18,10 @@ import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.problem.fitting import quantity
 from posture_opt.problem.problem import Problem
-from posture_opt.report.figures.comparison import plot_landing
+from posture_opt.report.figures.comparison import plot_comparison
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.comparison.plan_comparison import Comparison
+from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models, nominal_arm
 from posture_opt.validation.prediction import stated_scatter
 from posture_opt.validation.residual_scatter import residual_scatter
@@ -377,8 +377,8 @@ def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, 
     found = commanded[1]
     again = compared(found.problem, found.calibration)
     assert again is not None
-    landed = again.answered["nominal"][1]
-    (axes,) = plot_landing(again).axes
+    landed = again.answered["nominal"].judged["calibrated"].worst
+    (axes,) = plot_comparison(again).axes
     labels = [str(line.get_label()) for line in axes.lines]
     assert [label for label in labels if not label.startswith("_")] == [
         "before calibration: 95 % ellipse",
@@ -400,8 +400,8 @@ def test_the_miss_is_that_of_the_arm_as_drawn(commanded: tuple[Path, Known, Resu
     problem = po.problem_from_dict(found.problem.to_dict() | {"task": task})
     again = compared(problem, found.calibration)
     assert again is not None
-    before, landed = again.answered["nominal"]
-    _, predicted_error = again.answered["calibrated"]
+    (before,) = again.answered["nominal"].stations
+    landed, predicted_error = (column.judged["calibrated"].worst for column in again.answered.values())
     drawn = SimulatedArm(found.case.table).points(before.q)[0]  # where the workpiece stands, or is put
     true = found.arm.points(before.q)[0] - drawn
     np.testing.assert_allclose(landed.miss[:2], true[:2], atol=4 * 2e-5)  # 80 poses tell the arm to about 20 µm

@@ -8,40 +8,41 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.report.results.comparison_report import (
+from posture_opt.report.parts.comparison_parts import (
     comparison_blocks,
     comparison_lead,
     comparison_table,
     distinct_columns,
 )
-from posture_opt.selection.comparison.plan_comparison import Comparison, PlannedPosture, PredictedError
-from posture_opt.selection.comparison.posture_distance import PostureDistance
+from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
+from posture_opt.selection.comparison.predicted_error import JudgedAnswer, PostureDistance, PredictedError
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
+ONE_JOINT: Any = SimpleNamespace(
+    name="one joint",
+    robot=SimpleNamespace(joints=(SimpleNamespace(name="joint1", type="revolute"),)),
+    arm=SimpleNamespace(effects=()),
+)
 
-def planned(degrees: float, sigma: float, error: float, p_success: float | None = None) -> PlannedPosture:
+
+def planned(degrees: float, sigma: float, error: float, p_success: float | None = None) -> ComparedAnswer:
     """The posture of an arm of one joint."""
-    robot = SimpleNamespace(joints=(SimpleNamespace(name="joint1", type="revolute"),))
-    solution: Any = SimpleNamespace(
-        q=np.radians([degrees]), optimisation_problem=SimpleNamespace(robot=robot),
-        critical=SimpleNamespace(sigma_max=sigma, within="across"),
-    )  # fmt: skip
+    solution: Any = SimpleNamespace(q=np.radians([degrees]), critical=SimpleNamespace(sigma_max=sigma, within="across"))
     miss = np.array([error / 2, 0.0, 0.0])
-    return PlannedPosture(solution, PredictedError(miss, miss[:1], sigma, error, p_success, np.eye(3) * sigma**2))
+    predicted = PredictedError(miss, miss[:1], sigma, error, p_success, np.eye(3) * sigma**2)
+    judges = ("calibrated", "extended")
+    return ComparedAnswer(ONE_JOINT, solution, dict.fromkeys(judges, JudgedAnswer((predicted,))))
 
 
-def compared(plans: dict[str, PlannedPosture]) -> Comparison:
-    joint = SimpleNamespace(name="joint1", type="revolute")
-    arm = SimpleNamespace(effects=())
-    problem: Any = SimpleNamespace(name="one joint", robot=SimpleNamespace(joints=(joint,)), arm=arm)
-    return Comparison(plans, problem)
+def compared(plans: dict[str, ComparedAnswer]) -> Comparison:
+    return Comparison(plans, reference=list(plans)[-1])
 
 
 BEFORE, CALIBRATED = planned(1.0, 1e-3, 2e-3, 0.25), planned(2.0, 1e-4, 2e-4, 0.99999)
 
 
 def test_every_model_has_a_column() -> None:
-    table = comparison_table(compared({"nominal": BEFORE, "calibrated": CALIBRATED}).answered)
+    table = comparison_table(compared({"nominal": BEFORE, "calibrated": CALIBRATED}).answered, "calibrated")
     assert table.headers == ("planned with the model", "before calibration", "calibrated")
     assert table.rows == (
         ("joint1", "1.00 deg", "2.00 deg"),
@@ -69,12 +70,12 @@ def test_the_lead_tells_both_errors_and_whether_the_gain_is_small() -> None:
     assert "0.200 mm with the posture planned with the calibrated model." in lead
 
 
-def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> PlannedPosture:
+def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> ComparedAnswer:
     """The calibrated arm's posture with what is known of its spread [m]."""
     parts = SpreadParts(scatter / 2, scatter, systematic / 2, systematic, ("joint1.a",))
     plan = planned(2.0, 1e-3, 1.9e-3)
-    assert plan.predicted_error is not None
-    return replace(plan, predicted_error=replace(plan.predicted_error, parts=parts, from_measured=distance))
+    predicted = replace(plan.judged["calibrated"].worst, parts=parts, from_measured=distance)
+    return replace(plan, judged={"calibrated": JudgedAnswer((predicted,))})
 
 
 def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
@@ -108,8 +109,8 @@ def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:
 
 
 def test_a_model_without_a_posture_says_why() -> None:
-    reason = PlannedPosture(reasons=("the target is out of reach",))
-    (block,) = comparison_blocks(compared({"nominal": PlannedPosture(), "calibrated": reason}))
+    reason = ComparedAnswer(ONE_JOINT, reasons=("the target is out of reach",))
+    (block,) = comparison_blocks(compared({"nominal": ComparedAnswer(ONE_JOINT), "calibrated": reason}))
     assert block.items == ("The calibrated model has no posture for this task.", "The target is out of reach.")
     assert not block.figure
     (half,) = comparison_blocks(compared({"nominal": reason, "calibrated": CALIBRATED}))

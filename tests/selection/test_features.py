@@ -14,7 +14,7 @@ import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_problem, problems_folder
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.comparison.plan_comparison import compare_plans
+from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
 from tests.helpers import factors
@@ -239,7 +239,8 @@ def test_the_worst_feature_stands_for_all_where_one_posture_is_asked_for() -> No
     assert posture.critical.sigma_max == pytest.approx(found.sigmas.max(), rel=1e-6)
     compared = compare_plans({"nominal": problem, "calibrated": replace(problem, name="calibrated")})
     assert compared is not None
-    solution, predicted_error = compared.answered["calibrated"]
+    chosen = compared.answered["calibrated"]
+    (solution,), predicted_error = chosen.stations, chosen.judged["calibrated"].worst
     assert solution.critical.sigma_max == pytest.approx(found.sigmas.max(), rel=1e-4)
     assert predicted_error.distance < 1e-6
 

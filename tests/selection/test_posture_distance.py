@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from posture_opt.robot import load_preset
-from posture_opt.selection.comparison.posture_distance import PostureDistance
+from posture_opt.selection.comparison.predicted_error import PostureDistance
 
 PLANAR = load_preset("planar_2r")
 MEASURED = np.radians([[0.0, 10.0], [40.0, 30.0], [20.0, -50.0]])

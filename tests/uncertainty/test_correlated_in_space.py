@@ -13,13 +13,13 @@ from posture_opt.model.arm import Arm
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.fixed_plan import FixedPlan
 from posture_opt.uncertainty.moments.integration import relative_difference
 from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
 from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.spread_function import FixedPlan
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated

@@ -6,7 +6,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, rms
 from posture_opt.selection.problem_data import ProblemData
 
 
@@ -68,7 +68,7 @@ def _measured_points(data: Measurements) -> Array:
 def _rms_sigma(sigma: Array) -> float:
     """Root mean square of σ's (N,), which keeps the last digit of a constant; 0 of none."""
     # One number for all rows is to come out as it was stated, to the last digit.
-    return float(sigma[0] if np.ptp(sigma) == 0 else np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0
+    return (float(sigma[0]) if np.ptp(sigma) == 0 else rms(sigma)) if len(sigma) else 0.0
 
 
 def _noise_effects(problem: ProblemData) -> list[NoiseEffect]:

@@ -21,7 +21,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
-from posture_opt.numerics import Array, Json
+from posture_opt.numerics import Array, Json, rms_length
 from posture_opt.selection.fitted_arm import NEGLIGIBLE
 from posture_opt.selection.problem_data import ProblemData
 
@@ -188,7 +188,7 @@ class _Trial:
     def rms(self) -> float:
         """RMS position error [m]."""
         e = self.e[:, : len(self.residuals.axes)] * self.residuals.sigma
-        return float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+        return rms_length(e)
 
 
 def _scale_of(e: Array, count: int) -> float:
@@ -256,7 +256,7 @@ class _Statements(Generic[_P]):
     def _far_off(self, e: Array, residuals: Residuals) -> bool:
         """Whether residuals (N, block) are so far off that a tangent says little of them."""
         axes = len(residuals.axes)
-        left = float(np.sqrt(np.mean(np.sum(e[:, :axes] ** 2, axis=1)))) * residuals.sigma
+        left = rms_length(e[:, :axes]) * residuals.sigma
         return left > _LINEAR_ERROR_SHARE * reach(self.problem.robot)
 
     def _fitted_trial(self, released: tuple[str, ...], weight: float) -> _Trial:

@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Json
+from posture_opt.numerics import Array, Codes, Json, rms
 
 By = Literal["pose", "block", "place"]
 
@@ -37,9 +37,9 @@ class Statistics:
             draws: of the bootstrap.
         """
         lengths = np.linalg.norm(errors, axis=1)
-        rms = float(np.sqrt(np.mean(lengths**2)))
         interval = _bootstrap_interval(lengths**2, groups, draws)
-        return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
+        largest, p95 = float(lengths.max()), float(np.quantile(lengths, 0.95))
+        return cls(rms(lengths), float(lengths.mean()), largest, p95, interval)
 
     def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""

@@ -19,6 +19,7 @@ from posture_opt.calibration.estimation.least_squares import robust_noise, unexp
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, tool_sigma
+from posture_opt.errors import enumerated
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
@@ -166,4 +167,4 @@ def _vague_names(known: Identifiability) -> str:
     """The parameters that have the largest parts in what is hardly determined."""
     parts = np.abs(known.hardly / known.scale[:, None]).max(axis=1)
     most = [int(i) for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
-    return " and ".join([", ".join(known.names[i] for i in most[:-1]), known.names[most[-1]]][len(most) == 1 :])
+    return enumerated(known.names[i] for i in most)

@@ -13,7 +13,7 @@ from posture_opt.calibration.estimation.parameters import Parameter, effect_para
 from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Twist
 from posture_opt.model.chain import Walk, factor_values, walk
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, stacked_rows
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -311,11 +311,6 @@ def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float,
     cosine = float(g @ turn @ g) / float(g @ g)
     x, y, z = g if cosine > np.cos(_LEVEL_TOLERANCE_RAD) else turn @ g
     return float(x), float(y), float(z)
-
-
-def stacked_rows(vector: Sequence[Any], n: int) -> Array:
-    """Components, each a number or (n,), as an array (n, components)."""
-    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
 def rotation_matrices(quaternions: Array) -> Array:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter, tool_unknown
-from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices, stacked_rows
+from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import carried_joint_values, group_means
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, rms, stacked_rows
 from posture_opt.robot.robot import Factor, Robot
 
 _REACH_PER_TOOL = 10.0  # a tool is some ten times shorter than its arm; one of twice that is twice its σ away
@@ -168,7 +168,7 @@ def _frames_start(
     """
     R_b, t_b = base
     if not free[0]:
-        off = _rms_error(flange.reached(flange.nominal) - (m - t_b) @ R_b)
+        off = rms(flange.reached(flange.nominal) - (m - t_b) @ R_b)
         return R_b, t_b, _tool_offsets(flange, (m - t_b) @ R_b, off, shift=False)
     starts = [flange.nominal]
     off = _placed_base(flange, flange.nominal, m, R_b)[1]
@@ -195,14 +195,9 @@ def _placed_base(flange: _Flange, offset: Array, m: Array, stated: Array) -> tup
     left, near = 0.0, None
     for _ in range(2):
         R, t = kabsch(reached, m, near)
-        left = _rms_error(reached @ R.T + t - m)
+        left = rms(reached @ R.T + t - m)
         near = len(m) * left**2 * stated
     return (R, t), left
-
-
-def _rms_error(errors: Array) -> float:
-    """Root mean square of all coordinates of errors [m]."""
-    return float(np.sqrt(np.mean(errors**2)))
 
 
 def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
@@ -243,7 +238,7 @@ def _socket_start(flange: _Flange, point: Codes, points: int, free: bool) -> tup
         flange.columns(A, 0)
         own = np.unique(point, return_inverse=True)[1]
         A, b = A - group_means(A, own)[own], flange.p - group_means(flange.p, own)[own]
-        off = _rms_error(b - A.reshape(len(point), 3, -1) @ offset.ravel())
+        off = rms(b - A.reshape(len(point), 3, -1) @ offset.ravel())
         offset = flange.solved(A, b, 0, off).reshape(-1, 3)
     reached = flange.reached(offset)
     middle = np.zeros((points, 3))

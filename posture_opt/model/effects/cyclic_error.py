@@ -9,9 +9,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from posture_opt.errors import enumerated
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
-from posture_opt.model.effects.base.cause import FittedSizes, Size, listed
+from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.numerics import Array
@@ -230,4 +231,4 @@ def _alias_period(q: Array) -> float:
 def _first_listed(texts: Sequence[str], most: int) -> str:
     """The first of many texts, and how many more there are."""
     more = len(texts) - most
-    return listed([*texts[:most], f"{more} more"] if more > 0 else texts)
+    return enumerated([*texts[:most], f"{more} more"] if more > 0 else texts)

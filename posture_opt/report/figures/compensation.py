@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.compensation.compensation import root_mean_square
+from posture_opt.numerics import rms
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import BLUE, LIGHT, ORANGE, legend_below, styled
@@ -28,7 +28,7 @@ def plot_compensation(found: Compensation) -> Figure:
     from matplotlib.ticker import MaxNLocator
 
     off, left = found.off, found.left
-    among = [root_mean_square(off), root_mean_square(left)]
+    among = [rms(off), rms(left)]
     unit, factor = length_unit(among)
     least = max(float(left.max()) * 1e-3, 1e-9)  # what was not off at all still shows, at the lower edge
     number = np.arange(1, len(found) + 1)

@@ -11,7 +11,7 @@ from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
 from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
@@ -90,7 +90,7 @@ def plot_errors(found: Diagnosis) -> Figure:
 def _course(lengths: Array) -> tuple[Array, Array]:
     """(k,) middles and (k,) RMS of neighbouring rows, in the order of the rows."""
     parts = np.array_split(np.arange(len(lengths)), max(min(_BINS, len(lengths) // _FEW), 1))
-    return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
+    return np.array([p.mean() + 1 for p in parts]), np.array([rms(lengths[p]) for p in parts])
 
 
 @styled

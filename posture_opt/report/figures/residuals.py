@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, stacked_rows
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import MODEL_COLOURS, styled
 from posture_opt.report.text.words import MODEL_NAMES
@@ -63,7 +63,7 @@ class Shown:
         origin = reached.screws[len(residuals.robot.base)].origin
         columns = tuple(residuals.tool_shifts(residuals.robot.driven, found.x))
         return cls(
-            residuals, found.x, errors, 1e3 * places, columns, 1e3 * _rows(origin, len(kept))[0],
+            residuals, found.x, errors, 1e3 * places, columns, 1e3 * stacked_rows(origin, len(kept))[0],
             tuple(int(axis) for axis in residuals.axes),
         )  # fmt: skip
 
@@ -86,10 +86,6 @@ class Shown:
             first, second = (axis for axis in range(3) if axis != flat)
             return ((first, second),)
         return (0, 1), (int(np.argmax(extent[:2])), 2)
-
-
-def _rows(vector: Any, n: int) -> Array:
-    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
 def exaggeration(size: float, extent: float) -> float:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.selection.comparison.comparison import Comparison
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
@@ -32,8 +32,8 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
     Without one: the measured posture, of ``measured`` (N, n) [rad or m], that is nearest to their median.
     """
     if comparison is not None and comparison.reference in comparison.answered:
-        solution = comparison.answered[comparison.reference][0]
-        return solution.q, solution.spread
+        (station,) = comparison.answered[comparison.reference].stations
+        return station.q, station.spread
     scale = np.maximum(np.ptp(measured, axis=0), 1e-9)
     q = measured[np.argmin(np.linalg.norm((measured - np.median(measured, axis=0)) / scale, axis=1))]
     known = np.any(np.diag(problem.sources.covariance) > 0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.model.effects.base.cause import FittedSizes
+from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.contradictions import gain_words
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
@@ -126,9 +127,9 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
 def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
     """How far an effect moves the tool point in these data, and how much of that no geometry could imitate."""
     alone, beyond = tool_shifts(found.model, place)
-    most, rms, own = float(alone.max()), *(float(np.sqrt(np.mean(v**2))) for v in (alone, beyond))
-    text = f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
-    if own < _IMITATED * rms:
+    most, size, own = float(alone.max()), rms(alone), rms(beyond)
+    text = f"up to {length(most)} in these data, {length(size, among=[most])} RMS"
+    if own < _IMITATED * size:
         text += f"; {length(own, among=[most])} RMS of it is beyond what geometry could imitate"
     return "At the tool", text
 

@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects.base.cause import FittedSizes
+from posture_opt.numerics import rms_length
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.words import MODEL_NAMES
 
@@ -100,5 +101,5 @@ def noise_floor(found: Diagnosis) -> NoiseFloor:
     e = found.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
     if len(contrasts) * e.shape[1] >= levels.MIN_REPEAT_FREEDOM:
         differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
-        return NoiseFloor(float(np.sqrt(np.mean(np.sum(differences**2, axis=1)))), True)
+        return NoiseFloor(rms_length(differences), True)
     return NoiseFloor(position_sigma(found.problem, residuals.data) * float(np.sqrt(e.shape[1])), False)

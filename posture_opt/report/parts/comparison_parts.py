@@ -1,26 +1,147 @@
-"""What a report says of a predicted spread's two parts, and of how far the task is from what was measured."""
+"""Comparison of plans in a report: the postures of several models of one arm, and the errors in them.
+
+The error has two parts, scatter and what is systematic; and the task may be outside of what was measured.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from posture_opt.report.text.units_text import joint_unit, length
+from posture_opt.errors import enumerated
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.units_text import joint_unit, joint_value, length, percent
+from posture_opt.report.text.words import MODEL_NAMES, PARTS
 from posture_opt.units import number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.comparison.plan_comparison import Comparison, PredictedError
+    from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
+    from posture_opt.selection.comparison.predicted_error import PredictedError
     from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
+TITLE = "Comparison of plans"
+FIRST = "nominal"
+_SMALL_GAIN = 0.7  # of the error before: a gain that hardly shows at the task
+_ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
-_TINY = 1e-6  # m: no arm is placed better
+_TINY_M = 1e-6  # m: no arm is placed better
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
+_CERTAIN = 0.9995
+_MODELS = {
+    "nominal": "the model before calibration",
+    "calibrated": "the calibrated model",
+    "extended": "the extended model",
+    "delivered": "the delivered model",
+}
 
 
-def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
-    """A sentence for the lead: where the data leave the arm more open at the task than it scatters, or if ``told``.
+def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
+    """What it means for the task, in a sentence; nothing where one of the postures is missing."""
+    columns = {} if comparison is None else comparison.answered
+    if comparison is None or FIRST not in columns or comparison.reference not in columns:
+        return ()
+    before, now = (columns[name].judged[comparison.reference].critical_error for name in (FIRST, comparison.reference))
+    lead = (
+        f"Task: 95 % error radius {_length(before, [before, now])} with the posture planned before calibration, "
+        f"{_length(now, [before, now])} with the posture planned with {_model(comparison.reference)}."
+    )
+    return (lead, *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before))
 
-    Within the measured range that is worth a line only where the whole error is still large, which ``told`` says.
+
+def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:
+    """The posture of each model, its predicted errors, or why there is none; nothing without a task.
+
+    Args:
+        comparison: of named models; ``names`` are their column headers.
+    """
+    if comparison is None:
+        return ()
+    reasons, judge = tuple(sentence(reason) for reason in comparison.reasons), _model(comparison.reference)
+    if comparison.reference not in comparison.answered:
+        return (Block(TITLE, (f"{_capital(judge)} has no posture for this task.", *reasons)),)
+    columns = distinct_columns(comparison)
+    items: tuple[str | Table, ...] = (
+        *_sentences(columns, comparison.reference),
+        *_parts_sentences(comparison),
+        *reasons,
+        comparison_table(columns, comparison.reference, names),
+    )
+    return (Block(TITLE, items, "predicted_error" if FIRST in columns else ""),)
+
+
+def distinct_columns(comparison: Comparison) -> dict[str, ComparedAnswer]:
+    """The answers by the name of the model; one that repeats the one before it in the table is left out."""
+    columns: dict[str, ComparedAnswer] = {}
+    reference = comparison.reference
+    for name, column in comparison.answered.items():
+        former = next(reversed(columns.values()), None)
+        sizes = [] if former is None else [former.judged[reference].critical_error]
+        if former is None or _cells(former, reference, sizes) != _cells(column, reference, sizes):
+            columns[name] = column
+    return columns
+
+
+def comparison_table(
+    columns: Mapping[str, ComparedAnswer], reference: str, names: Mapping[str, str] = MODEL_NAMES
+) -> Table:
+    """A column a model: joints, σ as itself and as the reference predicts it, errors, probability of success."""
+    sizes = [column.judged[reference].critical_error for column in columns.values()]
+    cells = [_cells(column, reference, sizes) for column in columns.values()]
+    labels = [joint.name for joint in next(iter(columns.values())).problem.robot.joints]
+    labels += ["largest σ, as planned", "largest σ, as judged", "mean error", "95 % error radius"]
+    labels += ["scatter alone", "systematic (constant) part", "success probability"]
+    rows = [row for row in zip(labels, *cells, strict=True) if any(row[1:])]
+    return Table(("planned with the model", *(names.get(name, name) for name in columns)), tuple(rows))
+
+
+def _cells(column: ComparedAnswer, reference: str, sizes: list[float]) -> tuple[str, ...]:
+    (station,), judged = column.stations, column.judged[reference]
+    joints = [joint_value(q, joint.type) for q, joint in zip(station.q, column.problem.robot.joints, strict=True)]
+    errors = (column.sigma_max, judged.sigma_max, judged.distance, judged.critical_error)
+    parts = judged.worst.parts
+    of_it = (math.nan, math.nan) if parts is None else (parts.scatter_radius, parts.systematic_radius)
+    return (*joints, *(_length(value, sizes) for value in (*errors, *of_it)), success_text(judged.success_probability))
+
+
+def success_text(p: float | None) -> str:
+    """A probability of success for a table; empty without one."""
+    return "" if p is None else percent(p) if p < _CERTAIN else "> 99.9 %"
+
+
+def _sentences(columns: dict[str, ComparedAnswer], reference: str) -> tuple[str, ...]:
+    judge = _model(reference)
+    if FIRST not in columns:
+        return (f"{_capital(_model(FIRST))} has no posture for this task.",)
+    old, new = columns[FIRST].judged[reference], next(reversed(columns.values())).judged[reference]
+    part, before = PARTS[columns[FIRST].stations[0].critical.within], old.critical_error
+    return (
+        f"Planned before calibration, the mean error {part} is {length(old.distance, among=[before])} and the 95 % "
+        f"error radius {length(before)}; planned with {judge}, the radius is {length(new.critical_error)}. Every "
+        f"posture is evaluated with {judge}.",
+    )
+
+
+def _model(name: str) -> str:
+    return _MODELS.get(name, f"the model {name}")
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _length(metres: float, among: list[float]) -> str:
+    if not math.isfinite(metres):
+        return ""
+    return length(metres, among=among) if metres > _ROUNDING_M else "0"
+
+
+def _open_lead(comparison: Comparison, small_gain: bool) -> tuple[str, ...]:
+    """A sentence for the lead: where the data leave the arm more open at the task than it scatters, or where
+    the gain is small.
+
+    Within the measured range that is worth a line only where the whole error is still large, by ``small_gain``.
     """
     predicted_error = _judged(comparison)
     parts = predicted_error.parts
@@ -29,9 +150,9 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
     scatter, systematic = _sizes(parts)
     if not parts.mostly_systematic:
         words = f"The remaining error is {scatter} of scatter and {systematic} of parameter uncertainty."
-        return (words,) if told and parts.systematic_sigma > 0 else ()
+        return (words,) if small_gain and parts.systematic_sigma > 0 else ()
     outside = _outside(predicted_error, comparison)
-    if not outside and not told:
+    if not outside and not small_gain:
         return ()
     sources, close = _sources(parts, comparison), _close(comparison)
     if not outside:
@@ -44,7 +165,7 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
     )
 
 
-def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
+def _parts_sentences(comparison: Comparison) -> tuple[str, ...]:
     """What is scatter and what is not at the posture of the reference, and how far it is from those measured."""
     predicted_error = _judged(comparison)
     parts, distance, words = predicted_error.parts, predicted_error.from_measured, []
@@ -72,13 +193,13 @@ def _close(comparison: Comparison) -> str:
 
 
 def _judged(comparison: Comparison) -> PredictedError:
-    return comparison.answered[comparison.reference][1]
+    return comparison.answered[comparison.reference].judged[comparison.reference].worst
 
 
 def _sizes(parts: SpreadParts) -> tuple[str, str]:
     sizes = [parts.scatter_radius, parts.systematic_radius]
     scatter, systematic = (
-        length(size, among=sizes) if size > _TINY else f"less than {length(_TINY, among=sizes)}" for size in sizes
+        length(size, among=sizes) if size > _TINY_M else f"less than {length(_TINY_M, among=sizes)}" for size in sizes
     )
     return scatter, systematic
 
@@ -99,8 +220,7 @@ def _moved(value: float, kind: str) -> str:
 
 def _sources(parts: SpreadParts, comparison: Comparison) -> str:
     """What the systematic part comes from: parameters by their names, effects by what they are."""
-    words = list(dict.fromkeys(_source(name, comparison) for name in parts.parameters))
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return enumerated(dict.fromkeys(_source(name, comparison) for name in parts.parameters))
 
 
 def _source(name: str, comparison: Comparison) -> str:

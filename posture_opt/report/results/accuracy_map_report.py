@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
 from posture_opt.report.interactive.target_view import target_view
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
@@ -137,17 +137,13 @@ def measured_block(measured: MeasuredErrors) -> Block:
         rows.append(("rows on the map", measured.uncorrected[near], measured.corrected[near]))
     unit, factor = length_unit([float(measured.uncorrected.max())])
     cells = [
-        (name, str(len(off)), *(number(factor * value) for value in (_rms(off), _rms(left), _p95(left))))
+        (name, str(len(off)), *(number(factor * value) for value in (rms(off), rms(left), _p95(left))))
         for name, off, left in rows
     ]
     headers = ("", "rows", f"RMS, uncorrected [{unit}]", f"RMS, corrected [{unit}]", f"95 % below [{unit}]")
     notes = note_facts(measured.notes)
     facts = [Facts(tuple(notes))] if notes else []
     return Block("Measured", (Table(headers, tuple(cells)), *shares_sentences(measured), *facts))
-
-
-def _rms(lengths: Array) -> float:
-    return float(np.sqrt(np.mean(lengths**2)))
 
 
 def _p95(lengths: Array) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.errors import enumerated
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
@@ -146,7 +147,7 @@ def inputs_block(found: Assessment) -> Block:
         texts.append("If the measured positions changed along with an input, they may be the actual cause.")
     calm = [_INPUTS[trend.name][0] for trend in found.trends if not trend.found]
     if calm:
-        texts.append(f"No significant trend over {_listed(calm)}.")
+        texts.append(f"No significant trend over {enumerated(calm, 'or')}.")
     off = sorted((sides for sides in found.sides if sides.found), key=lambda sides: -abs(sides.difference))
     if off:
         sizes = ", ".join(f"{sides.joint} by {length(abs(sides.difference))}" for sides in off)
@@ -155,10 +156,6 @@ def inputs_block(found: Assessment) -> Block:
         texts.append("The side from which a joint arrives has no significant influence.")
     first = "After calibration the errors should depend neither on time nor on other inputs."
     return Block("Errors over time and other inputs", (first, *texts), "residual_inputs")
-
-
-def _listed(words: list[str]) -> str:
-    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def _trend_text(trend: Trend) -> str:

@@ -23,9 +23,10 @@ from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
+from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_lead
 from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
 from posture_opt.report.results.assessment_report import assessment_blocks, assessment_drawings
-from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead
+from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings, spread_check_lead
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, length_unit

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.compensation.compensation import root_mean_square
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.compensation import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
@@ -41,7 +40,7 @@ def compensation_report(problem: ProblemData, found: Compensation) -> Report:
 
 def lead(found: Compensation) -> tuple[str, ...]:
     """The answer: from how far off to how far off."""
-    among = [root_mean_square(found.off), root_mean_square(found.left)]
+    among = [rms(found.off), rms(found.left)]
     before, after = (length(size, among=among) for size in among)
     first = f"Compensated, the tool is expected to miss {_targets(found)} by {after} (RMS) instead of {before}."
     if among[0] < _NOTHING:
@@ -71,13 +70,13 @@ def _warning(found: Compensation) -> tuple[str, ...]:
 
 def gain_block(problem: ProblemData, found: Compensation) -> Block:
     """Errors before and after, in position and orientation; what the arm is computed with."""
-    left = length_unit([root_mean_square(found.off), root_mean_square(found.left)])
+    left = length_unit([rms(found.off), rms(found.left)])
     unit, factor = left
-    sizes = [("position, RMS", root_mean_square), ("position, largest", lambda v: float(np.max(v)))]
+    sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
     rows = [(f"{label} [{unit}]", *_numbers([f(v) for v in (found.off, found.left)], factor)) for label, f in sizes]
     if found.oriented:
         turned = (found.before.turned, found.after.rms_turned)
-        rows.append(("orientation, RMS [deg]", *(number(math.degrees(root_mean_square(v)), 2) for v in turned)))
+        rows.append(("orientation, RMS [deg]", *(number(math.degrees(rms(v)), 2) for v in turned)))
     table = Table(("", "as given", "compensated"), tuple(rows))
     change = np.abs(found.q - found.near).max(axis=0)
     facts = (
@@ -138,7 +137,7 @@ def _changes(found: Compensation, change: np.ndarray) -> list[str]:
 
 def rows_block(found: Compensation) -> Block:
     """The rows with their compensated joint values."""
-    unit, factor = length_unit([root_mean_square(found.off), root_mean_square(found.left)])
+    unit, factor = length_unit([rms(found.off), rms(found.left)])
     heads = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
     rows = tuple(
         (
@@ -162,10 +161,10 @@ class CompensationPresenter(Presenter["Compensation"]):
 
     def summary(self) -> Summary:
         found = self.result
-        among = [root_mean_square(found.off), root_mean_square(found.left)]
+        among = [rms(found.off), rms(found.left)]
         turned: tuple[tuple[str, str], ...] = ()
         if found.oriented:
-            turned = (("Orientation left", f"{angle(root_mean_square(found.after.rms_turned))} (RMS)"),)
+            turned = (("Orientation left", f"{angle(rms(found.after.rms_turned))} (RMS)"),)
         facts = (
             ("As given", f"{length(among[0], among=among)} off (RMS)"),
             ("Compensated", f"{length(among[1], among=among)} expected (RMS)"),

@@ -46,14 +46,15 @@ from posture_opt.report.measured_parts.error_table import instrument_words, mm
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
+from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_lead
 from posture_opt.report.parts.parts import note_facts, robot_facts
-from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead
+from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.units_text import count
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
-    from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.selection.comparison.comparison import Comparison
 
 _MOST_NAMES = 3
 _NUMBERS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")

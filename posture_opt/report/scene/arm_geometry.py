@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.collision.facets import quads, rectangle
 from posture_opt.numerics import Array
-from posture_opt.report.scene.arm_solids import ArmSolids, JointAxis, Solid
+from posture_opt.report.scene.arm_solids import ArmSolids, JointAxis, Solid, is_level
 from posture_opt.report.text.words import REGIONS
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
 
 def floor_under(points: Array, obstacles: Sequence[Solid]) -> Solid | None:
     """A level floor under an arm with points (k, 3) [m] and all obstacles; None where an obstacle serves as one."""
-    if any(_level(obstacle) for obstacle in obstacles):
+    if any(is_level(obstacle) for obstacle in obstacles):
         return None
     seen = np.concatenate([points, *(obstacle.faces.reshape(-1, 3) for obstacle in obstacles)])
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -206,8 +206,3 @@ def _sunk(solid: Solid, scene: Scene | None) -> bool:
         return False
     middle = solid.faces.reshape(-1, 3).mean(axis=0)[None]
     return any(float(obstacle.distance(middle, middle)[0]) < 1e-9 for obstacle in scene.obstacles)
-
-
-def _level(obstacle: Solid) -> bool:
-    """Whether it is a floor: all of it at one height."""
-    return float(np.ptp(obstacle.faces[..., 2])) < 1e-9

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, turn_of
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, Look, legend_below
 from posture_opt.report.scene.arm_solids import Solid
@@ -120,17 +120,12 @@ def hull(points: Array) -> Array:
     def chain(rows: Array) -> list[Array]:
         kept: list[Array] = []
         for row in rows:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], row) <= 0:
+            while len(kept) > 1 and turn_of(kept[-2], kept[-1], row) <= 0:
                 kept.pop()
             kept.append(row)
         return kept[:-1]
 
     return np.array([*chain(ordered), *chain(ordered[::-1])])
-
-
-def _turn(a: Array, b: Array, c: Array) -> float:
-    """Twice the area of the triangle a, b, c (2,), positive where it turns to the left."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _region(axes: Axes, geometry: ArmGeometry, B: Array) -> list[Array]:

@@ -211,3 +211,8 @@ def _drum(joint: JointAxis) -> Array:
     wide, long = _DRUM if joint.type == "revolute" else _SLIDE
     reach = long * joint.radius * joint.axis
     return cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
+
+
+def is_level(solid: Solid) -> bool:
+    """Whether it is a floor: all of it at one height."""
+    return float(np.ptp(solid.faces[..., 2])) < 1e-9

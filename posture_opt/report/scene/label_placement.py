@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Mask, turn_of
 
 _DISTANCES = (18.0, 30.0, 45.0, 65.0, 90.0, 120.0, 160.0, 210.0, 270.0)  # from the anchor [pt]
 _ANGLES = np.radians(np.arange(0, 360, 15))
@@ -136,10 +136,7 @@ def _length_over(line: tuple[Array, Array], taken: Mask, size: Array) -> float:
 
 
 def _cross(a: tuple[Array, Array], b: tuple[Array, Array]) -> bool:
-    def side(p: Array, q: Array, r: Array) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
-
-    return bool(side(*a, b[0]) * side(*a, b[1]) < 0 and side(*b, a[0]) * side(*b, a[1]) < 0)
+    return bool(turn_of(*a, b[0]) * turn_of(*a, b[1]) < 0 and turn_of(*b, a[0]) * turn_of(*b, a[1]) < 0)
 
 
 def _meets(line: tuple[Array, Array], box: tuple[float, ...]) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.report.page.style import BLUE, ORANGE, WIDTH
-from posture_opt.report.scene.arm_solids import Solid
+from posture_opt.report.scene.arm_solids import Solid, is_level
 from posture_opt.report.scene.camera import Camera
 from posture_opt.report.scene.depth_image import DepthImage
 from posture_opt.report.scene.shading import brightness
@@ -138,12 +138,12 @@ class SceneImage:
     @cached_property
     def _around(self) -> tuple[Solid, ...]:
         """The obstacles without those that are a floor."""
-        return tuple(o for o in self.geometry.obstacles if not _is_level(o))
+        return tuple(o for o in self.geometry.obstacles if not is_level(o))
 
     @cached_property
     def _ground(self) -> Solid | None:
         """The floor, or the obstacle that is one."""
-        level = [o for o in self.geometry.obstacles if _is_level(o)]
+        level = [o for o in self.geometry.obstacles if is_level(o)]
         return level[0] if level else self.geometry.floor
 
     @cached_property
@@ -245,10 +245,6 @@ def _outline(bodies: Codes, light: Array, depth: Array, jump: float) -> Mask:
         edge[first] |= differ & (bodies[first] >= 0)
         edge[second] |= differ & (bodies[second] >= 0)
     return edge
-
-
-def _is_level(obstacle: Solid) -> bool:
-    return float(np.ptp(obstacle.faces[..., 2])) < 1e-9
 
 
 def _rgb(colour: str) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from posture_opt.errors import enumerated
 from posture_opt.report.text.blocks import Block, Item, Report, Table
 from posture_opt.report.text.text import render
 
@@ -81,18 +82,14 @@ def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
     titles = [_lowered(title) for title in left]
     more = [f"{len(titles) - _NAMED} more sections"] if len(titles) > _NAMED + 1 else []
     named = [*titles[:_NAMED], *more] if more else titles
-    what = f"all details, with {_listed(named)}" if named else "all details"
+    what = f"all details, with {enumerated(named)}" if named else "all details"
     full = "" if whole else f"--full prints {what}. "
-    return f"{full}--out DIR writes {_listed(['report.html with figures', *saved])}."
+    return f"{full}--out DIR writes {enumerated(['report.html with figures', *saved])}."
 
 
 def _lowered(title: str) -> str:
     """A title inside a sentence; abbreviations keep their capitals."""
     return title if title[1:2].isupper() else title[:1].lower() + title[1:]
-
-
-def _listed(words: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def _lines(report: Report, width: int) -> int:

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from posture_opt.numerics import Progress
 from posture_opt.selection.maps.map_candidate import MapCandidate
 from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better
-from posture_opt.selection.maps.map_exploration import Effort, Exploration, explore
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import NeighbourSolves
 from posture_opt.selection.maps.map_rounds import worked_on
-from posture_opt.selection.maps.map_starts import freedom
+from posture_opt.selection.maps.map_starts import best_among, better_of, freedom, out_of_plane
 from posture_opt.selection.maps.map_trials import BETTER
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
@@ -39,6 +40,8 @@ THIRD_EFFORT: Effort = (96, 288, 288)  # of those that stand out
 SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
 OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
 MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
+Effort = tuple[int, int, int]
+"""Random starts of a target where 0, 1, or more ways are left free."""
 
 
 def best_candidates(
@@ -131,3 +134,39 @@ def _to_search_more(
     for here, there in neighbourhood.on_grid:
         chosen[here[reached[here] != reached[there]]] = True
     return [int(k) for k in np.flatnonzero(chosen)]
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """What is to be explored.
+
+    Args:
+        targets: with one engine.
+        indices: seed them, each target by its own.
+        known: what was found for them before.
+    """
+
+    targets: Sequence[TaskTarget]
+    indices: Sequence[int]
+    known: Sequence[MapCandidate]
+    effort: Effort
+    seed: int
+
+
+def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
+    """The packed candidate of every target, by random starts, or the known one where that is better.
+
+    The starts of a target depend on the seed, their number and its index alone, not on the chunk that it is in.
+    """
+    targets, candidates = item.targets, list(item.known)
+    open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
+    if open_:
+        starts = item.effort[min(max(freedom(engine, targets[0]), 0), 2)]
+        rngs = [np.random.default_rng([item.seed, starts, item.indices[k]]) for k in open_]
+        Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
+        requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
+        for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
+            if len(reached):
+                found = best_among(engine, targets[k], reached)
+                candidates[k] = better_of(engine, targets[k], candidates[k], found)
+    return [candidate.packed() for candidate in candidates]

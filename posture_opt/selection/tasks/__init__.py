@@ -1,4 +1,7 @@
-"""The tasks: one file each, listed here; a file is read when its task is asked for, by its kind or its class."""
+"""The tasks: one file each, listed here; a file is read when its task is asked for, by its kind or its class.
+
+The names of the tasks alone, as the completion of a word in a shell needs them, load no library.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,9 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.selection.tasks.task import Criterion, Region, Task
-from posture_opt.spec import class_name
-
 if TYPE_CHECKING:
+    from posture_opt.selection.tasks.task import Criterion, Region, Task
+
     TASKS: tuple[type[Task], ...]
 
 KINDS = ("insert", "drill", "probe", "measure", "trace", "weld", "dispense", "place", "hold", "custom")
@@ -23,14 +25,17 @@ def task_class(kind: str) -> type[Task] | None:
     """
     if kind not in KINDS:
         return None
-    found: type[Task] = getattr(import_module(f"posture_opt.selection.tasks.{kind}"), class_name(kind))
+    found: type[Task] = getattr(import_module(f"posture_opt.selection.tasks.{kind}"), kind.capitalize())
     return found
 
 
 def __getattr__(name: str) -> Any:
-    if name != "TASKS":
+    if name == "TASKS":
+        globals()[name] = tuple(map(task_class, KINDS))
+    elif name in ("Criterion", "Region", "Task"):
+        globals()[name] = getattr(import_module("posture_opt.selection.tasks.task"), name)
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = tuple(map(task_class, KINDS))
     return globals()[name]
 
 

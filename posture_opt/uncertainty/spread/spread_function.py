@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -14,9 +15,17 @@ from posture_opt.model.c_source import c_source
 from posture_opt.model.chain import Scalar
 from posture_opt.model.lane_function import LaneFunction
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.moments.fixed_plan import FixedPlan
+from posture_opt.uncertainty.moments.integration import MAX_LEVELS, relative_difference
+from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.tool_point import Moments, ToolPoint
 from posture_opt.uncertainty.spread.spread import HasSources, require_sources
+
+_VARIANCE_TOLERANCE = 1e-6
+"""Relative error of the variance in any direction at which no further plan is tried."""
+_MAX_WALKS = 128
+"""Walks along a segment: generated code of half a megabyte."""
+_PROBE_POSTURES = 6
+"""Random postures at which the error of a plan is measured."""
 
 
 class SpreadFunction:
@@ -172,3 +181,52 @@ def spread_expressions(problem: HasSources) -> tuple[ca.Function, dict[str, str]
         "first_order": "the same to first order, J Sigma J' [m^2]",
     }
     return function, described
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPlan:
+    """Nodes for shared factors that do not depend on the posture.
+
+    Args:
+        plan: None where there is a closed form.
+        relative_error: the largest of the variance along any direction that was found at random postures; 0 in closed
+            form.
+    """
+
+    plan: NodePlan | None
+    relative_error: float
+
+    @classmethod
+    def of(cls, tool_point: ToolPoint) -> FixedPlan:
+        """The first of some plans, the cheapest first, whose error is below 1e-6, else the best of them.
+
+        It costs an integration to convergence at each of `_PROBE_POSTURES` postures.
+        """
+        if not tool_point.integrated:
+            return cls(None, 0.0)
+        robot = tool_point.robot
+        Q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (_PROBE_POSTURES, robot.n))
+        truth = [tool_point.moments([float(v) for v in q]).covariance for q in Q]
+        columns = [np.ascontiguousarray(column) for column in Q.T]
+        best = cls(None, np.inf)
+        for plan in _candidate_plans(tool_point):
+            found = np.broadcast_to(tool_point.moments(columns, plan).covariance, (_PROBE_POSTURES, 3, 3))
+            error = max(relative_difference(C, exact) for C, exact in zip(found, truth, strict=True))
+            best = min(best, cls(plan, error), key=lambda either: either.relative_error)
+            if error <= _VARIANCE_TOLERANCE:
+                break
+        return best
+
+
+def _candidate_plans(tool_point: ToolPoint) -> Iterator[NodePlan]:
+    """Plans of rising cost, at most `_MAX_WALKS` walks each."""
+    chain = tool_point.shared, tool_point.indices, tool_point.robot.factors
+    few = NodePlan.few(*chain)
+    yield few
+    if few.straight.shape[1] and (whole := NodePlan.few(*chain, most=tool_point.shared.count)).count <= _MAX_WALKS:
+        yield whole
+    for level in range(MAX_LEVELS):
+        plan = NodePlan.at_level(tool_point.shared, tool_point.spans, level)
+        if plan is None or plan.count > _MAX_WALKS:
+            return
+        yield plan

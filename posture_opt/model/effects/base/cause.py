@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -171,16 +171,6 @@ def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, 
     gradient = (sin / size, cos / size)
     variance = sum(gradient[i] * float(covariance[i, j]) * gradient[j] for i in (0, 1) for j in (0, 1))
     return size, math.sqrt(max(variance, 0.0))
-
-
-def listed(texts: Sequence[str]) -> str:
-    """Some words in one: "a, b and c".
-
-    Example:
-        >>> listed(["a", "b", "c"])
-        'a, b and c'
-    """
-    return " and ".join(filter(None, (", ".join(texts[:-1]), *texts[-1:])))
 
 
 def compliance_size(name: str, value: float, std: float) -> Size:

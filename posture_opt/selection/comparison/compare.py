@@ -1,0 +1,165 @@
+"""``compare`` and ``compare_plans``: one task for several arms, or for several models of one arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.interrupts import interruptible
+from posture_opt.model.stretched import stretched
+from posture_opt.numerics import Array, Progress
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
+from posture_opt.selection.comparison.predicted_error import judged_answer
+from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.select_posture import at_one_feature, planned_posture, select_posture
+from posture_opt.uncertainty.sources.sources import Sources
+
+Reasons = tuple[str, ...]
+"""Why there is no answer, in sentences."""
+
+
+@interruptible()
+def compare(
+    problems: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1,
+    progress: Progress | None = None,
+) -> Comparison:  # fmt: skip
+    """The task of the first problem solved with every arm, and each answer judged by all arms with the same joints.
+
+    An arm judges a posture by where it would itself land there: mean error from the target and spread about it.
+
+    Args:
+        problems: at least two, by name.
+        progress: called with (done, all) arms.
+
+    Raises:
+        InputError: fewer than two problems, no task, or a task that an arm cannot be given.
+        NoSolutionError: no arm can do the task; the message gives the reasons of each.
+    """
+    if len(problems) < 2:
+        raise InputError(Issue("a comparison needs two problems", hint="name two problem files"))
+    asked, notes = _same_task(problems)
+    found: dict[str, Solution | Reasons] = {}
+    for done, (name, problem) in enumerate(asked.items()):
+        if progress is not None:
+            progress(done, len(asked))
+        try:
+            found[name] = select_posture(problem, seed=seed, workers=workers)
+        except (NoSolutionError, SolverError) as error:
+            found[name] = tuple(str(error).splitlines())
+    if all(isinstance(answer, tuple) for answer in found.values()):
+        reasons = [f"{name}: {reason}" for name, why in found.items() if isinstance(why, tuple) for reason in why]
+        raise NoSolutionError("\n".join(reasons))
+    return Comparison(_compared(asked, found), notes=notes)
+
+
+@interruptible()
+def compare_plans(
+    models: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1, hint: str = "",
+    measured: Array | None = None,
+) -> Comparison | None:  # fmt: skip
+    """The task planned with each model of an arm, every posture judged by each of them; None without a task.
+
+    Of a task with features, the one that scatters most by the reference is planned, where the reference places it. A
+    model that states no scatter takes that of the reference. Where the reference has no posture for the task, the
+    others are not asked: the search for reasons is long, and theirs would be the same.
+
+    Args:
+        models: by name, the reference last: the model that describes the arm best.
+        hint: stated beside the reasons where a model has no posture.
+        measured: (N, n) postures that the reference was fitted to [rad or m].
+    """
+    *others, reference = models
+    if any(model.task is None for model in models.values()):
+        return None
+    unanswered: dict[str, Solution | Reasons] = dict.fromkeys(others, ())
+    try:
+        models = at_one_feature(models, models[reference], seed=seed, workers=workers)
+    except (NoSolutionError, InputError, SolverError) as error:
+        reasons = tuple(str(error).splitlines())
+        return Comparison(_compared(models, {**unanswered, reference: reasons}), reference)
+    chosen = _planned(models[reference], seed, workers, hint)
+    if isinstance(chosen, tuple):
+        return Comparison(_compared(models, {**unanswered, reference: chosen}), reference)
+    asked = {name: _scattering(model, models[reference].sources) for name, model in models.items()}
+    found = {name: _planned(asked[name], seed, workers, hint) for name in others} | {reference: chosen}
+    return Comparison(_compared(asked, found, chosen.basis, measured), reference)
+
+
+def _compared(
+    problems: Mapping[str, ProblemData], found: Mapping[str, Solution | Reasons], basis: Array | None = None,
+    measured: Array | None = None,
+) -> dict[str, ComparedAnswer]:  # fmt: skip
+    """The columns of a comparison: each answer, judged by all problems whose arms have the same joints."""
+    columns = {}
+    for name, answer in found.items():
+        problem = problems[name]
+        if isinstance(answer, tuple):
+            columns[name] = ComparedAnswer(problem, reasons=answer)
+            continue
+        judged = {
+            judge: judged_answer(other, answer.stations, basis, measured)
+            for judge, other in problems.items()
+            if _same_joints(problem.robot, other.robot)
+        }
+        columns[name] = ComparedAnswer(problem, answer, judged)
+    return columns
+
+
+def _same_joints(one: Robot, other: Robot) -> bool:
+    return [joint.type for joint in one.joints] == [joint.type for joint in other.joints]
+
+
+def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[str, ...]]:
+    """The problems with the task of the first, and which of them had another."""
+    name, first = next(iter(problems.items()))
+    if first.task is None:
+        hint = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
+        raise InputError(Issue("there is no task to compare the arms by", ("task",), hint=hint))
+    asked: dict[str, ProblemData] = {}
+    notes = []
+    for other, problem in problems.items():
+        same = problem.task == first.task
+        asked[other] = problem if same else problem.with_task_of(first)
+        if not same:
+            own = f"; the task stated in {other} is not used" if problem.task is not None else ""
+            notes.append(f"The task of {name} is also given to {other}{own}.")
+    return asked, tuple(notes)
+
+
+def _scattering(model: ProblemData, sources: Sources) -> ProblemData:
+    """The model, under other sources of error where it states none itself."""
+    return replace(model, sources=sources) if model.sources.empty else model
+
+
+def _planned(problem: ProblemData, seed: int | None, workers: int, hint: str) -> Solution | Reasons:
+    """The one posture that a model plans, or the reasons why it has none."""
+    hints = (hint,) if hint else ()
+    if far := _far_away(problem):
+        return (far, *hints)
+    try:
+        if problem.task is not None and problem.task.on_path:
+            advice = "plan one point of it: task: {kind: trace, position: [...]}"
+            raise InputError(Issue("models are not compared along a path", ("task", "path"), hint=advice))
+        return planned_posture(problem, seed=seed, workers=workers)
+    except (NoSolutionError, InputError, SolverError) as error:
+        return (*str(error).splitlines(), *hints)
+
+
+def _far_away(problem: ProblemData) -> str:
+    """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
+    robot, task = problem.robot, problem.task
+    assert task is not None
+    if task.position is None:
+        return ""
+    first, longest = stretched(robot)
+    distance = float(np.linalg.norm(np.array(task.position) - first))
+    if distance <= longest:
+        return ""
+    return (
+        f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {longest:.2f} m"
+    )
