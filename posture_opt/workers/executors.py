@@ -9,14 +9,14 @@ from itertools import islice
 from typing import Any
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import AHEAD, Part, Workers, worked
+from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, Workers, worked
 
 
 class ExecutorWorkers(Workers):
     """Works on parts wherever an executor sends them; it is not shut down.
 
     Args:
-        executor: at most `AHEAD` parts are submitted at once; those that are left when the work ends are cancelled.
+        executor: it gets at most `MAX_SUBMITTED_PARTS` parts at once; those left when the work ends are cancelled.
     """
 
     def __init__(self, executor: FuturesExecutor) -> None:
@@ -31,7 +31,7 @@ class ExecutorWorkers(Workers):
         numbers, running = iter(range(len(items))), dict[Future[Any], int]()
         try:
             while True:
-                for k in islice(numbers, AHEAD - len(running)):
+                for k in islice(numbers, MAX_SUBMITTED_PARTS - len(running)):
                     running[self._executor.submit(worked, part, shared, items[k])] = k
                 if not running:
                     return
