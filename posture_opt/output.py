@@ -52,8 +52,7 @@ def write_folder(
     """Writes files, by name, into a folder: all of them in one step, or none.
 
     The whole folder is prepared next to ``out`` and takes its place at once, other files of the folder included: a
-    reader
-    finds what was there before or what is there now, also after a power cut. Where a folder cannot be exchanged
+    reader finds what was there before or what is there now, also after a power cut. Where a folder cannot be exchanged
     (it has folders inside, is the working folder, a mount point or another user's; another system than Linux), the
     files of ``replaces`` go first and the new ones come then, so that at no time two reports are there together.
 

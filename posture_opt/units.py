@@ -332,14 +332,14 @@ def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
     """
     if not math.isfinite(value):
         return UNKNOWN
-    decimals = _decimals(value, digits)
-    if value == 0 or decimals <= (most := _decimals(beside, digits) + _EXTRA_DECIMALS) or beside == 0:
+    decimals = _significant_decimals(value, digits)
+    if value == 0 or decimals <= (most := _significant_decimals(beside, digits) + _EXTRA_DECIMALS) or beside == 0:
         return f"{value:.{decimals}f}"
     text = f"{value:.{most}f}"
     return text if float(text) else "0"
 
 
-def _decimals(value: float, digits: int) -> int:
+def _significant_decimals(value: float, digits: int) -> int:
     """How many decimals a number of so many significant digits has; none of zero."""
     if value == 0 or not math.isfinite(value):
         return 0

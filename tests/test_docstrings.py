@@ -1,4 +1,4 @@
-"""Examples in docstrings: each shows what it states, and each public name has one."""
+"""Examples in docstrings: each prints what it shows, and public names of the model, data and spread have one."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from tests.helpers.source import modules_of
 
 PACKAGE = Path(posture_opt.__file__).parent
 WITH_EXAMPLES = sorted(name for name, module in modules_of(PACKAGE).items() if "    >>> " in module.text)
+SHOWN = ("posture_opt.measurements", "posture_opt.model", "posture_opt.uncertainty")
+"""Rooms whose public names all have an example."""
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
@@ -21,3 +23,10 @@ def test_examples_of_docstrings_print_what_they_show(name: str) -> None:
     found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
     assert found.attempted
     assert not found.failed
+
+
+def test_public_names_have_an_example() -> None:
+    public = [getattr(posture_opt, name) for name in posture_opt.__all__]
+    shown = [member for member in public if getattr(member, "__module__", "").startswith(SHOWN)]
+    assert len(shown) >= 8
+    assert [member.__name__ for member in shown if ">>> " not in member.__doc__] == []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 
 _FACES_AROUND = 20
 """Faces around a body of revolution."""
@@ -41,7 +41,7 @@ def revolved(profile: Array, T: Array) -> Array:
         profile: (m, 2) radius and height [m].
         T: (4, 4) the frame, in whose parent the faces are given.
     """
-    turn = np.linspace(0.0, 2 * np.pi, _FACES_AROUND + 1)
+    turn = np.linspace(0.0, TURN, _FACES_AROUND + 1)
     radius, height = profile.T
     x, y = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
     grid = np.stack([x, y, np.broadcast_to(height[:, None], x.shape)], axis=2)

@@ -63,8 +63,7 @@ def exposed(placed: PlacedCapsules, obstacle: Obstacle, clearance: float) -> tup
     """Capsules that are checked against an obstacle, and those moving ones that are not.
 
     Bodies at rest are not checked. Nor is a body that is nearer than the clearance in nearly all postures and belongs
-    to
-    the first link, or keeps its distance within 50 mm: the shoulder above the table that the arm is mounted on.
+    to the first link, or keeps its distance within 50 mm: the shoulder above the table that the arm is mounted on.
 
     Args:
         placed: the capsules of the arm.

@@ -49,12 +49,12 @@ class PlacedCapsules:
 
     def segments(self, Q: Array) -> tuple[Array, Array]:
         """Starts and ends (N, c, 3), (N, c, 3) of the segments at the postures Q (N, n), world [m]."""
-        starts, ends = self._function(Q)
+        starts, ends = self._segment_function(Q)
         shape = len(starts), len(self.capsules), 3
         return starts.reshape(shape), ends.reshape(shape)
 
     @cached_property
-    def _function(self) -> BatchFunction:
+    def _segment_function(self) -> BatchFunction:
         """Joint values (n,) -> starts and ends (3 c,), (3 c,) [m], world; interpreted, as it is called with many
         rows at once.
         """
@@ -69,17 +69,16 @@ class PlacedCapsules:
         Args:
             q: (n,) symbols [rad or m].
             seen_from: index of a frame: then in that frame, those of it and behind it; capsules before it are points at
-                its
-                origin, which mean nothing. Joints in front of that frame do not appear in the expressions.
+                its origin, which mean nothing. Joints in front of that frame do not appear in the expressions.
         """
-        reached = self._frames(q, seen_from)
+        reached = self._reached_frames(q, seen_from)
         placed = []
         for capsule, frame in zip(self.capsules, self.frames, strict=True):
             start, end = (_located_point(reached[frame], point) for point in (capsule.start, capsule.end))
             placed.append((start, end - start))
         return tuple(placed)
 
-    def _frames(self, q: ca.SX, seen_from: int | None) -> list[Walk]:
+    def _reached_frames(self, q: ca.SX, seen_from: int | None) -> list[Walk]:
         """(n + 2) the frames of base, links and tool, each walked to from the one before."""
         groups: Sequence[tuple[Factor, ...]] = (self.robot.base, *self.robot.links, self.robot.tool)
         values, reached = ca.vertsplit(q), [walk((), ())]

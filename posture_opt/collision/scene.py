@@ -26,7 +26,7 @@ from posture_opt.numerics import Array, Json
 from posture_opt.robot.link_capsules import stand_in, tool_line
 from posture_opt.robot.robot import Robot
 
-ITSELF = "clearance of the arm to itself"
+SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
 SEPARATION_M = 0.1
 """Distance beyond the margin [m]: pairs that keep so far apart need no row."""
@@ -175,11 +175,10 @@ class Scene:
         """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
         (n,).
 
-        Each is to be at least ``margin``. Where it is below that it is at most `smooth_bounds.SLACK` below the true
-        distance, and half of `smooth_bounds.ROUNDING` for each doubling of pairs that are equally near. Pairs that
-        thousands of random postures leave farther apart than the margin and `SEPARATION_M` have no part in it, and it
-        never
-        exceeds that.
+        Each is to be at least ``margin``. Where it is below that it is at most `smooth_bounds.BOUND_SLACK_M` below the
+        true distance, and half of `smooth_bounds.SOFT_MINIMUM_WIDTH_M` for each doubling of pairs that are equally
+        near. Pairs that thousands of random postures leave farther apart than the margin and `SEPARATION_M` have no
+        part in it, and it never exceeds that.
         """
         placed, near = self.placed.symbols(q), self._near_pairs
         found = []
@@ -190,7 +189,7 @@ class Scene:
                 found.append(self._clearance_row(f"clearance to {obstacle.name}", bounds))
         own = [pair for pair in self.own if near[pair]]
         if own:
-            found.append(self._clearance_row(ITSELF, self._own_bounds(q, own)))
+            found.append(self._clearance_row(SELF_CLEARANCE_ROW, self._own_bounds(q, own)))
         return found
 
     def _obstacle_bounds(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:

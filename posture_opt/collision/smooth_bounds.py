@@ -3,7 +3,7 @@
 The least squared distance of a segment ``a + s u`` to a convex solid is that of a convex function of the share s, but
 its gradient jumps where the segment is parallel to a face or to another segment. So ``ε s (s − 1) ≤ 0`` is added before
 the least is taken: the sum has one minimiser, its least value is differentiable (Danskin 1967), never above the true
-one, and below it by ``ε/4`` at most for each share. `SLACK` says what that may cost of the distance.
+one, and below it by ``ε/4`` at most for each share. `BOUND_SLACK_M` says what that may cost of the distance.
 
 Minimisers are found without a derivative. With the derivative ``g`` and the second derivative ``h`` of the function
 along the segment, ``F − g²/2h`` is the least value, as g is zero there; and its first and second derivatives in the
@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-SLACK = 5e-4
+BOUND_SLACK_M = 5e-4
 """How much below the true distance the bound of one pair may be [m], near contact."""
-ROUNDING = 1e-3
+SOFT_MINIMUM_WIDTH_M = 1e-3
 """Width of the soft minimum [m]: two equal distances count as half of it less."""
 _LINEAR_BELOW_M = 5e-3
 """Distance between centre lines [m] below which a line takes the place of the root."""
@@ -42,7 +42,7 @@ def segment_bound(
         length, other_length: of the segments [m].
         radius: sum of the radii [m].
     """
-    eps = 2 * SLACK * 2 * radius
+    eps = 2 * BOUND_SLACK_M * 2 * radius
     w = start - other
     A, C = length**2 + eps, other_length**2 + eps
     b, d, e = (_settled(ca.dot(*pair)) for pair in ((along, other_along), (along, w), (other_along, w)))
@@ -98,7 +98,7 @@ def box_bound(start: ca.SX, along: ca.SX, half: Sequence[float], radius: float) 
         half: (3,) half sides [m].
         radius: of the capsule [m].
     """
-    eps = 4 * SLACK * 2 * radius
+    eps = 4 * BOUND_SLACK_M * 2 * radius
     h = ca.DM(list(half))
 
     def excess(s: ca.SX) -> ca.SX:
@@ -134,7 +134,7 @@ def cylinder_bound(start: ca.SX, along: ca.SX, size: float, half: float, radius:
         half: half its length [m].
         radius: of the capsule [m].
     """
-    eps = 4 * SLACK * 2 * radius
+    eps = 4 * BOUND_SLACK_M * 2 * radius
     flat = along[0] ** 2 + along[1] ** 2
 
     def parts(s: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -168,9 +168,9 @@ def cylinder_bound(start: ca.SX, along: ca.SX, size: float, half: float, radius:
 
 
 def soft_minimum(distances: Sequence[ca.SX]) -> ca.SX:
-    """A smooth lower bound of the least of k distances [m], below it by ``½ ROUNDING ⌈log₂ k⌉`` at most.
+    """A smooth lower bound of the least of k distances [m], below it by ``½ SOFT_MINIMUM_WIDTH_M ⌈log₂ k⌉`` at most.
 
-    ``min(a, b) ≥ (a + b − √((a − b)² + δ²))/2``, taken pair by pair, with δ = `ROUNDING`.
+    ``min(a, b) ≥ (a + b − √((a − b)² + δ²))/2``, taken pair by pair, with δ = `SOFT_MINIMUM_WIDTH_M`.
     """
     level = list(distances)
     while len(level) > 1:
@@ -181,7 +181,7 @@ def soft_minimum(distances: Sequence[ca.SX]) -> ca.SX:
 
 def _soft_minimum_of_two(a: ca.SX, b: ca.SX) -> ca.SX:
     """``(a + b − √((a − b)² + δ²))/2`` [m]."""
-    return (a + b - ca.sqrt((a - b) ** 2 + ROUNDING**2)) / 2
+    return (a + b - ca.sqrt((a - b) ** 2 + SOFT_MINIMUM_WIDTH_M**2)) / 2
 
 
 def _bounded_root(squared: ca.SX) -> ca.SX:

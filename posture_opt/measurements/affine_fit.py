@@ -39,8 +39,7 @@ class AffineFit:
 
     Args:
         misfit: RMS of what the map leaves over that of the measured points, with its degrees of freedom; NaN where
-            there
-            are too few.
+            there are too few.
         map: (k, d) from the d world axes along which the nominal tool moves to the k measured axes; ``None`` where the
             postures do not determine it.
         axes: (d,) indices of those world axes.

@@ -20,8 +20,7 @@ class DataSpec(Spec):
 
     ``columns`` says under which column header, or in which column counted from 1, a known column is in the files of the
     instrument; ``units`` are those of columns whose headers have none. Where ``columns`` is given, unknown columns of
-    the
-    file are left out.
+    the file are left out.
     """
 
     distances: tuple[Distance, ...] = Field((), description="[point, point, distance with its unit]")

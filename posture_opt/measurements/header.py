@@ -120,9 +120,9 @@ class Header:
             parts.append(f"unknown {listed(unknown, _MAX_LISTED_COLUMNS)}")
         if self.unitless:
             parts.append(f"no unit in {listed(self.unitless)}")
-        faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._hint(), line=line)
+        faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._mapping_hint(), line=line)
 
-    def _hint(self) -> str:
+    def _mapping_hint(self) -> str:
         """How to map the columns of a foreign file, add units, or name columns."""
         pairs = {
             near: title for title, near in self.unknown.items() if near and near not in (*LABELS, *_INPUT_DIMENSIONS)

@@ -41,11 +41,9 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     """The measurements in a CSV file, a pandas DataFrame or a mapping from column header to values.
 
     Column headers carry their unit: ``joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm]``; other headers, decimal
-    marks
-    and units are stated in the section ``data`` of the problem. Commas, semicolons, tabs or blanks separate the
-    columns,
-    lines that begin with ``#``, ``%`` or ``//`` are comments. Values that look like another unit, swapped columns or a
-    mirrored frame are guessed and reported, never converted.
+    marks and units are stated in the section ``data`` of the problem. Commas, semicolons, tabs or blanks separate the
+    columns, lines that begin with ``#``, ``%`` or ``//`` are comments. Values that look like another unit, swapped
+    columns or a mirrored frame are guessed and reported, never converted.
 
     Args:
         source: the path, or the table.

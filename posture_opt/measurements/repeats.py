@@ -70,8 +70,7 @@ def repeat_of_row(data: Measurements) -> Codes:
     """(N,) the repeat of each row, counted from 0: rows that follow each other at one pose, whatever their target.
 
     The arm has not moved between them, so that one draw of the joints' scatter is in all of them. Stated sides of
-    approach
-    and visits separate repeats too.
+    approach and visits separate repeats too.
     """
     sides = data.approach if data.approach_given else np.zeros((len(data), 0))
     visits = [] if data.visit is None else [data.visit]
@@ -126,28 +125,28 @@ class Contrasts:
 
     def differences(self, values: Array) -> Array:
         """(C, …) contrasts of the rows' values (N, …)."""
-        own, before, k = self._cells(values)
+        own, before, k = self._cell_parts(values)
         return np.asarray(np.sqrt(k / (k + 1)) * (before / k - own))
 
     def means(self, values: Array) -> Array:
         """(C, …) means of the rows' values (N, …) over the repeats that a contrast is of."""
-        own, before, k = self._cells(values)
+        own, before, k = self._cell_parts(values)
         return np.asarray((before + own) / (k + 1))
 
     @property
     def reading(self) -> Array:
         """(C,) variance of a contrast of rows of independent variance 1."""
         one = 1.0 / np.bincount(self.cell)
-        own, before, k = self._parts(one)
+        own, before, k = self._contrast_parts(one)
         return np.asarray((before / k**2 + own) * k / (k + 1))
 
-    def _cells(self, values: Array) -> tuple[Array, Array, Array]:
+    def _cell_parts(self, values: Array) -> tuple[Array, Array, Array]:
         """Of every cell but the first of its group: mean of its rows (N, …), sum of the means before, and how many
         these are.
         """
-        return self._parts(group_means(values, self.cell))
+        return self._contrast_parts(group_means(values, self.cell))
 
-    def _parts(self, cells: Array) -> tuple[Array, Array, Array]:
+    def _contrast_parts(self, cells: Array) -> tuple[Array, Array, Array]:
         """Of every cell but the first of its group: its value, the sum of those before, and how many these are."""
         total = np.concatenate([np.zeros((1, *cells.shape[1:])), np.cumsum(cells, axis=0)])
         at = np.flatnonzero(self.order > 0)

@@ -112,7 +112,7 @@ class Arm:
     @property
     def effect_parameters(self) -> tuple[str, ...]:
         """(e,) names of the parameters of all effects, ``kind(target).parameter``."""
-        return self._acting.parameters
+        return self._acting_effects.parameters
 
     @property
     def shape_parameters(self) -> dict[str, int]:
@@ -120,12 +120,12 @@ class Arm:
 
         They are parameters for a fit alone: deviations of the shape, of its logarithm where errors of it are relative.
         """
-        return self._acting.shapes
+        return self._acting_effects.shapes
 
     @property
     def unknown_sides(self) -> tuple[str, ...]:
         """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1 alike."""
-        return self._acting.unknown_sides
+        return self._acting_effects.unknown_sides
 
     @cached_property
     def dimensions(self) -> dict[str, str]:
@@ -179,12 +179,11 @@ class Arm:
         """The geometric Jacobian (6, n) of the tool point, rows ``(v, ω)``, world-aligned axes.
 
         ``∂x/∂q_j = a_j × (x − o_j)`` for a joint that turns about the axis a_j through o_j, ``a_j`` for one that
-        slides:
-        [m/rad, m/m], below that [rad/rad, rad/m]. ``q`` and ``p`` as of `pose`; of the commanded joints, without
-        effects.
+        slides: [m/rad, m/m], below that [rad/rad, rad/m]. ``q`` and ``p`` as of `pose`; of the commanded joints,
+        without effects.
         """
         driven = [self.robot.factors[i].parameter or i for i in self.robot.driven]
-        return self._stacked(self.twists(driven, split(q, self.robot.n, "posture"), self.walk(q, p)))
+        return self._stacked_twists(self.twists(driven, split(q, self.robot.n, "posture"), self.walk(q, p)))
 
     def parameter_jacobian(self, q: Values, p: Values | None = None) -> Stacked:
         """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter [SI], world-aligned axes.
@@ -193,7 +192,7 @@ class Arm:
         size.
         """
         joints = split(q, self.robot.n, "posture")
-        return self._stacked(self.twists(self.parameters, joints, self.walk(q, p)))
+        return self._stacked_twists(self.twists(self.parameters, joints, self.walk(q, p)))
 
     def reach(self, q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None) -> Reached:
         """Where the chain with its effects brings the tool.
@@ -211,7 +210,7 @@ class Arm:
         if not self.effects:
             return Reached(walk(robot.factors, values), values, ZERO)
         shift, turn = ZERO, ZERO
-        for size, one in self._acting.in_size(q, p):
+        for size, one in self._acting_effects.in_size(q, p):
             for index, increment in self._factor_increments(one):
                 values[index] = values[index] + size * increment
             v, w = one.twist
@@ -242,9 +241,9 @@ class Arm:
                 found.append((position_column(reached, index), rotation_column(reached, index)))
                 continue
             if name in self.shape_parameters:
-                parts = self._acting.per_shape(str(name), q, p or {})
+                parts = self._acting_effects.per_shape(str(name), q, p or {})
             else:
-                units = units or self._acting.per_unit(q, p or {})
+                units = units or self._acting_effects.per_unit(q, p or {})
                 parts = units[str(name)]
             found.append(self._weighted_twist(reached, parts))
         return found
@@ -259,10 +258,10 @@ class Arm:
 
     def carried(self, q: Sequence[Scalar]) -> dict[int, Scalar]:
         """Joint index -> how far joints are off their commands ``q`` (n,) as others carry them along [rad]."""
-        return self._acting.carried(q)
+        return self._acting_effects.carried(q)
 
     @cached_property
-    def _acting(self) -> ActingEffects:
+    def _acting_effects(self) -> ActingEffects:
         """The effects with their inputs."""
         return ActingEffects(self.robot, self.effects, self.inputs)
 
@@ -286,6 +285,6 @@ class Arm:
         return parts + [(self._factor_index[name], size) for name, size in one.lengths.items()]
 
     @staticmethod
-    def _stacked(twists: Sequence[Twist]) -> Stacked:
+    def _stacked_twists(twists: Sequence[Twist]) -> Stacked:
         """(6, k) twists side by side, rows ``(v, ω)``."""
         return stack(list(zip(*((*v, *w) for v, w in twists), strict=True)))

@@ -17,7 +17,7 @@ REFERENCE_TEMPERATURE = 20.0
 """degC at which the lengths of a model hold (ISO 1); a task without a temperature is done there."""
 
 
-UPRIGHT = 0.1
+MIN_LEANING_SINE = 0.1
 """Sine of the tilt of an axis below which gravity loads its joint with next to nothing: 6°."""
 
 
@@ -98,7 +98,7 @@ class ArmState:
     carried: Mapping[int, Scalar] = field(default_factory=dict)
 
     @cached_property
-    def _values(self) -> list[Scalar]:
+    def _factor_values(self) -> list[Scalar]:
         """The value of every factor of the chain [rad or m]."""
         joints = [value + self.carried[i] if i in self.carried else value for i, value in enumerate(self.q)]
         return factor_values(self.robot.factors, joints, self.p)
@@ -106,7 +106,7 @@ class ArmState:
     @cached_property
     def walk(self) -> Walk:
         """The chain without effects: pose of the tool and all screws, world."""
-        return walk(self.robot.factors, self._values)
+        return walk(self.robot.factors, self._factor_values)
 
     @property
     def tool(self) -> Vector:
@@ -120,7 +120,7 @@ class ArmState:
         for link in self.robot.links:
             end += len(link)
             ends.append(end)
-        parts = [walk(factors[:end], self._values[:end]) for end in ends]
+        parts = [walk(factors[:end], self._factor_values[:end]) for end in ends]
         return tuple(Frame(part.columns, part.position) for part in parts)
 
     def axis(self, joint: int) -> tuple[Vector, Vector]:
@@ -132,7 +132,7 @@ class ArmState:
         """Sine of the largest angle between the axis of a joint and the vertical over all postures; 1 of a prismatic
         joint.
 
-        Below `UPRIGHT` gravity hardly loads the joint. Without gravity it is 1 as well: nothing is refused for that.
+        Below `MIN_LEANING_SINE` gravity hardly loads the joint. Without gravity it is 1 as well.
         """
         axis, g = self.axis(joint)[0], self.robot.gravity
         weight = math.hypot(*g)

@@ -206,11 +206,11 @@ def displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
         return reached
     a, b, c = reached.columns
     if turn is not ZERO:
-        a, b, c = _turned(turn, a), _turned(turn, b), _turned(turn, c)
+        a, b, c = _turned_column(turn, a), _turned_column(turn, b), _turned_column(turn, c)
     return Walk((a, b, c), add(reached.position, shift), reached.screws)
 
 
-def _turned(turn: Vector, column: Vector) -> Vector:
+def _turned_column(turn: Vector, column: Vector) -> Vector:
     """A column of a rotation after a small turn, to second order: ``c + ω × c + ½ ω × (ω × c)``."""
     first = cross(turn, column)
     return add(add(column, first), scale(0.5, cross(turn, first)))

@@ -61,9 +61,9 @@ class LaneFunction:
         return result
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, (self._function, self._wanted)
+        return _restored_function, (self._function, self._wanted)
 
 
-def _restored(function: casadi.Function, compiled: bool | None) -> LaneFunction:
+def _restored_function(function: casadi.Function, compiled: bool | None) -> LaneFunction:
     """What a pickle is read back by: the library is looked up, or compiled, again."""
     return LaneFunction(function, compiled=compiled)

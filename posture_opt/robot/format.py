@@ -11,7 +11,7 @@ from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema
 from pydantic_core import CoreSchema
 
 from posture_opt.errors import BadValueError, as_given
-from posture_opt.numerics import Json
+from posture_opt.numerics import TURN, Json
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
@@ -20,7 +20,7 @@ from posture_opt.units import Angle, Length, Mass, Quantity, parse_quantity
 
 MAX_JOINTS = 20
 """More than any serial arm has; the table and the symbolic expressions are bounded by it."""
-FULL_TURN = (-2 * math.pi, 2 * math.pi)
+FULL_TURN = (-TURN, TURN)
 """Limits of a revolute joint for which none are stated [rad]."""
 _RESERVED = {"base", "tool"}
 """Names that no joint may have: these frames own the parameters ``base.x`` … ``tool.yaw``."""

@@ -12,8 +12,7 @@ def drawn_between(robot: Robot) -> tuple[Array, Array]:
     """(n,), (n,) the bounds [rad or m] that random postures are drawn between.
 
     The limits; of a turning joint at most (−π, π) of them, as further turns repeat the same places. A joint whose
-    limits
-    do not meet that turn keeps its own limits.
+    limits do not meet that turn keeps its own limits.
     """
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)

@@ -11,7 +11,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
-STAND_IN = 0.04
+STAND_IN_RADIUS_RATIO = 0.04
 """Radius over the length of the arm where nothing else is known.
 
 Arms of known shape are about as thick: the upper arm of a UR10 has 60 mm at 1.68 m, that of a Panda 60 mm at 1.39 m.
@@ -24,7 +24,7 @@ def stand_in(robot: Robot) -> tuple[Capsule, ...]:
     """Capsules for an arm of unknown shape: along the links, their radius 4 % of the arm's length [m]; none for length
     0.
     """
-    return along_links(robot, STAND_IN * robot.length) if robot.length > 0 else ()
+    return along_links(robot, STAND_IN_RADIUS_RATIO * robot.length) if robot.length > 0 else ()
 
 
 def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:

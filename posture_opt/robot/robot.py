@@ -17,8 +17,7 @@ class Factor:
     """One elementary transform of the chain: a translation along, or a rotation about, one coordinate axis.
 
     ``F = Trans(e_axis, v)`` or ``F = Rot(e_axis, v)`` with ``v = nominal + p[parameter] + q[joint]``. Positive
-    rotations
-    are right-handed about the axis of the frame that the factor starts from.
+    rotations are right-handed about the axis of the frame that the factor starts from.
 
     Args:
         kind: ``translate`` along the axis or ``rotate`` about it.
@@ -65,13 +64,13 @@ class Joint:
         return "rad" if self.type == "revolute" else "m"
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Joint) and self._known == other._known
+        return isinstance(other, Joint) and self._known_values == other._known_values
 
     def __hash__(self) -> int:
-        return hash(self._known)
+        return hash(self._known_values)
 
     @property
-    def _known(self) -> tuple[object, ...]:
+    def _known_values(self) -> tuple[object, ...]:
         """All values, None in place of NaN, which from Python 3.13 on makes a dataclass differ from itself."""
         numbers = (self.lower, self.upper, self.mass, self.gear_ratio, *self.com)
         return (self.name, self.type, *(None if math.isnan(number) else number for number in numbers))

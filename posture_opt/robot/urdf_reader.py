@@ -187,7 +187,7 @@ class _UrdfReader:
 
     def name(self, element: Element) -> str:
         """The attribute ``name`` of a link or a joint."""
-        return self._text(element, "name", f"a <{element.tag}>")
+        return self._required_text(element, "name", f"a <{element.tag}>")
 
     def joint(self, element: Element) -> UrdfJoint:
         """One ``<joint>``; its axis is x where none is given, its origin the parent's frame."""
@@ -195,17 +195,21 @@ class _UrdfReader:
         owner = f"joint '{name}'"
         limit, mimic = element.first("limit"), element.first("mimic")
         axis = element.first("axis")
-        roll, pitch, yaw = self._vector(element.first("origin"), "rpy", owner).tolist()
+        roll, pitch, yaw = self._three_numbers(element.first("origin"), "rpy", owner).tolist()
         return UrdfJoint(
             name=name,
             type=element.attributes.get("type", ""),
             parent=self._end(element, "parent", owner),
             child=self._end(element, "child", owner),
-            origin=_origin_transform(self._vector(element.first("origin"), "xyz", owner), np.array([roll, pitch, yaw])),
+            origin=_origin_transform(
+                self._three_numbers(element.first("origin"), "xyz", owner), np.array([roll, pitch, yaw])
+            ),
             rpy=(roll, pitch, yaw),
-            axis=self._vector(axis, "xyz", owner) if axis and "xyz" in axis.attributes else np.array([1.0, 0.0, 0.0]),
-            lower=self._number(limit, "lower", owner),
-            upper=self._number(limit, "upper", owner),
+            axis=self._three_numbers(axis, "xyz", owner)
+            if axis and "xyz" in axis.attributes
+            else np.array([1.0, 0.0, 0.0]),
+            lower=self._one_number(limit, "lower", owner),
+            upper=self._one_number(limit, "upper", owner),
             mimics=mimic.attributes.get("joint", "another joint") if mimic else "",
             line=element.line,
         )
@@ -213,10 +217,10 @@ class _UrdfReader:
     def inertial(self, link: str, element: Element) -> Inertial:
         """Mass [kg] and centre of mass (3,) [m] in the frame of the link; a negative mass is an issue."""
         owner = f"link '{link}'"
-        mass = self._number(element.first("mass"), "value", owner) or 0.0
+        mass = self._one_number(element.first("mass"), "value", owner) or 0.0
         if mass < 0:
             self.issues.append(Issue(f"{owner} has a negative mass", line=element.line))
-        return Inertial(mass, self._origin(element, owner)[:3, 3])
+        return Inertial(mass, self._origin_of(element, owner)[:3, 3])
 
     def collisions(self, link: str, element: Element) -> Iterator[Collision]:
         """The bodies of a link; what has no extent and what is no known geometry is left out."""
@@ -224,22 +228,22 @@ class _UrdfReader:
         for collision in element.each("collision"):
             for geometry in (inside for part in collision.each("geometry") for inside in part.inside):
                 if geometry.tag in _GEOMETRY_SIZES:
-                    size = self._sizes(geometry, owner)
+                    size = self._geometry_numbers(geometry, owner)
                     file = geometry.attributes.get("filename", "")
                     if min(size) > 0 or geometry.tag == "mesh":
-                        yield Collision(geometry.tag, size, self._origin(collision, owner), file)  # type: ignore[arg-type]
+                        yield Collision(geometry.tag, size, self._origin_of(collision, owner), file)  # type: ignore[arg-type]
 
-    def _sizes(self, geometry: Element, owner: str) -> tuple[float, ...]:
+    def _geometry_numbers(self, geometry: Element, owner: str) -> tuple[float, ...]:
         """The numbers that the attributes of a geometry hold, in that order; a missing scale is 1."""
         given = [
             (key, geometry.attributes[key], n) for key, n in _GEOMETRY_SIZES[geometry.tag] if key in geometry.attributes
         ]
-        numbers = [v for key, text, n in given for v in self._numbers(geometry, key, text.split(), n, owner)]
+        numbers = [v for key, text, n in given for v in self._finite_numbers(geometry, key, text.split(), n, owner)]
         if geometry.tag == "mesh":
             return tuple(numbers) or (1.0, 1.0, 1.0)
         return tuple(numbers) if len(given) == len(_GEOMETRY_SIZES[geometry.tag]) else (0.0,)
 
-    def _text(self, element: Element, key: str, owner: str) -> str:
+    def _required_text(self, element: Element, key: str, owner: str) -> str:
         """An attribute that must not be empty; an issue where it is."""
         if not element.attributes.get(key):
             message = f"{owner} lacks its {key}"
@@ -249,30 +253,30 @@ class _UrdfReader:
     def _end(self, joint: Element, tag: str, owner: str) -> str:
         """The link that ``<parent>`` or ``<child>`` of a joint names."""
         if element := joint.first(tag):
-            return self._text(element, "link", f"<{tag}> of {owner}")
+            return self._required_text(element, "link", f"<{tag}> of {owner}")
         self.issues.append(Issue(f"{owner} has no <{tag}>", hint=f'write <{tag} link="…"/>', line=joint.line))
         return ""
 
-    def _origin(self, element: Element, owner: str) -> Array:
+    def _origin_of(self, element: Element, owner: str) -> Array:
         """(4, 4) the element's ``<origin>`` in the frame of its owner, lengths in [m]; the identity where there is
         none.
         """
         origin = element.first("origin")
-        return _origin_transform(self._vector(origin, "xyz", owner), self._vector(origin, "rpy", owner))
+        return _origin_transform(self._three_numbers(origin, "xyz", owner), self._three_numbers(origin, "rpy", owner))
 
-    def _vector(self, element: Element | None, key: str, owner: str) -> Array:
+    def _three_numbers(self, element: Element | None, key: str, owner: str) -> Array:
         """(3,) the numbers of an attribute ([m], [rad] or none, as there); zeros where it is missing."""
         given = element.attributes.get(key) if element else None
         if element is None or given is None:
             return np.zeros(3)
-        return np.array(self._numbers(element, key, given.split(), 3, owner))
+        return np.array(self._finite_numbers(element, key, given.split(), 3, owner))
 
-    def _number(self, element: Element | None, key: str, owner: str) -> float | None:
+    def _one_number(self, element: Element | None, key: str, owner: str) -> float | None:
         """One number of an attribute; None where it is left out."""
         given = element.attributes.get(key) if element else None
-        return None if element is None or given is None else self._numbers(element, key, [given], 1, owner)[0]
+        return None if element is None or given is None else self._finite_numbers(element, key, [given], 1, owner)[0]
 
-    def _numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
+    def _finite_numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
         """``count`` finite numbers; zeros and an issue where the words are none."""
         numbers = [_float_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from posture_opt.errors import listed
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.capsule_fit import Edges, fitted_capsules
 from posture_opt.robot.meshes import UnreadMeshError, located_mesh, read_mesh
 from posture_opt.robot.shape import BASE, Capsule, Point
@@ -139,7 +139,7 @@ def _body_edges(collision: Collision) -> Edges:
         x, y = collision.size[0] / 2, collision.size[1] / 2
         rim, height = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), collision.size[2]
     else:
-        turn = 2 * math.pi * np.arange(_RIM_CORNERS) / _RIM_CORNERS
+        turn = TURN * np.arange(_RIM_CORNERS) / _RIM_CORNERS
         rim, height = np.column_stack([np.cos(turn), np.sin(turn)]) * collision.size[0], collision.size[1]
         rim /= math.cos(math.pi / _RIM_CORNERS)
     low, high = (np.column_stack([rim, np.full(len(rim), z)]) for z in (-height / 2, height / 2))

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import AHEAD, Part, R, S, T, Workers, worked
+from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
 LOCAL = "local"
 """In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
@@ -56,19 +56,21 @@ class DaskWorkers(Workers):
         numbers, running = iter(range(len(items))), dict[DaskFuture, int]()
         done = dask.as_completed(loop=self._client.loop)
         try:
-            for k in islice(numbers, AHEAD):
-                done.add(self._submitted(running, part, shared, items[k], k))
+            for k in islice(numbers, MAX_SUBMITTED_PARTS):
+                done.add(self._submitted_part(running, part, shared, items[k], k))
             for future in done:
                 yield running.pop(future), future.result()
                 for k in islice(numbers, 1):
-                    done.add(self._submitted(running, part, shared, items[k], k))
+                    done.add(self._submitted_part(running, part, shared, items[k], k))
         except (dask.scheduler.KilledWorker, dask.comm.CommClosedError, CancelledError) as error:
             hint = "start it again; what a --checkpoint holds is not lost"
             raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, hint=hint)) from error
         finally:
             self._client.cancel(list(running))
 
-    def _submitted(self, running: dict[DaskFuture, int], part: Part[S, T, R], shared: S, item: T, k: int) -> DaskFuture:
+    def _submitted_part(
+        self, running: dict[DaskFuture, int], part: Part[S, T, R], shared: S, item: T, k: int
+    ) -> DaskFuture:
         """The future of one part, which is in ``running`` from now on."""
         future = self._client.submit(worked, part, shared, item, pure=False)
         running[future] = k

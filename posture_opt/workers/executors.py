@@ -8,14 +8,14 @@ from concurrent.futures import Executor as FuturesExecutor
 from itertools import islice
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import AHEAD, Part, R, S, T, Workers, worked
+from posture_opt.workers.workers import MAX_SUBMITTED_PARTS, Part, R, S, T, Workers, worked
 
 
 class ExecutorWorkers(Workers):
     """Works on parts wherever an executor sends them; it is not shut down.
 
     Args:
-        executor: at most `AHEAD` parts are submitted at once; those that are left when the work ends are cancelled.
+        executor: it gets at most `MAX_SUBMITTED_PARTS` parts at once; those left when the work ends are cancelled.
     """
 
     def __init__(self, executor: FuturesExecutor) -> None:
@@ -30,7 +30,7 @@ class ExecutorWorkers(Workers):
         numbers, running = iter(range(len(items))), dict[Future[R], int]()
         try:
             while True:
-                for k in islice(numbers, AHEAD - len(running)):
+                for k in islice(numbers, MAX_SUBMITTED_PARTS - len(running)):
                     running[self._executor.submit(worked, part, shared, items[k])] = k
                 if not running:
                     return

@@ -22,7 +22,7 @@ R = TypeVar("R")
 Part = Callable[[S, T], R]
 """``(shared, item) -> result``, a function of a module: other processes import it by its name."""
 
-AHEAD = 64
+MAX_SUBMITTED_PARTS = 64
 """Parts that other machines have at once: enough for any cluster, and memory does not grow with the work."""
 _PART_LOCK = threading.RLock()
 """Held while a part is computed; a part may have parts of its own."""

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.collision.scene import ITSELF, SEPARATION_M
-from posture_opt.collision.smooth_bounds import ROUNDING, SLACK
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, SEPARATION_M
+from posture_opt.collision.smooth_bounds import BOUND_SLACK_M, SOFT_MINIMUM_WIDTH_M
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.robot.joint_ranges import drawn_between
@@ -31,14 +31,16 @@ def test_rows_are_never_optimistic_and_little_pessimistic(preset: str) -> None:
     names, checked = [obstacle.name for obstacle in scene.obstacles], 0
     for k, row in enumerate(rows):
         columns = [
-            i for i, (_, b) in enumerate(scene.pairs) if row.name == (f"clearance to {b}" if b in names else ITSELF)
+            i
+            for i, (_, b) in enumerate(scene.pairs)
+            if row.name == (f"clearance to {b}" if b in names else SELF_CLEARANCE_ROW)
         ]
         true = distances[:, columns].min(axis=1)
         apart = true > -0.002  # deeper, where centre lines of thin capsules cross, a line takes the place of the root
         assert np.all(found[apart, k] <= true[apart])
         assert np.all(found[true < 0, k] < 0)
         near = (true >= 0) & (true < scene.margin + SEPARATION_M / 2)
-        most = SLACK + ROUNDING / 2 * np.ceil(np.log2(len(columns) + 1)) + TOLERANCE
+        most = BOUND_SLACK_M + SOFT_MINIMUM_WIDTH_M / 2 * np.ceil(np.log2(len(columns) + 1)) + TOLERANCE
         assert np.max(true[near] - found[near, k], initial=0.0) <= most
         assert most < 0.005
         checked += int(near.sum())

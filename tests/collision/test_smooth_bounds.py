@@ -14,7 +14,7 @@ COUNT = 100_000
 RADIUS = 0.06
 POINT = np.array([0.1, 0.2, 0.0])
 HALF = (0.3, 0.2, 0.01)
-ROUNDING = 1e-12  # m
+SOFT_MINIMUM_WIDTH_M = 1e-12  # m
 START, ALONG = ca.SX.sym("start", 3), ca.SX.sym("along", 3)
 OTHER, OTHER_ALONG = ca.SX.sym("other", 3), ca.SX.sym("other_along", 3)
 KINDS = {
@@ -56,12 +56,12 @@ def test_the_bound_is_never_above_the_distance_and_little_below(kind: str, lengt
     a, u, b, v = drawn(length)
     bound = np.array(function(KINDS[kind](length)).map(COUNT)(a.T, u.T, b.T, v.T)).ravel()
     true = TRUE[kind](a, a + u, b, b + v) - RADIUS
-    lines_apart = true > -RADIUS + smooth._NEAR
-    assert np.all(bound[lines_apart] <= true[lines_apart] + ROUNDING)
+    lines_apart = true > -RADIUS + smooth._LINEAR_BELOW_M
+    assert np.all(bound[lines_apart] <= true[lines_apart] + SOFT_MINIMUM_WIDTH_M)
     assert np.all(bound[true < 0] < 0)
     clear = true >= 0
     assert clear.sum() > COUNT / 3
-    assert np.max(true[clear] - bound[clear]) < 1.01 * smooth.SLACK
+    assert np.max(true[clear] - bound[clear]) < 1.01 * smooth.BOUND_SLACK_M
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -125,4 +125,4 @@ def test_the_soft_minimum_is_below_the_least_and_not_far() -> None:
         least = distances.min(axis=1)
         found = np.array([float(soft(row)) for row in distances])
         assert np.all(found <= least + 1e-15)
-        assert np.max(least - found) <= smooth.ROUNDING / 2 * np.ceil(np.log2(count)) + 1e-12
+        assert np.max(least - found) <= smooth.SOFT_MINIMUM_WIDTH_M / 2 * np.ceil(np.log2(count)) + 1e-12

@@ -11,7 +11,7 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.robot import Capsule, DhRobot, UrdfRobot, load_preset
-from posture_opt.robot.link_capsules import STAND_IN, along_links, stand_in
+from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, along_links, stand_in
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import elementary, frame, random_postures
 from tests.helpers.pin import robots_folder
@@ -110,5 +110,5 @@ def test_a_slide_reaches_back_over_its_stroke():
 
 def test_the_stand_in_has_four_per_cent_of_the_length():
     robot = load_preset("panda")
-    assert {c.radius for c in stand_in(robot)} == {STAND_IN * robot.length}
+    assert {c.radius for c in stand_in(robot)} == {STAND_IN_RADIUS_RATIO * robot.length}
     assert with_shape({"radius": "50 mm"}, "panda").robot.shape == along_links(robot, 0.05)

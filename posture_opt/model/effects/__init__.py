@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     NOISES: tuple[type[NoiseEffect], ...]
     CATALOGUE: tuple[type[CatalogueEntry], ...]
 
-MOVING = (
+MOVING_KINDS = (
     "joint_scale",
     "gear_eccentricity",
     "gear_second_harmonic",
@@ -48,7 +48,7 @@ MOVING = (
 )
 """The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class."""
 
-NOISY = (
+NOISY_KINDS = (
     "joint_noise",
     "range_noise",
     "stated_sigma",
@@ -57,9 +57,9 @@ NOISY = (
 )
 """The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`."""
 
-_FILES = {kind: kind for kind in MOVING} | {kind: f"noise.{kind}" for kind in NOISY}
+_FILES = {kind: kind for kind in MOVING_KINDS} | {kind: f"noise.{kind}" for kind in NOISY_KINDS}
 """Kind -> the file of its class, in this folder."""
-_LISTS = {"EFFECTS": MOVING, "NOISES": NOISY, "CATALOGUE": (*MOVING, *NOISY)}
+_LISTS = {"EFFECTS": MOVING_KINDS, "NOISES": NOISY_KINDS, "CATALOGUE": (*MOVING_KINDS, *NOISY_KINDS)}
 """Name of a list of classes -> the kinds in it."""
 _KINDS = {class_name(kind): kind for kind in _FILES}
 """Class name -> kind."""
@@ -93,9 +93,9 @@ __all__ = [
     "CATALOGUE",
     "EFFECTS",
     "INPUTS",
-    "MOVING",
+    "MOVING_KINDS",
     "NOISES",
-    "NOISY",
+    "NOISY_KINDS",
     "Abscissa",
     "CatalogueEntry",
     "Cause",

@@ -11,7 +11,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, over_joint
-from posture_opt.model.effects.base.effect import POSITIVE
+from posture_opt.model.effects.base.effect import NOT_NEGATIVE
 from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
@@ -30,7 +30,7 @@ class Backlash(JointEffect):
         "load_backlash": "approach from both sides under two payloads",
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("width", "angle"),)
-    limits: ClassVar[tuple[float, float]] = POSITIVE
+    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     kind: Literal["backlash"] = "backlash"

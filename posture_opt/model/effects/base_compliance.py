@@ -8,7 +8,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Size, compliance_size
-from posture_opt.model.effects.base.effect import POSITIVE, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Sensitivity, SoleEffect
 
 
 class BaseCompliance(SoleEffect):
@@ -22,7 +22,7 @@ class BaseCompliance(SoleEffect):
     measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
     sole: ClassVar[str] = "base"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
-    limits: ClassVar[tuple[float, float]] = POSITIVE
+    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     needs: ClassVar[frozenset[Input]] = frozenset({"masses"})
 
     kind: Literal["base_compliance"] = "base_compliance"

@@ -15,7 +15,7 @@ from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.units import Angle, number, plus_minus
 
 MIN_CYCLES, MAX_CYCLES = 2.5, 300.0
@@ -160,7 +160,7 @@ class CyclicError(Harmonic):
         """Cycles between which a better single line can lie: one step of the grid to either side; ``span`` of the
         joint [rad].
         """
-        step = 2 * math.pi / span / OVERSAMPLING
+        step = TURN / span / OVERSAMPLING
         return self.cycles - step, self.cycles + step
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
@@ -191,7 +191,7 @@ class CyclicError(Harmonic):
 
         The step is ``2π / span / OVERSAMPLING``; half a period must fit the range.
         """
-        step = 2 * math.pi / max(span, 1e-3) / OVERSAMPLING
+        step = TURN / max(span, 1e-3) / OVERSAMPLING
         # Half a period must fit the range of the joint: what is longer is no cycle but a curve.
         first = max(MIN_CYCLES, math.pi / max(span, 1e-3))
         return np.arange(first, MAX_CYCLES, step)

@@ -13,7 +13,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
-from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation
+from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.units import Angle, plus_minus
 
@@ -31,7 +31,7 @@ class Hysteresis(JointEffect):
     phrase: ClassVar[str] = "{target} has hysteresis that grows with the last move"
     measurement: ClassVar[str] = "approach each posture from both sides after short moves and after long ones"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle"),)
-    limits: ClassVar[tuple[float, float]] = POSITIVE
+    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     shape: ClassVar[tuple[str, ...]] = ("travel",)
     shape_units: ClassVar[Mapping[str, str]] = {"travel": "rad"}
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})

@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.arm_state import UPRIGHT, ArmState
+from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, compliance_size
-from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation
+from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.units import number
 
@@ -60,11 +60,11 @@ class JointCompliance(JointEffect):
         """Not below zero; unbounded for unknown loads, as a counterweight or a compensation by the controller is one
         of them.
         """
-        return Effect.limits if self.unstated_loads else POSITIVE
+        return Effect.limits if self.unstated_loads else NOT_NEGATIVE
 
     def acts(self, state: ArmState) -> bool:
         """Whether the axis of the joint leans against the vertical in some posture."""
-        return state.leaning(self.index(state)) > UPRIGHT
+        return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(τ,) [N m], or (k,) the torque of 1 kg at each point [N m/kg]."""

@@ -11,7 +11,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Size, compliance_size
-from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.joint_effect import EffectOfJoint
 from posture_opt.robot.robot import Robot
 
@@ -31,7 +31,7 @@ class LinkBending(EffectOfJoint):
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
     rivals: ClassVar[Mapping[str, str]] = {"base_compliance": "measure targets fixed to the base in every posture"}
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
-    limits: ClassVar[tuple[float, float]] = POSITIVE
+    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     types: ClassVar[tuple[str, ...]] = ("revolute", "prismatic")
     needs: ClassVar[frozenset[Input]] = frozenset({"masses"})
 

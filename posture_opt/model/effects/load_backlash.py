@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from posture_opt.model.arm_state import UPRIGHT, ArmState
+from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar, magnitude
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa
-from posture_opt.model.effects.base.effect import POSITIVE
+from posture_opt.model.effects.base.effect import NOT_NEGATIVE
 from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
@@ -27,17 +27,17 @@ class LoadBacklash(JointEffect):
         "hysteresis": "approach from both sides, after short and long moves, under two payloads",
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle per torque"),)
-    limits: ClassVar[tuple[float, float]] = POSITIVE
+    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     needs: ClassVar[frozenset[Input]] = frozenset({"approach", "masses"})
 
     kind: Literal["load_backlash"] = "load_backlash"
 
     def acts(self, state: ArmState) -> bool:
         """Whether the axis of the joint leans against the vertical in some posture."""
-        return state.leaning(self.index(state)) > UPRIGHT
+        return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """(s |τ|,) [N m]; 0 where the side is not known."""
+        """``(s |τ|,)`` [N m]; 0 where the side is not known."""
         return (state.inputs.side(joint) * magnitude(state.torque(joint)),)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:

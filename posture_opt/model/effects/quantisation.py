@@ -14,6 +14,7 @@ from posture_opt.model.chain import Scalar, nearest_integer
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.numerics import TURN
 from posture_opt.units import Angle, number, plus_minus
 
 _ENCODER_BITS = range(9, 17)
@@ -61,5 +62,5 @@ class Quantisation(JointEffect):
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """Every moving revolute joint with the steps of encoders and of rounded degrees."""
-        sizes = [2 * math.pi / 2**bits for bits in _ENCODER_BITS] + [math.radians(d) for d in _DISPLAY_STEPS_DEG]
+        sizes = [TURN / 2**bits for bits in _ENCODER_BITS] + [math.radians(d) for d in _DISPLAY_STEPS_DEG]
         return [cls(joint=name, lsb=f"{lsb!r} rad") for name in case.moving("revolute") for lsb in sizes]

@@ -16,7 +16,7 @@ import numpy as np
 from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_facets
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.robot.link_capsules import STAND_IN, stand_in, tool_line
+from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_line
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
@@ -106,7 +106,7 @@ class ArmSolids:
         """How thick the arm is about its middle [m]: of its links, weighted by their length."""
         capsules = [c for c in self.robot.shape if c.joint not in (BASE, TOOL) and c.length > 0]
         if not capsules:
-            return STAND_IN * max(self.robot.length, 1e-3)
+            return STAND_IN_RADIUS_RATIO * max(self.robot.length, 1e-3)
         return float(np.average([c.radius for c in capsules], weights=[c.length for c in capsules]))
 
     @cached_property

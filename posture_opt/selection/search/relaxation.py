@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.scene import ITSELF, row_name
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, row_name
 from posture_opt.numerics import Array, Json
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.program.nlp import Row
@@ -123,7 +123,7 @@ class _RelaxationWords:
     def _condition(self) -> str:
         """What holds at the nearest point, beside the limits of the joints."""
         axis = ["the tool axis along the direction"] if self.problem.axis_rows else []
-        further = [name for name in self.elastic.further if name != ITSELF]
+        further = [name for name in self.elastic.further if name != SELF_CLEARANCE_ROW]
         conditions = [*axis, *(["all further requirements met"] if further else [])]
         return f" with {' and '.join(conditions)}" if conditions else ""
 
@@ -210,7 +210,7 @@ class _RelaxationWords:
         if scene is None:
             return {}
         return {row_name(o.name): f"obstacle {o.name} must give" for o in scene.obstacles} | {
-            ITSELF: "links that are not neighbours would have to give"
+            SELF_CLEARANCE_ROW: "links that are not neighbours would have to give"
         }
 
     def _too_near(self, what: str, missing: float, value: float, margin: float) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import TURN, Array, Codes
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +71,8 @@ def degree_three(r: int) -> Nodes:
 def degree_five(r: int, *, other: bool = False) -> Nodes:
     """Degree 5 in r variables with positive weights: 3 nodes for one, 7 for two, 15 for three, then about ``4 r²``.
 
-    For two a hexagon about the origin. For more, corners ``a (±1, …, ±1)`` of a cube, those of `_sign_array`, and
-    ``±b e_k`` with ``a² = 1 + t``, ``b² = 2 + 2/t``, weights ``a⁻⁴`` in all and ``b⁻⁴`` each, and the origin with the
-    rest.
+    For two a hexagon about the origin. For more, corners ``a (±1, …, ±1)`` of a cube, those of `_sign_array`, and ``±b
+    e_k`` with ``a² = 1 + t``, ``b² = 2 + 2/t``, weights ``a⁻⁴`` in all and ``b⁻⁴`` each, and the origin with the rest.
     ``t = 2/(r − 2)`` puts the latter where `degree_three` has its nodes, which may share their walks. The ``other``
     rule of the degree, in other axes and with ``t = 4/(r − 2)``, leaves the origin nothing: how far two of a kind are
     apart is an estimate of their error.
@@ -133,7 +132,7 @@ def quasi_random(r: int, count: int, rng: np.random.Generator) -> Nodes:
     """
     half, pairs = max(count // 2, 2 * r), (r + 1) // 2
     uniform = (np.arange(1, half + 1)[:, None] * np.sqrt(first_primes(2 * pairs)) + rng.uniform(size=2 * pairs)) % 1.0
-    radius, angle = np.sqrt(-2 * np.log1p(-uniform[:, :pairs])), 2 * np.pi * uniform[:, pairs:]
+    radius, angle = np.sqrt(-2 * np.log1p(-uniform[:, :pairs])), TURN * uniform[:, pairs:]
     z = np.hstack([radius * np.cos(angle), radius * np.sin(angle)])[:, :r]
     points = np.linalg.solve(np.linalg.cholesky(z.T @ z / half), z.T).T
     return Nodes(np.vstack([points, -points]), np.full(2 * half, 0.5 / half))

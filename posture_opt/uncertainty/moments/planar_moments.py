@@ -1,9 +1,9 @@
 """Exact mean and covariance of the tool point of a planar arm, for Gaussian errors correlated in any way.
 
-With the plane as complex numbers the tool point is
-``z = Σ_m ℓ_m e^{i(ψ_m + S_m)}``: ``ℓ_m`` the length of translation m, ``ψ_m`` its direction, ``S_m`` the sum of the
-angular errors nearer to the base. For jointly Gaussian ℓ and S all moments follow from the characteristic function,
-e.g. ``E[ℓ e^{iS}] = (μ + i Cov(ℓ, S)) e^{−Var(S)/2}``. Covariances are formed with ``expm1`` and keep their digits.
+With the plane as complex numbers the tool point is ``z = Σ_m ℓ_m e^{i(ψ_m + S_m)}``: ``ℓ_m`` the length of translation
+m, ``ψ_m`` its direction, ``S_m`` the sum of the angular errors nearer to the base. For jointly Gaussian ℓ and S all
+moments follow from the characteristic function, e.g. ``E[ℓ e^{iS}] = (μ + i Cov(ℓ, S)) e^{−Var(S)/2}``. Covariances are
+formed with ``expm1`` and keep their digits.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The chart is ``(x − x₀, log(R R₀ᵀ))``: shift from the nominal tool point and the vector, along the axis and as long as
 the angle, of the rotation from the nominal orientation, both in world axes. Its logarithm has no closed form in the
 moments, so poses are taken at nodes for all sources; the shift is known better, by `ToolPoint.moments`, and replaces
-that of the nodes: with the regression ``φ = B x + ρ`` of the nodes the answer is
-``[[C, C Bᵀ], [B C, B C Bᵀ + Cov ρ]]``, positive semidefinite and with one covariance of the position.
+that of the nodes: with the regression ``φ = B x + ρ`` of the nodes the answer is ``[[C, C Bᵀ], [B C, B C Bᵀ + Cov
+ρ]]``, positive semidefinite and with one covariance of the position.
 
 Differences from the nominal pose are formed without cancellation: rotations multiply as quaternions, of which only the
 vector part is small.

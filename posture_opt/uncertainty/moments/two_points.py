@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.model.chain import Vector
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.uncertainty.moments.conditional_moments import Segment, deviations
 from posture_opt.uncertainty.moments.integration import converged
 from posture_opt.uncertainty.moments.pose_covariance import every_source, regressed_on
@@ -153,12 +153,12 @@ def _direction_sets(size: int) -> list[Array]:
     sets = []
     for _ in range(_LATTICE_SHIFTS):
         if size == 2:
-            angle = 2 * np.pi * (steps[:, 0] + rng.uniform()) / _LATTICE_NODES
+            angle = TURN * (steps[:, 0] + rng.uniform()) / _LATTICE_NODES
             sets.append(np.column_stack([np.cos(angle), np.sin(angle)]))
             continue
         s, a, b = np.mod(steps * np.array(_LATTICE_STEPS) + rng.uniform(size=3), 1.0).T
         inner, outer = np.sqrt(s), np.sqrt(1 - s)
-        first, second = 2 * np.pi * a, 2 * np.pi * b
+        first, second = TURN * a, TURN * b
         sets.append(
             np.column_stack(
                 [inner * np.cos(first), inner * np.sin(first), outer * np.cos(second), outer * np.sin(second)]

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.uncertainty.regions.clearance import decreasing_root, radius_for
 from posture_opt.uncertainty.regions.regions import coverage_factor
 
@@ -72,7 +72,7 @@ def _miss_in_space(L: Array, b: Array, r: float) -> float:
 def _sphere_rule() -> tuple[Array, Array]:
     """Directions (k, 3) and weights (k,) of a product rule on the sphere; the weights add up to one."""
     z, w = np.polynomial.legendre.leggauss(_POLAR_NODES)
-    phi = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
+    phi = TURN * np.arange(_AZIMUTHS) / _AZIMUTHS
     s = np.sqrt(1 - z * z)
     directions = np.stack(
         [np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(_AZIMUTHS))], axis=-1

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import TURN, Array, Mask
 
 Kind = Literal["known", "mean", "prediction"]
 """What a region is of, see `coverage_factor`."""
@@ -222,7 +222,7 @@ class Ellipsoid:
         minor, major = self.region(p)
         along = self.axes[:, 1]
         across = np.array([-along[1], along[0]])
-        angle = np.linspace(0, 2 * math.pi, n)[:, None]
+        angle = np.linspace(0, TURN, n)[:, None]
         boundary: Array = self.center + major * np.cos(angle) * along + minor * np.sin(angle) * across
         boundary[-1] = boundary[0]
         return boundary

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, InsufficientDataError
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.uncertainty.regions.regions import hotelling_factor
 
 Interval = tuple[float, float]
@@ -128,7 +128,7 @@ def orientation_performance(attained: ArrayLike, commanded: float) -> Orientatio
     """
     angles = _checked_cycles(np.asarray(attained, dtype=float).reshape(-1, 1))[:, 0]
     # Angles on both sides of pi are near to each other: count them from the commanded one.
-    offset = np.mod(angles - commanded + math.pi, 2 * math.pi) - math.pi
+    offset = np.mod(angles - commanded + math.pi, TURN) - math.pi
     return OrientationPerformance(len(offset), float(offset.mean()), 3 * float(offset.std(ddof=1)))
 
 

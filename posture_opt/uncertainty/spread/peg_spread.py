@@ -77,7 +77,7 @@ class PegSpread:
         """The tilt [rad] at which a peg that is in all the way touches the hole at both ends, ``2 clearance /
         length``.
         """
-        return None if math.isnan(self.clearance) else self._risk(2 * self.clearance / self.part.length)
+        return None if math.isnan(self.clearance) else self._tilt_risk(2 * self.clearance / self.part.length)
 
     @property
     def wedging(self) -> TiltRisk | None:
@@ -89,9 +89,9 @@ class PegSpread:
         """
         if math.isnan(self.clearance) or math.isnan(self.part.friction):
             return None
-        return self._risk(2 * self.clearance / (self.part.friction * self.part.diameter))
+        return self._tilt_risk(2 * self.clearance / (self.part.friction * self.part.diameter))
 
-    def _risk(self, angle: float) -> TiltRisk:
+    def _tilt_risk(self, angle: float) -> TiltRisk:
         """The probability that the tilt exceeds an angle [rad]."""
         return TiltRisk(angle, miss_probability(self.tilt, angle))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.units import plus_minus, shown
 
 _ANY_MEASUREMENT = "measure postures in which the two predict different errors"
@@ -234,7 +234,7 @@ def over_joint(state: ArmState, joint: int, note: str = "", side: Scalar = 1.0) 
 
 def over_phase(state: ArmState, joint: int, cycles: float) -> Abscissa:
     """The phase of an error of so many cycles per revolution of a joint, 0 to 360 deg."""
-    phase = np.degrees(np.mod(cycles * np.asarray(state.q[joint]), 2 * np.pi))
+    phase = np.degrees(np.mod(cycles * np.asarray(state.q[joint]), TURN))
     return Abscissa.of(state, phase, f"phase of the cycle [deg], {cycles:.4g} cycles per revolution")
 
 
