@@ -129,8 +129,7 @@ class ModelDiscrimination:
             problem: for the prior of the geometry; rows: the candidate measurements.
 
         Returns:
-            The design, and λ of each ordered pair in the data so far, of which what exceeds `levels.RIVAL_CRITERION`
-                was
+            The design, and λ of each ordered pair in the data so far; what of it exceeds `levels.RIVAL_CRITERION` was
             predicted and not seen: it is spent.
         """
         sensitivities = self.linearised.sensitivities

@@ -7,10 +7,9 @@ ablations on simulated arms, whose simulator shares no code with this package an
   draws (16 with one or two effects of noncentrality λ ≥ 25, four outside the catalogue, four without effect) and three
   real arms (Barrett WAM, KUKA iiwa 14, Franka Panda), one value changed at a time.
 * "Ablation B" is its second table, ``python -m benchmarks.decision_ablation --seed 83``: one draw of each of 13
-  families (effects in five kinds of sessions, four kinds of noise, one wrong geometric parameter, two shapes outside
-      the
-  catalogue, one arm without effect), each value halved and doubled. "No change" says that verdict, causes, rivals and
-  statuses of all 13 diagnoses stayed the same.
+  families (effects in five kinds of sessions, four kinds of noise, one wrong geometric parameter, two shapes
+  outside the catalogue, one arm without effect), each value halved and doubled. "No change" says that verdict,
+  causes, rivals and statuses of all 13 diagnoses stayed the same.
 
 No change in either ablation says that a value is not critical within a factor of two, not that it does nothing.
 Tolerances of floating point stay where they are used.
