@@ -137,10 +137,6 @@ def assess(
         problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
             ``data`` and the ``calibration`` that was made from them.
 
-
-    Args:
-        problem: for the task's direction and the instrument's σ.
-
     Example:
         >>> import posture_opt as po
         >>> problem = po.load_problem("insert_planar_2r_measured")

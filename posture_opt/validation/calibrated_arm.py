@@ -43,7 +43,10 @@ def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
 
 
 def nominal_arm(calibration: Calibration) -> FittedArm:
-    """The nominal arm where the measurements saw it: free frames are found, and nothing else."""
+    """The nominal arm where the measurements saw it: free frames are found, and nothing else is fitted.
+
+    Its document is what a controller with the file's parameters would do; errors stay those of the problem.
+    """
     parameters = calibration.parameters
     frames = {name: i for name, i in places_in_robot(parameters).items() if parameters[i].group in ("base", "tool")}
     return FittedArm("", {name: float(calibration.x_nominal[i]) for name, i in frames.items()})
@@ -69,6 +72,8 @@ def compare_models(
 
     Args:
         measured: (N, n) postures of these data [rad or m].
+        robot: says whether the base is free, so that the task's place is read in the frame of the instrument.
+        models: problems by name, the one in question last; seed, workers: of the plans.
     """
     hint = FREE_BASE if robot.base_free else ""
     return compare_plans(models, seed=seed, workers=workers, hint=hint, measured=measured)

@@ -17,7 +17,13 @@ from posture_opt.validation.spread_check import SpreadCheck, check_spread
 
 @dataclass(frozen=True, eq=False)
 class Evaluation(DerivedAgain):
-    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once."""
+    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once.
+
+    Its parts are computed when they are first asked for, and not again.
+
+    Args:
+        calibration: with its request: problem, measurements, and whether the task is planned again.
+    """
 
     calibration: Calibration
 
@@ -38,7 +44,10 @@ class Evaluation(DerivedAgain):
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """The task planned before and after; None where there is no task, or nobody asked."""
+        """The task planned before and after; None where there is no task, or nobody asked.
+
+        The calibrated arm has another best posture than the nominal one where its errors differ enough.
+        """
         request = self.calibration.request
         if not request.plan:
             return None

@@ -139,13 +139,16 @@ def measured_errors(
 
 
 def _position_errors(problem: ProblemData, data: Measurements) -> Array:
-    """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
+    """Model minus measurement (M, 3) [m], world; frames that the file leaves free are fitted to these rows."""
     residuals, _ = arm_and_data(problem, data)
     return position_errors(residuals, fit_frames(residuals))
 
 
 def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
-    """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures."""
+    """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures.
+
+    ``eᵀ (C + s² I)⁻¹ e ≤ χ²_d(0.95)`` in the d measured axes, C of each row's own posture and s the instrument's σ.
+    """
     moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
     axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)

@@ -114,23 +114,19 @@ def check_spread(
     the instrument; a wrong link length is the same at every repeat. Over postures everything shows. Outliers of the
     calibration are left out.
 
+    Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
+    using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
+
     Args:
         problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
             ``data`` and the ``calibration`` that was made from them.
         folds: of the cross-validation; default: those of the calibration.
 
-    Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
-    using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
-
-    Args:
-        problem: as stated, with what it says of its errors; data: the measurements of ``calibration``.
-        folds: of the cross-validation that ``calibration`` was made with.
-
     Example:
         >>> import posture_opt as po
         >>> problem = po.load_problem("insert_planar_2r_measured")
         >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
-        >>> check = po.check_spread(problem, data, po.calibrate(problem, data))
+        >>> check = po.check_spread(po.calibrate(problem, data))
         >>> check.coverage["calibrated"].share, check.coverage["calibrated"].verdict
         (0.95, 'right')
     """

@@ -61,7 +61,10 @@ class Components:
         return int(self.member.shape[1])
 
     def start(self) -> Array:
-        """Every component as large as would explain its part of all scatter."""
+        """Every component as large as would explain its part of all scatter.
+
+        A variance that moves nothing starts at zero.
+        """
         levers = np.einsum("gdn,gdn->n", self.scatter.columns, self.scatter.columns) @ self.member
         levers /= len(self.scatter.columns) * self.scatter.squares.shape[1]
         if self.fitted:
@@ -156,7 +159,11 @@ class Components:
         return moved
 
     def errors(self, theta: Array) -> Array:
-        """(c,) standard errors of the variances; infinite where the data do not determine them."""
+        """(c,) standard errors of the variances; infinite where the data do not determine them.
+
+        Directions of the scaled information below 1e-9 of the largest are unseen; a component with a part in one has no
+        error.
+        """
         information = self.normal(theta)[0]
         scale = _unit_diagonal(information)
         values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
@@ -206,7 +213,10 @@ class Components:
 def _illinois_root(
     function: Callable[[float], float], inside: tuple[float, float], outside: tuple[float, float]
 ) -> float:
-    """Where a function crosses zero between two points (x, f(x)), f below zero at the first and above at the other."""
+    """Where a function crosses zero between two points (x, f(x)), f below zero at the first and above at the other.
+
+    Source: Dowell, Jarratt (1971), the Illinois rule.
+    """
     (a, low), (b, high) = inside, outside
     former, middle = None, b
     for _ in range(_MAX_SCORING_STEPS):

@@ -165,6 +165,8 @@ def _released_problem(problem: _P, names: Sequence[str]) -> _P:
 class _Trial:
     """The arm calibrated with some statements ``released``, at the estimate x (k,).
 
+    The trials of all combinations of statements share one scale, so that their likelihoods can be compared.
+
     Args:
         e: (N, block) residuals; ``known`` (p, k) rows of the prior, as the data weigh it.
         count: how many combinations of parameters the data determine.
@@ -205,6 +207,8 @@ def _negative_log_likelihood(e: Array, known: Array, scale: float) -> float:
     """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``.
 
     And of ``known`` (p,), how far what the prior holds is from it in units of the same scale, under a Gaussian.
+
+    ``(ν + d)/2 Σ log(1 + |e_i|² / (ν s²)) + |known|² / (2 s²)``, up to a constant; ν = `_STUDENT_FREEDOM`, d = block.
     """
     squared = np.sum(e**2, axis=1) / scale**2
     data = float(np.sum(np.log1p(squared / _STUDENT_FREEDOM)) * (_STUDENT_FREEDOM + e.shape[1]) / 2)
@@ -262,7 +266,11 @@ class _Statements(Generic[_P]):
         return _calibrated_trial(problem, residuals, released, self.priors, weight)
 
     def _without_all(self, residuals: Residuals, x: Array, weight: float) -> tuple[Array, Array, int]:
-        """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order."""
+        """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order.
+
+        Args:
+            residuals: as stated, with deviations x (k,); weight: of the prior, in units of the instrument's σ.
+        """
         wide = arm_and_data(_released_problem(self.problem, self.statements), self.data)[0]
         value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
         at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
@@ -311,7 +319,11 @@ class _Statements(Generic[_P]):
 
     @cached_property
     def found(self) -> _Trial:
-        """The arm without the statements that are refuted: one after the other, and none that is not needed."""
+        """The arm without the statements that are refuted: one after the other, and none that is not needed.
+
+        Greedy: the release of largest gain next, then any of them taken back that is not needed. An effect of the
+        catalogue that explains as much ends it.
+        """
         now = self.trial(())
         while True:
             options = [self.trial((*now.released, *more)) for more in self._next_releases(now)]
@@ -370,7 +382,10 @@ class _Statements(Generic[_P]):
         return abs(float(now.x[i])) / self.sigma[now.residuals.parameters[i].name]
 
     def _effect_explains(self, now: _Trial, best: _Trial) -> bool:
-        """Whether one effect of the catalogue, at what is stated, explains as much as setting it aside."""
+        """Whether one effect of the catalogue, at what is stated, explains as much as setting it aside.
+
+        On `_MAX_EFFECT_ROWS` rows at most, to first order: every candidate of the catalogue, its size by least squares.
+        """
         rows = np.unique(
             np.linspace(0, len(self.data) - 1, min(len(self.data), _MAX_EFFECT_ROWS)).round().astype(np.intp)
         )

@@ -83,7 +83,10 @@ class EffectSensitivities:
         return self._flat(self.residuals.whiten(twists))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:
-        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
+        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one.
+
+        Smooth shapes are derivatives at that size: an effect of size zero has none.
+        """
         wide = self.residuals.with_effects([effect], self.x)
         own = wide.parameters[len(self.x) :]
         x = np.r_[self.x, theta, np.zeros(len(own) - len(theta))]

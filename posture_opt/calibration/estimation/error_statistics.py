@@ -31,7 +31,11 @@ class Statistics:
 
     @classmethod
     def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
-        """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,)."""
+        """Of errors (N, d) [m] whose rows are correlated within ``groups`` (N,).
+
+        Args:
+            draws: of the bootstrap.
+        """
         lengths = np.linalg.norm(errors, axis=1)
         rms = float(np.sqrt(np.mean(lengths**2)))
         interval = _bootstrap_interval(lengths**2, groups, draws)
@@ -113,7 +117,10 @@ def equal_poses(q: Array, pose: Codes) -> Codes:
 
 
 def median_blocks(points: Array, count: int) -> Codes:
-    """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again."""
+    """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again.
+
+    The largest block is cut next, until there are ``count``; blocks of one point stay.
+    """
     parts = [np.arange(len(points))]
     while len(parts) < count:
         largest = max(range(len(parts)), key=lambda i: len(parts[i]))

@@ -130,6 +130,9 @@ def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> t
 
     What a data sheet's repeatability, or ``scatter``, adds to the sources changes from repeat to repeat and is no
     prior; a frame that is free has none either.
+
+    Returns:
+        Indices among ``parameters``, and the covariance (p, p) of those.
     """
     known = problem.sources.constant
     free = {"base": problem.robot.base_free, "tool": problem.robot.tool_free}
