@@ -75,7 +75,7 @@ class _Explained:
         return self.search.names or self.search
 
     @property
-    def closed(self) -> float:
+    def adequacy_p_value(self) -> float:
         """p-value of the tests for anything left; zero where there are unnamed components."""
         return 0.0 if self.unnamed else self.adequacy.p_value
 
@@ -178,8 +178,8 @@ def _explain_residuals(
     everything = linearised.baseline(found.chosen)
     repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
-    closed = 0.0 if unnamed else left.p_value
-    noise, uneven = noise_causes(problem, calibration, model, everything, closed, seed)
+    p_value = 0.0 if unnamed else left.p_value
+    noise, uneven = noise_causes(problem, calibration, model, everything, p_value, seed)
     return _Explained(calibration, linearised, found, model, unnamed, left, noise, uneven)
 
 
@@ -257,7 +257,7 @@ def _assemble_diagnosis(
     other: SecondSession | None,
 ) -> Diagnosis:
     """The result: ``unexplained`` where a test of what is left is significant, or errors are uneven."""
-    open_ = found.closed < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
+    open_ = found.adequacy_p_value < levels.LACK_OF_FIT_LEVEL or bool(found.uneven)
     verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
     calibration = found.calibration
     return Diagnosis(

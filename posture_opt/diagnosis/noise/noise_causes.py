@@ -33,7 +33,7 @@ def noise_causes(
     calibration: Calibration,
     model: Fit,
     baseline: ProjectedBaseline,
-    closed: float,
+    adequacy: float,
     seed: int,
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
     """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong.
@@ -44,7 +44,7 @@ def noise_causes(
     joint swell residuals too. Gross errors are sought among all rows, those too that the calibration left out.
 
     Args:
-        closed: p-value that nothing is left unexplained, 0 where an unnamed component is.
+        adequacy: p-value of the tests for anything left unexplained, 0 where an unnamed component is.
         problem: for what it states of instrument and joints.
         model: the arm with its effects; ``baseline`` everything that was fitted, unnamed components too.
         seed: of the null distributions.
@@ -53,8 +53,8 @@ def noise_causes(
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL
     found, uneven = find_uneven_noise(everything, repeats, seed, level)
     other = bool(found or uneven)
-    found += [] if closed < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
-    if position_sigma(problem, model.residuals.data) and not (found or uneven) and closed >= levels.STRUCTURE_LEVEL:
+    found += [] if adequacy < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
+    if position_sigma(problem, model.residuals.data) and not (found or uneven) and adequacy >= levels.STRUCTURE_LEVEL:
         squares = everything.e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         # Standardised residuals have their leverage back already.

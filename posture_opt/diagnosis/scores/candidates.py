@@ -50,7 +50,7 @@ class Candidate:
         return isinstance(self.what, Effect)
 
     @property
-    def apart(self) -> Candidate:
+    def detached(self) -> Candidate:
         """The same with columns of its own, so that the blocks in which it is kept can be freed."""
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 

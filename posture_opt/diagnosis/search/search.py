@@ -68,16 +68,16 @@ class SearchResult:
         return sum(len(s.what.lines) if isinstance(s.what, CyclicError) else 1 for s in self.chosen)
 
     @property
-    def apart(self) -> SearchResult:
+    def detached(self) -> SearchResult:
         """The same without the dictionary that it was found in."""
         return replace(
             self,
-            chosen=tuple(s.apart for s in self.chosen),
-            rivals=tuple(tuple(s.apart for s in own) for own in self.rivals),
-            scored=tuple(replace(s, candidate=s.candidate.apart) for s in self.scored),
-            absorbed=tuple((s.apart, rho) for s, rho in self.absorbed),
-            considered=tuple(s.apart for s in self.considered),
-            names=None if self.names is None else self.names.apart,
+            chosen=tuple(s.detached for s in self.chosen),
+            rivals=tuple(tuple(s.detached for s in own) for own in self.rivals),
+            scored=tuple(replace(s, candidate=s.candidate.detached) for s in self.scored),
+            absorbed=tuple((s.detached, rho) for s, rho in self.absorbed),
+            considered=tuple(s.detached for s in self.considered),
+            names=None if self.names is None else self.names.detached,
         )
 
     @property
@@ -107,7 +107,7 @@ def search_effects(
     """
     if foldings is None:
         foldings = Folding.usual(linearised.sensitivities.residuals.data)
-    return _search_all(linearised, foldings, report_step).apart
+    return _search_all(linearised, foldings, report_step).detached
 
 
 def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_step: ReportStep) -> SearchResult:
