@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.shared_placement import Placement, PlacementStatistics
     from posture_opt.selection.answer.solution import Solution
 
-_TOLD = 1e-4  # of a probability: what a report tells apart
-_SAME = 5e-4  # of a standard deviation: less is no difference
+_PROBABILITY_TOLERANCE = 1e-4  # of a probability: what a report tells apart
+_GAIN_TOLERANCE = 5e-4  # of a standard deviation: less is no difference
 COMBINED = {
     "worst": "the largest of all features",
     "mean": "the mean of all features",
@@ -125,7 +125,7 @@ def _typical_success(typical: PlacementFigure | None) -> str:
 def gain_words(found: Solution, other: PlacementFigure) -> str:
     """The standard deviation beside that of another placement."""
     gain = 1 - found.sigma / other.sigma
-    if abs(gain) < _SAME:
+    if abs(gain) < _GAIN_TOLERANCE:
         return "the same as"
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} than"
 
@@ -237,7 +237,7 @@ def features_checks(found: Solution) -> Block:
     """What the search did, and how the probability was found."""
     e = statistics_of(found)
     rows: list[tuple[str, str]] = []
-    if found.success is not None and abs(found.success.product - found.success.probability) > _TOLD:
+    if found.success is not None and abs(found.success.product - found.success.probability) > _PROBABILITY_TOLERANCE:
         rows.append(("Together", f"constant errors are shared by all features; if they were independent, the "
                                  f"probability would be {probability(found.success.product)}"))  # fmt: skip
     if found.task.combine == "success":

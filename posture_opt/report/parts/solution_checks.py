@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
 GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
-_FAR_BELOW = 100.0  # times: a bound that is farther below the answer says nothing about it
-_LENGTHS = ("lower", "upper", "clearance")
-_MEANING = {
+_MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
+_LENGTH_PARAMETERS = ("lower", "upper", "clearance")
+_PARAMETER_MEANINGS = {
     "lower": "box of the target, lower corner",
     "upper": "box of the target, upper corner",
     "direction": "direction of the task",
@@ -39,7 +39,7 @@ _MEANING = {
     "a2": "second axis across that",
     "spin": "where the y axis of the tool is to point",
 }
-_OF_AXIS = ("axis", "a1", "a2")
+_AXIS_PARAMETERS = ("axis", "a1", "a2")
 
 
 def checks_block(solution: Solution) -> Block:
@@ -97,7 +97,7 @@ def _less(gain: float) -> str:
 
 def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
     bound = solution.lower_bound
-    if bound is None or solution.critical.sigma_max > _FAR_BELOW * bound.sigma:
+    if bound is None or solution.critical.sigma_max > _MAX_BOUND_RATIO * bound.sigma:
         return []
     arm = solution.optimisation_problem.arm
     where = "at this target" if solution.target.kind == "point" else "anywhere in this box"
@@ -232,14 +232,14 @@ def _parameters(target: TaskTarget) -> Table:
     for name, size in SIZES.items():
         entries = [float(v) for v in target.parameters[at : at + size]]
         at += size
-        if (name in _OF_AXIS and along) or (name == "spin" and not target.spun):
+        if (name in _AXIS_PARAMETERS and along) or (name == "spin" and not target.spun):
             continue  # the tool axis is held along the direction, which is told above
-        rows.append((name, _MEANING[name], _entries(name, entries)))
+        rows.append((name, _PARAMETER_MEANINGS[name], _entries(name, entries)))
     return Table(("parameter", "is", "value"), tuple(rows), text_columns=2)
 
 
 def _entries(name: str, entries: list[float]) -> str:
-    if name in _LENGTHS:
+    if name in _LENGTH_PARAMETERS:
         return ", ".join("free" if abs(v) >= FREE else quantity(v, "m") for v in entries)
     if name == "scale":
         return f"{_plain(entries[0] * 1e6)} mm^2"

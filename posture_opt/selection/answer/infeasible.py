@@ -25,10 +25,10 @@ from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Reason, Relaxation, plane_reason, relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 
-_LED = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
-_NEAR = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
-_FEWER_STARTS = 3  # beside postures that are near already
-_STARTS = 6  # of them, for a requirement that gives: those that lack least, and as many that lack least of the others
+_POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
+_REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
+_STARTS_NEAR_KNOWN = 3  # beside postures that are near already
+_STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,9 @@ class _Infeasibility:
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
-        chosen = self._pool[np.concatenate([order[: _FEWER_STARTS if len(near) else _STARTS] for order in orders])]
+        chosen = self._pool[
+            np.concatenate([order[: _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER] for order in orders])
+        ]
         return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
@@ -168,14 +170,14 @@ class _Infeasibility:
         A position alone is missed by none of so many postures that are led there, unless it is out of reach.
         """
         misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
-        return bool(np.nanmin(misses) < _NEAR * self.problem.reach.radius)
+        return bool(np.nanmin(misses) < _REACH_TOLERANCE * self.problem.reach.radius)
 
     def _led(self, ik: InverseKinematics, with_axis: bool) -> Array:
         rng = np.random.default_rng(1)
-        request = self.engine.request(self.target, _LED, rng, whole_box=True)
+        request = self.engine.request(self.target, _POOL_POSTURES, rng, whole_box=True)
         if not with_axis:
             request = replace(request, weights=request.weights * np.array([1.0, 0.0, 0.0]))
-        return ik.solve(ik.random_postures(_LED, rng), request)[0]
+        return ik.solve(ik.random_postures(_POOL_POSTURES, rng), request)[0]
 
 
 def _specific(names: Sequence[str]) -> int:

@@ -136,6 +136,11 @@ class Solution(Result):
         """The answer at the first feature or listed point."""
         return self.stations[0]
 
+    @property
+    def targets(self) -> tuple[TaskTarget, ...]:
+        """The targets of all stations, listed and added."""
+        return tuple(point.target for point in self.points or (self,))
+
     @cached_property
     def postures(self) -> Array:
         """(K, n) at all stations, listed and added [rad or m]."""
@@ -190,7 +195,7 @@ class Solution(Result):
         """In which order to visit the stations, so that the joints travel least."""
         return best_order(self.optimisation_problem.robot, self.postures)
 
-    @property
+    @cached_property
     def bench(self) -> Any:
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
         return None if self.placement is None else self.placement.bench(self.postures)

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 
-_EXACT = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
-_SAVED = 1e-3  # of the travel: less is not worth another order
-_TURN = 2 * np.pi
+_MAX_EXACT_POSTURES = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
+_TRAVEL_TOLERANCE = 1e-3  # of the travel: less is not worth another order
 
 
 @dataclass(frozen=True)
@@ -44,13 +43,13 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
     """The open tour of least travel: by dynamic programming (Held and Karp 1962) up to 12 postures, else by 2-opt."""
     D = moves(robot, Q)
     listed = list(range(len(Q)))
-    order = _held_karp(D) if len(Q) <= _EXACT else _two_opt(D)
+    order = _held_karp(D) if len(Q) <= _MAX_EXACT_POSTURES else _two_opt(D)
     # As listed where that is as good: nobody likes to visit in another order for nothing.
-    if _length(D, order) >= (1 - _SAVED) * _length(D, listed):
+    if _length(D, order) >= (1 - _TRAVEL_TOLERANCE) * _length(D, listed):
         order = listed
     elif order[0] > order[-1]:
         order = order[::-1]
-    return VisitingOrder(tuple(order), _length(D, order), _length(D, listed), len(Q) <= _EXACT)
+    return VisitingOrder(tuple(order), _length(D, order), _length(D, listed), len(Q) <= _MAX_EXACT_POSTURES)
 
 
 def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
@@ -58,11 +57,11 @@ def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
     near = np.array(Q)
     turning = np.array([joint.type == "revolute" for joint in robot.joints])
     for before, k in itertools.pairwise(order):
-        wanted = np.rint((near[before] - near[k]) / _TURN)
-        least = np.ceil((robot.lower - near[k]) / _TURN - 1e-9)
-        most = np.floor((robot.upper - near[k]) / _TURN + 1e-9)
+        wanted = np.rint((near[before] - near[k]) / TURN)
+        least = np.ceil((robot.lower - near[k]) / TURN - 1e-9)
+        most = np.floor((robot.upper - near[k]) / TURN + 1e-9)
         turns = np.where(turning & (least <= most), np.clip(wanted, least, most), 0.0)
-        near[k] = np.clip(near[k] + turns * _TURN, robot.lower, robot.upper)
+        near[k] = np.clip(near[k] + turns * TURN, robot.lower, robot.upper)
     return near
 
 
@@ -77,7 +76,7 @@ def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
         for anchor in anchors:
             chosen = [int(np.argmin(np.round(_apart(robot, each, anchor), 6))) for each in options]
             length = _short_tour(robot, options, chosen)
-            if length < (1 - _SAVED) * shortest:
+            if length < (1 - _TRAVEL_TOLERANCE) * shortest:
                 best, shortest = chosen, length
     return best
 
@@ -92,7 +91,7 @@ def _apart(robot: Robot, Q: Array, q: Array) -> Array:
     """(A,) largest difference of a joint between postures (A, n) and one (n,), whole turns taken off."""
     turns = np.array([joint.type == "revolute" for joint in robot.joints])
     away = Q - q
-    away = np.where(turns, away - _TURN * np.rint(away / _TURN), away)
+    away = np.where(turns, away - TURN * np.rint(away / TURN), away)
     return np.asarray(np.abs(away[:, turns] if turns.any() else away).max(axis=1))
 
 

@@ -24,7 +24,7 @@ from posture_opt.selection.stations.bench_map import PlacementOnBench, placement
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.placement_search import (
-    FOUND_BY,
+    BATCHES_THAT_FIND_IT,
     PlacementOptimum,
     PlacementSearch,
     failing,
@@ -35,10 +35,10 @@ from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.spread import propagate
 
-_COMPARED = 3  # optima of the probability that are compared by them, errors that stay included
-_EXPLAINED = 3  # features that fail, for which the reason is looked into
-_MOST_OTHERS = 5
-_SAME = 1e-4  # of a standard deviation: features that differ by less are the same
+_COMPARED_OPTIMA = 3  # optima of the probability that are compared by them, errors that stay included
+_EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into
+_MAX_OTHER_OPTIMA = 5
+_SIGMA_TOLERANCE = 1e-4  # of a standard deviation: features that differ by less are the same
 
 
 def select_for_features(
@@ -77,7 +77,9 @@ class _FeaturesSelection:
         own = searches[0]
         if not own.optima:
             raise self._failure(own, began)
-        found = [self._at(own, optimum, began) for optimum in own.optima[: _COMPARED if len(searches) > 1 else 1]]
+        found = [
+            self._at(own, optimum, began) for optimum in own.optima[: _COMPARED_OPTIMA if len(searches) > 1 else 1]
+        ]
         for search in searches[1:]:
             # What another aim found is a candidate too, as it is and with its postures solved again for this one:
             # errors that stay favour postures that are alike, and what is best for each alone may not be.
@@ -142,7 +144,11 @@ class _FeaturesSelection:
         """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
         selector, scene = self._selector(combine), self.problem.scene
         # Another aim gives a candidate and no more.
-        wanted = {1: FOUND_BY, 3: FOUND_BY - 1}[len(self._combinations)] if combine == self.task.combine else 1
+        wanted = (
+            {1: BATCHES_THAT_FIND_IT, 3: BATCHES_THAT_FIND_IT - 1}[len(self._combinations)]
+            if combine == self.task.combine
+            else 1
+        )
         found = search_placement(self._stations(selector, combine), self.seed, workers, progress, wanted)
         alone = combine == self.task.combine  # what another aim finds is solved again, clear of collisions
         if not alone or not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
@@ -180,7 +186,7 @@ class _FeaturesSelection:
             optimal=optimum.optimal,
             at_centre=figure.of(every, 0),
             typical=None if middle is None else figure.of(every, int(middle)),
-            others=tuple(figure.of(other.found, 0) for other in rest[:_MOST_OTHERS]),
+            others=tuple(figure.of(other.found, 0) for other in rest[:_MAX_OTHER_OPTIMA]),
         )  # fmt: skip
 
     def _solution(
@@ -204,7 +210,9 @@ class _FeaturesSelection:
         """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
         if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
             return solved
-        alike = [[a for a in s.alternatives if a.sigma_max <= (1 + _SAME) * s.critical.sigma_max] for s in solved]
+        alike = [
+            [a for a in s.alternatives if a.sigma_max <= (1 + _SIGMA_TOLERANCE) * s.critical.sigma_max] for s in solved
+        ]
         options = [
             np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
         ]
@@ -241,7 +249,7 @@ class _FeaturesSelection:
         selector = self._selector(stations.combine)
         errors: list[NoSolutionError] = []
         failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
-        for k in failed[:_EXPLAINED]:
+        for k in failed[:_EXPLAINED_FEATURES]:
             try:
                 selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
             except NoSolutionError as error:

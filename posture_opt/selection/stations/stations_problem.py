@@ -23,10 +23,10 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.stations.station_function import StationFunction
 from posture_opt.selection.tasks.workpiece import Combine
 
-_PLACED = 5  # variables before the postures: the placement (4,) and the level that is minimised
+_VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
 _MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
 _STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
-_STEP_MARGIN = 1e-9  # rad: what IPOPT may overstep
+_STEP_MARGIN_RAD = 1e-9  # rad: what IPOPT may overstep
 _OPTIONS = {
     "ipopt.tol": 1e-7,
     "ipopt.constr_viol_tol": 1e-9,
@@ -110,7 +110,7 @@ class StationsProblem(DerivedAgain):
 
     def solve(self, start: StationsPoint, largest: float = np.inf) -> StationsOutcome:
         """The local optimum of IPOPT from a start, which should be feasible, with no step above ``largest``."""
-        return self._solved(self._least_objective, start, max(largest - _STEP_MARGIN, 0.0))
+        return self._solved(self._least_objective, start, max(largest - _STEP_MARGIN_RAD, 0.0))
 
     def least_step(self, start: StationsPoint) -> StationsOutcome:
         """The postures whose largest step is least, whatever the objectives."""
@@ -126,7 +126,7 @@ class StationsProblem(DerivedAgain):
         x = np.clip(found.x, lower, upper)
         g = np.asarray(program.rows(x, largest)).ravel()
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
-        point = StationsPoint(x[:4], x[_PLACED:].reshape(Q.shape))
+        point = StationsPoint(x[:4], x[_VARIABLES_BEFORE_POSTURES:].reshape(Q.shape))
         return StationsOutcome(
             point, float(program.level(x)), violation, found.optimal, found.message, found.iterations
         )
@@ -180,7 +180,7 @@ class StationsProblem(DerivedAgain):
     def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
         """Variables, the largest step, first and further terms (K, 1) of the objectives, rows of the stations."""
         n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
-        x, largest = ca.MX.sym("x", _PLACED + n * K), ca.MX.sym("largest")
+        x, largest = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("largest")
         parts = []
         for function, of in self._functions:
             parameters = ca.DM(np.array([self.stations[k].target.parameters for k in of]).T)
@@ -198,7 +198,7 @@ class StationsProblem(DerivedAgain):
         return [(StationFunction(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
 
     def _postures(self, x: ca.MX) -> ca.MX:
-        return ca.reshape(x[_PLACED:], -1, len(self.stations))
+        return ca.reshape(x[_VARIABLES_BEFORE_POSTURES:], -1, len(self.stations))
 
     def _moved(self, x: ca.MX, steps: StationSteps) -> ca.MX:
         """(m, K − 1) steps of the counted joints, as they count."""
