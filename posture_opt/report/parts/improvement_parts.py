@@ -37,6 +37,7 @@ def improvements_block(problem: ProblemData, changes: Sequence[Improvement], par
 
 @singledispatch
 def _words(change: Improvement, arm: Arm) -> str:
+    """A change in words, with its size."""
     raise NotImplementedError(type(change))
 
 

@@ -130,10 +130,12 @@ def _finer(found: Solution) -> str:
 
 
 def _above(sigma: float, bound: float) -> str:
+    """How far the motion is from its lower bound."""
     return f"this motion is {percent(sigma / bound - 1)} above" if sigma > bound * (1 + _GAIN_TOLERANCE) else "attained"
 
 
 def _naive_rows(found: Solution) -> list[tuple[str, str]]:
+    """What each point alone gives, and following the first without look-ahead."""
     each, onward = found.naive.each, found.naive.onward
     alone = f"{length(float(each.sigma.max()))} at the worst point, with joint jumps of {angle(each.largest_step)}"
     if onward is None:
@@ -148,6 +150,7 @@ def _naive_rows(found: Solution) -> list[tuple[str, str]]:
 
 
 def _gain(found: Solution, other: Motion) -> str:
+    """The spread of another motion, and how much lower this one's is."""
     sigma = float(other.sigma.max())
     gain = found.gain_over(sigma)
     if abs(gain) < _GAIN_TOLERANCE:

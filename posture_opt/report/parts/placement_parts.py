@@ -117,6 +117,7 @@ def success_words(found: Solution) -> str:
 
 
 def _typical_success(typical: PlacementFigure | None) -> str:
+    """The probability at a typical placement, in brackets."""
     if typical is None or typical.success is None:
         return ""
     return f" ({probability(typical.success)} at a typical feasible placement)"
@@ -172,6 +173,7 @@ def features_block(found: Solution) -> Block:
 
 
 def _share(p: float | None) -> str:
+    """A probability in percent, as tables have it."""
     return "" if p is None else f"{100 * p:.4g}" if p < 0.9999 else "> 99.99"
 
 
@@ -217,6 +219,7 @@ def order_block(found: Solution) -> Block:
     turning = any(joint.type == "revolute" for joint in found.optimisation_problem.robot.joints)
 
     def travel(value: float) -> str:
+        """A way of joints: an angle, or a length where all joints slide."""
         return angle(value) if turning else length(value)
 
     listed = "file order" if order.order == tuple(range(len(found.names))) else "this order"

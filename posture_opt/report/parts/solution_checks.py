@@ -73,6 +73,7 @@ def gain_facts(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _most_manipulable(solution: Solution) -> list[tuple[str, str]]:
+    """The spread in the posture of greatest manipulability."""
     other = solution.most_manipulable
     if other is None or solution.critical.sigma_max <= 0:
         return []
@@ -90,12 +91,14 @@ def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
 
 
 def _less(gain: float) -> str:
+    """A relative gain in words."""
     if abs(gain) < 5e-4:
         return "the same standard deviation as"
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} standard deviation than"
 
 
 def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
+    """The bound that no posture beats, the source that sets it, and how far the answer is above."""
     bound = solution.lower_bound
     if bound is None or solution.critical.sigma_max > _MAX_BOUND_RATIO * bound.sigma:
         return []
@@ -109,6 +112,7 @@ def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _above(ratio: float) -> str:
+    """How far the answer is above its bound."""
     if ratio > 2:
         return f"this posture is at {number(ratio, 2)} times the bound"
     if ratio < 1.0005:
@@ -117,6 +121,7 @@ def _above(ratio: float) -> str:
 
 
 def _search(solution: Solution) -> list[tuple[str, str]]:
+    """Starts, optima, and how often the best was found."""
     e = solution.statistics
     text = (
         f"{count(e.tried, 'random start')}, {e.starts:,} reached the target, {e.feasible:,} of these meet all "
@@ -133,6 +138,7 @@ def _search(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _sweep(solution: Solution, sweep: Sweep) -> str:
+    """What a systematic sweep found beside the random starts."""
     text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible:,} of them feasible"
     sigma, answer = solution.statistics.sweep_sigma, solution.critical.sigma_max
     if not math.isfinite(sigma):
@@ -144,6 +150,7 @@ def _sweep(solution: Solution, sweep: Sweep) -> str:
 
 
 def _advice(solution: Solution) -> tuple[str, ...]:
+    """What else may help."""
     return (*_advice_on_criterion(solution), *_advice_on_place(solution))
 
 
@@ -156,6 +163,7 @@ def _advice_on_criterion(solution: Solution) -> tuple[str, ...]:
 
 
 def _advice_on_place(solution: Solution) -> tuple[str, ...]:
+    """To move the workpiece where the posture matters little."""
     typical = solution.statistics.typical
     if solution.target.kind != "point" or not math.isfinite(typical):
         return ()
@@ -169,6 +177,7 @@ def _advice_on_place(solution: Solution) -> tuple[str, ...]:
 
 
 def _almost(gain: float) -> str:
+    """How much worse a typical posture is."""
     return "as good" if gain < 5e-4 else f"only {percent(gain)} worse"
 
 
@@ -190,11 +199,13 @@ def explain_report(solution: Solution) -> Report:
 
 
 def _objective(nlp: Nlp, values: Values) -> Table:
+    """Terms of the objective with their values."""
     rows = [(name, _plain(float(value))) for (name, _), value in zip(nlp.terms, values.terms, strict=True)]
     return Table(("term", "value"), (*rows, ("objective", _plain(values.objective))))
 
 
 def _variables(nlp: Nlp, q: Array) -> Table:
+    """Joint values between their limits."""
     rows = tuple(
         (v.name, *(quantity(float(x), v.unit) for x in (v.lower, value, v.upper)), _binding(v.lower, value, v.upper))
         for v, value in zip(nlp.variables, q, strict=True)
@@ -203,6 +214,7 @@ def _variables(nlp: Nlp, q: Array) -> Table:
 
 
 def _rows(nlp: Nlp, values: Values) -> Table:
+    """Rows between their ends."""
     rows = tuple(
         (row.name, *_told(row, float(low), float(value), float(high)), _binding(low, value, high))
         for row, low, value, high in zip(nlp.rows, values.row_lower, values.rows, values.row_upper, strict=True)
@@ -219,6 +231,7 @@ def _told(row: Row, low: float, value: float, high: float) -> list[str]:
 
 
 def _binding(low: float, value: float, high: float) -> str:
+    """Whether a value is at an end, or beyond."""
     tolerance = 1e-6
     if value < low - tolerance or value > high + tolerance:
         return "violated"
@@ -228,6 +241,7 @@ def _binding(low: float, value: float, high: float) -> str:
 
 
 def _parameters(target: TaskTarget) -> Table:
+    """Parameters of the target with their meaning."""
     rows, at, along = [], 0, np.array_equal(target.axis, target.direction)
     for name, size in SIZES.items():
         entries = [float(v) for v in target.parameters[at : at + size]]
@@ -239,6 +253,7 @@ def _parameters(target: TaskTarget) -> Table:
 
 
 def _entries(name: str, entries: list[float]) -> str:
+    """Numbers of a parameter in its unit."""
     if name in _LENGTH_PARAMETERS:
         return ", ".join("free" if abs(v) >= FREE else quantity(v, "m") for v in entries)
     if name == "scale":
@@ -247,4 +262,5 @@ def _entries(name: str, entries: list[float]) -> str:
 
 
 def _plain(value: float) -> str:
+    """A number without a unit."""
     return f"{value:.6g}" if math.isfinite(value) else UNKNOWN

@@ -121,9 +121,11 @@ def improvements(
     problem = stations[0].problem
 
     def gain(sigma: float) -> tuple[float, float]:
+        """What is left of the standard deviation [m], and the relative gain."""
         return sigma, 1.0 - sigma / before
 
     def under(sources: Sources) -> tuple[float, float]:
+        """The same under other errors, in the postures of the answer."""
         return gain(float(combined(np.array([station.sigma_under(sources) for station in stations]))))
 
     found: list[Improvement] = [
@@ -153,6 +155,7 @@ def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tupl
 
 
 def _halved(sources: Sources, name: str) -> Sources:
+    """The same sources with one standard deviation halved, its correlations kept."""
     scale = np.where(np.array(sources.names) == name, 0.5, 1.0)
     both = np.outer(scale, scale)
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)

@@ -72,22 +72,28 @@ def infeasible(
 
 @dataclass(frozen=True)
 class _Infeasibility:
+    """The inquiry into one search that found nothing: which requirement gives, and by how little."""
+
     engine: Engine
     found: MultistartResult
 
     @property
     def problem(self) -> OptimisationProblem:
+        """What was asked, with its rows."""
         return self.engine.optimisation_problem
 
     @property
     def target(self) -> TaskTarget:
+        """Where the tool point was to go."""
         return self.found.target
 
     @property
     def elastic(self) -> ElasticProblem:
+        """The program in which requirements may give."""
         return self.engine.elastic
 
     def explanation(self) -> Explanation:
+        """The nearest posture and the reasons: the most particular requirement that suffices when it gives."""
         outside = plane_reason(self.problem.reach, self.target)
         if outside is not None:
             nearest = self._least(self.elastic.requirements)
@@ -127,6 +133,7 @@ class _Infeasibility:
         return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
 
     def _may_give(self, name: str) -> bool:
+        """Whether a requirement can give at all: a target anywhere is always met, an axis that is free too."""
         if name == TARGET:
             return self.target.kind != "anywhere"
         return name != AXIS or self.problem.axis_rows > 0
@@ -143,10 +150,12 @@ class _Infeasibility:
         return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
+        """(N,) what the pool's postures lack in the requirements that are counted."""
         return self.elastic.cost(np.where(counted, self._lacking, 0.0))
 
     @cached_property
     def _lacking(self) -> Array:
+        """(N, r) by how much each posture of the pool breaks each requirement."""
         return self.elastic.lacking(self._pool, self.target.parameters)
 
     @cached_property
@@ -173,6 +182,7 @@ class _Infeasibility:
         return bool(np.nanmin(misses) < _REACH_TOLERANCE * self.problem.reach.radius)
 
     def _led(self, ik: InverseKinematics, with_axis: bool) -> Array:
+        """(N, n) random postures after inverse kinematics towards the target, with or without its tool axis."""
         rng = np.random.default_rng(1)
         request = self.engine.request(self.target, _POOL_POSTURES, rng, whole_box=True)
         if not with_axis:

@@ -155,12 +155,14 @@ class PostureSelector:
         return self._answer(self._searched(seek, aim), began)
 
     def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
+        """The search without rows against collisions, and again with them where the answer collides."""
         free = self.engine(target, guarded=False)
         return searched(seek, free, lambda: self.engine(target, guarded=True), self._problem.scene)
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
     ) -> TaskTarget:
+        """The target of the task with another position [m], direction or clearance [m]; refuses what is not finite."""
         target = self.target
         if position is not None:
             target = target.with_position(np.asarray(position, dtype=float))
@@ -173,6 +175,10 @@ class PostureSelector:
         return target
 
     def _answer(self, outcome: SearchOutcome, began: float) -> Solution:
+        """The solution of a search, or the error with the reasons.
+
+        Alternatives are the distinct optima that a search ended at, at most eight.
+        """
         found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
         problem = outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)

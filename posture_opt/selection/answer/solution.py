@@ -232,6 +232,7 @@ class Solution(Result):
 
     @cached_property
     def _alternatives(self) -> tuple[Alternative, ...]:
+        """Computed once: σ of every ranked posture."""
         if not len(self.ranked):
             return ()
         moments = end_moments(self.optimisation_problem, self.ranked, self.basis)
@@ -342,6 +343,7 @@ class Solution(Result):
         }
 
     def _features_json(self) -> dict[str, Any]:
+        """What holds for all features: each of them, the worst, all together, the order of visits, other placements."""
         success = self.success if self.status != "infeasible" else None
         return {
             "combine": self.combine,
@@ -397,6 +399,7 @@ class Solution(Result):
         }
 
     def _lower_bound_json(self) -> dict[str, Json] | None:
+        """The bound with the source that sets it; null where there is none."""
         if self.lower_bound is None:
             return None
         return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}

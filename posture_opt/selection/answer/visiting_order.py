@@ -82,6 +82,7 @@ def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
 
 
 def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -> float:
+    """Length of a short tour through one posture of each set: nearest neighbours from every first one."""
     Q = np.array([each[k] for each, k in zip(options, chosen, strict=True)])
     D = np.array([_apart(robot, Q, q) for q in Q])
     return min(_length(D, _nearest_first(D, first)) for first in range(len(Q)))
@@ -96,10 +97,15 @@ def _apart(robot: Robot, Q: Array, q: Array) -> Array:
 
 
 def _length(D: Array, order: Sequence[int]) -> float:
+    """Sum of the moves of an open tour."""
     return float(sum(D[a, b] for a, b in itertools.pairwise(order)))
 
 
 def _held_karp(D: Array) -> list[int]:
+    """The shortest open tour by dynamic programming over subsets, O(2^K K²).
+
+    Source: M. Held and R. M. Karp, J. SIAM 10 (1962) 196.
+    """
     K = len(D)
     cost = np.full((1 << K, K), np.inf)
     came = np.zeros((1 << K, K), dtype=int)
@@ -126,6 +132,7 @@ def _two_opt(D: Array) -> list[int]:
 
 
 def _nearest_first(D: Array, first: int) -> list[int]:
+    """The tour that goes on to the nearest posture each time."""
     order, left = [first], set(range(len(D))) - {first}
     while left:
         order.append(min(left, key=lambda k: (D[order[-1], k], k)))
@@ -134,6 +141,7 @@ def _nearest_first(D: Array, first: int) -> list[int]:
 
 
 def _improved_tour(D: Array, order: list[int]) -> list[int]:
+    """The tour with parts reversed while that shortens it (2-opt)."""
     better = True
     while better:
         better = False

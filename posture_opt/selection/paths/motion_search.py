@@ -65,6 +65,7 @@ class MotionSearch(DerivedAgain):
 
     @cached_property
     def graph(self) -> StepGraph:
+        """The candidates with the steps between them."""
         return StepGraph(self.steps, self.found.postures, self.found.costs, self.path.parts)
 
     @cached_property
@@ -168,6 +169,7 @@ class MotionSearch(DerivedAgain):
         return motion
 
     def _motion(self, Q: Array, optimal: bool | None = None) -> Motion:
+        """The motion through postures (K, n), joints turned on without jumps."""
         Q, _ = self.steps.unwrapped(Q)
         certain = not self.engine.optimisation_problem.freedom if optimal is None else optimal
         return Motion.of(self.engine, self.found.targets, Q, self.steps.along(Q) * self.path.parts, self.scene, certain)

@@ -75,6 +75,8 @@ def find_candidates(
 
 @dataclass(frozen=True)
 class _Following:
+    """The search for candidates: anchors, and what is followed from them along the path."""
+
     engine: Engine
     targets: tuple[TaskTarget, ...]
     steps: JointSteps
@@ -130,6 +132,11 @@ class _Following:
             yield from self._followed(Q, way, improved)
 
     def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
+        """Postures (N, n) led from point to point of a way, with each point that some of them reach.
+
+        Args:
+            improved: steps of the local search at each point.
+        """
         for j in way:
             request, target = held(self.engine, self.targets[j]), self.targets[j]
             moved, errors = self.engine.ik.solve(self.steps.wrapped(Q), request)
@@ -169,6 +176,7 @@ class _Following:
 
 
 def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:
+    """What postures of one anchor lead to: a part of the work."""
     return list(search.from_anchor(*anchor))
 
 

@@ -96,6 +96,7 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
+        """The best of some placements and of the middle, moved on with the motion while that gains."""
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
         engine = self.selector.engine_of_all(self.targets)
@@ -121,6 +122,7 @@ class PathSelector(DerivedAgain):
         return replace(best, placement=replace(best.placement, at_centre=centre), statistics=statistics)
 
     def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
+        """The motion with the workpiece at w (4,); None where there is none."""
         try:
             return replace(self, w=w).solve_here(seed, pool)
         except NoSolutionError:
@@ -170,6 +172,12 @@ class PathSelector(DerivedAgain):
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
     ) -> Solution:
+        """The answer of a motion, with what simpler ways give.
+
+        Args:
+            largest: step that is allowed [rad or m].
+            reasons: why it does not do.
+        """
         naive = naive_motions(search.engine, search.found, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
@@ -218,6 +226,7 @@ def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> S
 
 
 def _sigma(found: Solution) -> float:
+    """Largest σ_max [m] along a motion, as the search has it."""
     return float(found.motion.sigma.max())
 
 

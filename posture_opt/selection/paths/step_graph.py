@@ -57,6 +57,7 @@ class StepGraph:
 
     @staticmethod
     def _largest_costs(costs: Sequence[Array], allowed: Sequence[Mask]) -> list[Array]:
+        """K arrays (N_k,): the least possible largest cost up to each candidate."""
         values = [costs[0]]
         for cost, may in zip(costs[1:], allowed, strict=True):
             before = np.min(np.where(may, values[-1][:, None], np.inf), axis=0, initial=np.inf)
@@ -87,6 +88,7 @@ class StepGraph:
 
 
 def _followed(before: Sequence[Codes], last: int) -> Codes:
+    """The way (K,) that ends at candidate ``last``, from the best predecessors of each."""
     way = [last]
     for back in reversed(before):
         way.append(int(back[way[-1]]))

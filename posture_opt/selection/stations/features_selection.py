@@ -58,6 +58,13 @@ def select_for_features(
 
 @dataclass(frozen=True, eq=False)
 class _FeaturesSelection:
+    """The selection for one task with features.
+
+    Args:
+        placement: where the workpiece may stand.
+        seed: of the random placements and postures.
+    """
+
     problem: ProblemData
     task: Task
     placement: PlacementRange
@@ -65,11 +72,17 @@ class _FeaturesSelection:
 
     @classmethod
     def of(cls, problem: ProblemData, seed: int | None) -> _FeaturesSelection:
+        """For a problem with a task that has features."""
         assert problem.task is not None
         placement = PlacementRange.of(problem.task.workpiece)
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
 
     def answer(self, workers: int, progress: Progress | None) -> Solution:
+        """The best of what each aim finds; only the task's own, unless that is the probability that all succeed.
+
+        Raises:
+            NoSolutionError: no placement at which every feature can be done.
+        """
         began = time.perf_counter()
         if not self.placement.free.any():
             return self._where_it_stands(workers, progress, began)
@@ -89,17 +102,21 @@ class _FeaturesSelection:
 
     @property
     def _combinations(self) -> tuple[Combine, ...]:
+        """The aims to search with, the task's own first."""
         return ("success", "worst", "mean") if self.task.combine == "success" else (self.task.combine,)
 
     @cached_property
     def _by_success(self) -> PostureSelector:
+        """Of one feature, by the probability to miss it."""
         return self._single({"criterion": "miss"})
 
     @cached_property
     def _by_spread(self) -> PostureSelector:
+        """Of one feature, by the task's own criterion."""
         return self._single({})
 
     def _selector(self, combine: Combine) -> PostureSelector:
+        """The selector of one feature for an aim."""
         return self._by_success if combine == "success" else self._by_spread
 
     def _single(self, criterion: dict[str, str]) -> PostureSelector:
@@ -115,6 +132,14 @@ class _FeaturesSelection:
         return PostureSelector(single, compiled=None if self.placement.free.any() else False)
 
     def _stations(self, selector: PostureSelector, combine: Combine, guarded: bool | None = None) -> PlacedStations:
+        """The features as stations, with the engines that serve them.
+
+        Args:
+            guarded: as of `PostureSelector.engine`.
+
+        Raises:
+            InputError: a yaw that turns directions out of the plane of the arm, or an axis that the arm cannot hold.
+        """
         targets = tuple(self._target(selector, feature) for feature in self.task.features)
         at = [target.moved(self.placement.centre) for target in targets]
         self._check_plane(selector)
@@ -193,6 +218,12 @@ class _FeaturesSelection:
         self, stations: PlacedStations, w: Array, solved: Sequence[Solution], statistics: PlacementStatistics,
         *, optimal: bool = True, **beside: Any,
     ) -> Solution:  # fmt: skip
+        """The answer with postures near each other: ties and whole turns decided by the way between them.
+
+        Args:
+            w: (4,) the placement [m, rad], world.
+            beside: figures of other placements.
+        """
         robot = solved[0].optimisation_problem.robot
         solved = self._ties(solved)
         Q = np.array([solution.q for solution in solved])
@@ -240,6 +271,7 @@ class _FeaturesSelection:
         return self._solution(stations, w, solved, statistics)
 
     def _explained(self, stations: PlacedStations) -> FeaturesFailure:
+        """The inquiry into a failure."""
         return FeaturesFailure(self.problem, self.task, stations, self.seed)
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
@@ -277,6 +309,7 @@ class _Figures:
         return PlacementFigure(found.W[m], sigma, p_success)
 
     def _success(self, w: Array, Q: Array) -> float:
+        """Probability that all features succeed at a placement w (4,) with postures Q (K, n)."""
         places = [
             PlaceErrors.of(
                 propagate(self.problem, q), critical_basis(engine.optimisation_problem, target), target.clearance

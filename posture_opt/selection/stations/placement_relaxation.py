@@ -51,6 +51,7 @@ def outside(box: PlacementRange, W: Array) -> Array:
 
 
 def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> Array | None:
+    """The placement (4,) nearest to the range, from tried ones W (M, 4), at which all can be done; None if none."""
     box = stations.placement
     anywhere = replace(stations, placement=PlacementRange(np.full(4, -np.inf), np.full(4, np.inf)))
     best: Array | None = None

@@ -112,11 +112,13 @@ def search_placement(
 
 
 def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
+    """Two searches of the same stations as one."""
     optima = _distinct(one.stations, [*one.optima, *other.optima])
     return PlacementSearch(one.stations, optima, one.screened.joined(other.screened), 0, 0, one.solves + other.solves)
 
 
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
+    """Batch k, without the engines: they need not travel back."""
     stations, seed = shared
     found = one_batch(stations, seed, k)
     return replace(found, stations=replace(found.stations, engines=()))  # they need not travel back

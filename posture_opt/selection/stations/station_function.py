@@ -63,6 +63,7 @@ def _one_sided(row: Row) -> list[tuple[ca.SX, float, float]]:
 
 
 def _infinite(bound: ca.SX) -> bool:
+    """Whether a bound bounds nothing."""
     return bool(bound.is_constant()) and bool(np.isinf(float(bound)))
 
 

@@ -117,6 +117,7 @@ class StationsProblem(DerivedAgain):
         return self._solved(self._least_step, start, 0.0)
 
     def _solved(self, program: _Program, start: StationsPoint, largest: float) -> StationsOutcome:
+        """Where a program ends from a start; the level begins at its value there."""
         Q = np.asarray(start.Q, dtype=float)
         lower, upper = self._bounds(Q)
         x0 = np.concatenate([np.clip(start.w, self.lower, self.upper), [0.0], Q.ravel()])
@@ -146,6 +147,7 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _least_objective(self) -> _Program:
+        """The stations' objectives combined; with steps their bound and a tie-break besides."""
         x, largest, main, extra, rows = self._expressions
         objective = combined_symbols(self.combine, main, extra)
         if self.combine != "worst":
@@ -162,6 +164,7 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _least_step(self) -> _Program:
+        """The largest step as the level; the objectives break ties."""
         assert self.steps is not None, "stations that are not joined have no steps"
         x, largest, main, extra, rows = self._expressions
         moved, level = self._moved(x, self.steps), x[4]
@@ -171,6 +174,7 @@ class StationsProblem(DerivedAgain):
         return self._program(x, largest, level + _STEP_WEIGHT**2 * mean, step, rows)
 
     def _program(self, x: ca.MX, largest: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX]) -> _Program:
+        """A solver of ``objective`` subject to ``rows``, with functions of the rows and of the level."""
         g = ca.vertcat(*rows)
         options = {**_OPTIONS, "ipopt.max_iter": self.max_iterations}
         solver = NonlinearSolver("stations", {"x": x, "p": largest, "f": objective, "g": g}, options)
@@ -198,6 +202,7 @@ class StationsProblem(DerivedAgain):
         return [(StationFunction(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
 
     def _postures(self, x: ca.MX) -> ca.MX:
+        """(n, K) the postures among the variables."""
         return ca.reshape(x[_VARIABLES_BEFORE_POSTURES:], -1, len(self.stations))
 
     def _moved(self, x: ca.MX, steps: StationSteps) -> ca.MX:
