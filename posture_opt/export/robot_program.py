@@ -22,7 +22,7 @@ CONVENTION = (
     "Check that the controller counts the same before the first run.",
 )
 
-_UNCHECKED = "The way from stop to stop is not checked for collisions: drive it slowly the first time."
+_UNCHECKED_NOTE = "The way from stop to stop is not checked for collisions: drive it slowly the first time."
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def program_through(
     """The program through postures (N, n)."""
     rows = np.asarray(q, dtype=float)
     digits = joint_digits(problem, rows)
-    notes = (*_arrivals(problem.arm), *([_UNCHECKED] if len(rows) > 1 else []))
+    notes = (*_arrivals(problem.arm), *([_UNCHECKED_NOTE] if len(rows) > 1 else []))
     return RobotProgram(problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes)
 
 

@@ -17,7 +17,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.workers import Executor, opened
 
-_DEFECT = 1  # exit code of what is no one's input
+_DEFECT_EXIT_CODE = 1  # exit code of what is no one's input
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def solved(seed: int | None, problem: ProblemData) -> list[Any]:
     except PostureOptError as error:
         return _failed(error)
     except Exception as error:
-        return [_DEFECT, [f"{type(error).__name__}: {error} (a defect of this program)"], None]
+        return [_DEFECT_EXIT_CODE, [f"{type(error).__name__}: {error} (a defect of this program)"], None]
 
 
 def _failed(error: PostureOptError) -> list[Any]:

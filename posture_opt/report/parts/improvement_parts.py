@@ -16,8 +16,8 @@ from posture_opt.units import number
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
 
-_SHOWN = 6
-_LEAST = 0.005  # a smaller gain is none
+_MAX_ROWS = 6
+_MIN_GAIN = 0.005  # a smaller gain is none
 
 
 def improvements_block(problem: ProblemData, changes: Sequence[Improvement], part: str) -> Block:
@@ -26,7 +26,7 @@ def improvements_block(problem: ProblemData, changes: Sequence[Improvement], par
     Args:
         part: of the spread that counts, ``across the direction``.
     """
-    told = [change for change in changes if change.gain >= _LEAST][:_SHOWN]
+    told = [change for change in changes if change.gain >= _MIN_GAIN][:_MAX_ROWS]
     if not told:
         return Block("What would help", ())
     unit, factor = length_unit([change.sigma_max for change in told])
@@ -37,6 +37,7 @@ def improvements_block(problem: ProblemData, changes: Sequence[Improvement], par
 
 @singledispatch
 def _words(change: Improvement, arm: Arm) -> str:
+    """A change in words, with its size."""
     raise NotImplementedError(type(change))
 
 

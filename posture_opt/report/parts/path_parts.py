@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.paths.motion import Motion
 
 ACROSS = "across the path"
-_SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
-_SAME = 5e-4  # of a standard deviation: what no report tells apart
+_MAX_POINTS_SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
+_GAIN_TOLERANCE = 5e-4  # of a standard deviation: what no report tells apart
 _STATUS = {"optimal": "Best motion along", "feasible": "Best motion found along", "infeasible": "No motion along"}
 
 
@@ -82,7 +82,7 @@ def path_workpiece(found: Solution) -> list[tuple[str, str]]:
 def points_block(found: Solution) -> Block:
     """The postures of some points, evenly along the path."""
     robot, listed = found.optimisation_problem.robot, np.flatnonzero(found.path.listed)
-    shown = listed[np.unique(np.linspace(0, len(listed) - 1, min(_SHOWN, len(listed))).round().astype(int))]
+    shown = listed[np.unique(np.linspace(0, len(listed) - 1, min(_MAX_POINTS_SHOWN, len(listed))).round().astype(int))]
     unit, factor = length_unit(found.motion.sigma.tolist())
     heads = ["point", f"std. dev. [{unit}]", *(f"{c} [mm]" for c in "xyz")]
     heads += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
@@ -130,10 +130,12 @@ def _finer(found: Solution) -> str:
 
 
 def _above(sigma: float, bound: float) -> str:
-    return f"this motion is {percent(sigma / bound - 1)} above" if sigma > bound * (1 + _SAME) else "attained"
+    """How far the motion is from its lower bound."""
+    return f"this motion is {percent(sigma / bound - 1)} above" if sigma > bound * (1 + _GAIN_TOLERANCE) else "attained"
 
 
 def _naive_rows(found: Solution) -> list[tuple[str, str]]:
+    """What each point alone gives, and following the first without look-ahead."""
     each, onward = found.naive.each, found.naive.onward
     alone = f"{length(float(each.sigma.max()))} at the worst point, with joint jumps of {angle(each.largest_step)}"
     if onward is None:
@@ -148,9 +150,10 @@ def _naive_rows(found: Solution) -> list[tuple[str, str]]:
 
 
 def _gain(found: Solution, other: Motion) -> str:
+    """The spread of another motion, and how much lower this one's is."""
     sigma = float(other.sigma.max())
     gain = found.gain_over(sigma)
-    if abs(gain) < _SAME:
+    if abs(gain) < _GAIN_TOLERANCE:
         return f"gives the same {length(sigma)}"
     return f"gives {length(sigma)}; this motion is {percent(abs(gain))} {'lower' if gain > 0 else 'higher'}"
 

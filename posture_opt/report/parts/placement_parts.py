@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.shared_placement import Placement, PlacementStatistics
     from posture_opt.selection.answer.solution import Solution
 
-_TOLD = 1e-4  # of a probability: what a report tells apart
-_SAME = 5e-4  # of a standard deviation: less is no difference
+_PROBABILITY_TOLERANCE = 1e-4  # of a probability: what a report tells apart
+_GAIN_TOLERANCE = 5e-4  # of a standard deviation: less is no difference
 COMBINED = {
     "worst": "the largest of all features",
     "mean": "the mean of all features",
@@ -117,6 +117,7 @@ def success_words(found: Solution) -> str:
 
 
 def _typical_success(typical: PlacementFigure | None) -> str:
+    """The probability at a typical placement, in brackets."""
     if typical is None or typical.success is None:
         return ""
     return f" ({probability(typical.success)} at a typical feasible placement)"
@@ -125,7 +126,7 @@ def _typical_success(typical: PlacementFigure | None) -> str:
 def gain_words(found: Solution, other: PlacementFigure) -> str:
     """The standard deviation beside that of another placement."""
     gain = 1 - found.sigma / other.sigma
-    if abs(gain) < _SAME:
+    if abs(gain) < _GAIN_TOLERANCE:
         return "the same as"
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} than"
 
@@ -172,6 +173,7 @@ def features_block(found: Solution) -> Block:
 
 
 def _share(p: float | None) -> str:
+    """A probability in percent, as tables have it."""
     return "" if p is None else f"{100 * p:.4g}" if p < 0.9999 else "> 99.99"
 
 
@@ -217,6 +219,7 @@ def order_block(found: Solution) -> Block:
     turning = any(joint.type == "revolute" for joint in found.optimisation_problem.robot.joints)
 
     def travel(value: float) -> str:
+        """A way of joints: an angle, or a length where all joints slide."""
         return angle(value) if turning else length(value)
 
     listed = "file order" if order.order == tuple(range(len(found.names))) else "this order"
@@ -237,7 +240,7 @@ def features_checks(found: Solution) -> Block:
     """What the search did, and how the probability was found."""
     e = statistics_of(found)
     rows: list[tuple[str, str]] = []
-    if found.success is not None and abs(found.success.product - found.success.probability) > _TOLD:
+    if found.success is not None and abs(found.success.product - found.success.probability) > _PROBABILITY_TOLERANCE:
         rows.append(("Together", f"constant errors are shared by all features; if they were independent, the "
                                  f"probability would be {probability(found.success.product)}"))  # fmt: skip
     if found.task.combine == "success":

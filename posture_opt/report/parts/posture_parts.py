@@ -52,6 +52,7 @@ def bound_words(term: Term) -> str:
 
 
 def _sides(bound: Stated) -> str:
+    """The ends of a bound in words."""
     if bound.low == bound.high:
         return f"at {stated(bound.low, bound.unit)}"
     sides = [f"at least {stated(bound.low, bound.unit)}"] * math.isfinite(bound.low)
@@ -124,6 +125,7 @@ def alternatives_block(solution: Solution) -> Block:
 
 
 def _more(sigma: float, best: float) -> str:
+    """How much larger a standard deviation is than the best."""
     more = sigma / best - 1 if best > 0 else 0.0
     if abs(more) < 5e-5:
         return "-" if sigma == best else "same"

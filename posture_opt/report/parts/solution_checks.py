@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
 GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
-_FAR_BELOW = 100.0  # times: a bound that is farther below the answer says nothing about it
-_LENGTHS = ("lower", "upper", "clearance")
-_MEANING = {
+_MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
+_LENGTH_PARAMETERS = ("lower", "upper", "clearance")
+_PARAMETER_MEANINGS = {
     "lower": "box of the target, lower corner",
     "upper": "box of the target, upper corner",
     "direction": "direction of the task",
@@ -39,7 +39,7 @@ _MEANING = {
     "a2": "second axis across that",
     "spin": "where the y axis of the tool is to point",
 }
-_OF_AXIS = ("axis", "a1", "a2")
+_AXIS_PARAMETERS = ("axis", "a1", "a2")
 
 
 def checks_block(solution: Solution) -> Block:
@@ -73,6 +73,7 @@ def gain_facts(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _most_manipulable(solution: Solution) -> list[tuple[str, str]]:
+    """The spread in the posture of greatest manipulability."""
     other = solution.most_manipulable
     if other is None or solution.critical.sigma_max <= 0:
         return []
@@ -90,14 +91,16 @@ def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
 
 
 def _less(gain: float) -> str:
+    """A relative gain in words."""
     if abs(gain) < 5e-4:
         return "the same standard deviation as"
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} standard deviation than"
 
 
 def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
+    """The bound that no posture beats, the source that sets it, and how far the answer is above."""
     bound = solution.lower_bound
-    if bound is None or solution.critical.sigma_max > _FAR_BELOW * bound.sigma:
+    if bound is None or solution.critical.sigma_max > _MAX_BOUND_RATIO * bound.sigma:
         return []
     arm = solution.optimisation_problem.arm
     where = "at this target" if solution.target.kind == "point" else "anywhere in this box"
@@ -109,6 +112,7 @@ def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _above(ratio: float) -> str:
+    """How far the answer is above its bound."""
     if ratio > 2:
         return f"this posture is at {number(ratio, 2)} times the bound"
     if ratio < 1.0005:
@@ -117,6 +121,7 @@ def _above(ratio: float) -> str:
 
 
 def _search(solution: Solution) -> list[tuple[str, str]]:
+    """Starts, optima, and how often the best was found."""
     e = solution.statistics
     text = (
         f"{count(e.tried, 'random start')}, {e.starts:,} reached the target, {e.feasible:,} of these meet all "
@@ -133,6 +138,7 @@ def _search(solution: Solution) -> list[tuple[str, str]]:
 
 
 def _sweep(solution: Solution, sweep: Sweep) -> str:
+    """What a systematic sweep found beside the random starts."""
     text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible:,} of them feasible"
     sigma, answer = solution.statistics.sweep_sigma, solution.critical.sigma_max
     if not math.isfinite(sigma):
@@ -144,6 +150,7 @@ def _sweep(solution: Solution, sweep: Sweep) -> str:
 
 
 def _advice(solution: Solution) -> tuple[str, ...]:
+    """What else may help."""
     return (*_advice_on_criterion(solution), *_advice_on_place(solution))
 
 
@@ -156,6 +163,7 @@ def _advice_on_criterion(solution: Solution) -> tuple[str, ...]:
 
 
 def _advice_on_place(solution: Solution) -> tuple[str, ...]:
+    """To move the workpiece where the posture matters little."""
     typical = solution.statistics.typical
     if solution.target.kind != "point" or not math.isfinite(typical):
         return ()
@@ -169,6 +177,7 @@ def _advice_on_place(solution: Solution) -> tuple[str, ...]:
 
 
 def _almost(gain: float) -> str:
+    """How much worse a typical posture is."""
     return "as good" if gain < 5e-4 else f"only {percent(gain)} worse"
 
 
@@ -190,11 +199,13 @@ def explain_report(solution: Solution) -> Report:
 
 
 def _objective(nlp: Nlp, values: Values) -> Table:
+    """Terms of the objective with their values."""
     rows = [(name, _plain(float(value))) for (name, _), value in zip(nlp.terms, values.terms, strict=True)]
     return Table(("term", "value"), (*rows, ("objective", _plain(values.objective))))
 
 
 def _variables(nlp: Nlp, q: Array) -> Table:
+    """Joint values between their limits."""
     rows = tuple(
         (v.name, *(quantity(float(x), v.unit) for x in (v.lower, value, v.upper)), _binding(v.lower, value, v.upper))
         for v, value in zip(nlp.variables, q, strict=True)
@@ -203,6 +214,7 @@ def _variables(nlp: Nlp, q: Array) -> Table:
 
 
 def _rows(nlp: Nlp, values: Values) -> Table:
+    """Rows between their ends."""
     rows = tuple(
         (row.name, *_told(row, float(low), float(value), float(high)), _binding(low, value, high))
         for row, low, value, high in zip(nlp.rows, values.row_lower, values.rows, values.row_upper, strict=True)
@@ -219,6 +231,7 @@ def _told(row: Row, low: float, value: float, high: float) -> list[str]:
 
 
 def _binding(low: float, value: float, high: float) -> str:
+    """Whether a value is at an end, or beyond."""
     tolerance = 1e-6
     if value < low - tolerance or value > high + tolerance:
         return "violated"
@@ -228,18 +241,20 @@ def _binding(low: float, value: float, high: float) -> str:
 
 
 def _parameters(target: TaskTarget) -> Table:
+    """Parameters of the target with their meaning."""
     rows, at, along = [], 0, np.array_equal(target.axis, target.direction)
     for name, size in SIZES.items():
         entries = [float(v) for v in target.parameters[at : at + size]]
         at += size
-        if (name in _OF_AXIS and along) or (name == "spin" and not target.spun):
+        if (name in _AXIS_PARAMETERS and along) or (name == "spin" and not target.spun):
             continue  # the tool axis is held along the direction, which is told above
-        rows.append((name, _MEANING[name], _entries(name, entries)))
+        rows.append((name, _PARAMETER_MEANINGS[name], _entries(name, entries)))
     return Table(("parameter", "is", "value"), tuple(rows), text_columns=2)
 
 
 def _entries(name: str, entries: list[float]) -> str:
-    if name in _LENGTHS:
+    """Numbers of a parameter in its unit."""
+    if name in _LENGTH_PARAMETERS:
         return ", ".join("free" if abs(v) >= FREE else quantity(v, "m") for v in entries)
     if name == "scale":
         return f"{_plain(entries[0] * 1e6)} mm^2"
@@ -247,4 +262,5 @@ def _entries(name: str, entries: list[float]) -> str:
 
 
 def _plain(value: float) -> str:
+    """A number without a unit."""
     return f"{value:.6g}" if math.isfinite(value) else UNKNOWN

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-_APART = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
-_NEVER = 1e-6
-_LEANS = 0.05  # deg: less is the rounding of joint values as people type them
-_PART = {"across": "Across", "along": "Along", "all": "In space"}
+_TARGET_TOLERANCE_M = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
+_MIN_PROBABILITY = 1e-6
+_TILT_TOLERANCE_DEG = 0.05  # deg: less is the rounding of joint values as people type them
+_PART_NAMES = {"across": "Across", "along": "Along", "all": "In space"}
 
 
 def task_facts(task: Task, direction: Array) -> list[tuple[str, str]]:
@@ -108,7 +108,7 @@ def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]
 
 
 def _tilt_probability(p: float) -> str:
-    return "< 1e-6" if p < _NEVER else f"{100 * p:.2g} %"
+    return "< 1e-6" if p < _MIN_PROBABILITY else f"{100 * p:.2g} %"
 
 
 def beside_target(spread: Spread) -> list[tuple[str, str]]:
@@ -117,7 +117,7 @@ def beside_target(spread: Spread) -> list[tuple[str, str]]:
     if task is None or task.position is None:
         return []
     off = float(np.linalg.norm(spread.position - np.array(task.position)))
-    if off < _APART:
+    if off < _TARGET_TOLERANCE_M:
         return []
     return [("Target", f"{place(task.position)} in the task, {length(off)} from this tool point; spread and "
                        "probabilities refer to this tool point")]  # fmt: skip
@@ -129,7 +129,7 @@ def lean_facts(spread: Spread) -> list[tuple[str, str]]:
     if seen is None or task is None or task.axis == "free" or len(spread.basis) == 2:
         return []
     leaning = math.degrees(lean(spread, task.tool_axis, seen.direction))
-    beyond = leaning > math.degrees(task.tilt) + _LEANS
+    beyond = leaning > math.degrees(task.tilt) + _TILT_TOLERANCE_DEG
     return [("Tool axis", f"tilted {fixed(leaning)} deg from the task direction")] if beyond else []
 
 
@@ -156,7 +156,7 @@ def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tup
     m, within = len(critical.covariance), critical.within
     largest = length(critical.sigma_max, among=among)
     worst = f"{largest} standard deviation, along {line_words(critical.worst_axis)}"
-    rows = [(f"{_PART[within]}, worst axis" if m > 1 else _PART[within], worst)]
+    rows = [(f"{_PART_NAMES[within]}, worst axis" if m > 1 else _PART_NAMES[within], worst)]
     if within == "across":
         along = length(seen.sigma_along, among=among)
         rows.append(("Along", f"{along} standard deviation (not critical for this task)"))

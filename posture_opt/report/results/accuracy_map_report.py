@@ -11,12 +11,12 @@ import numpy as np
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
 from posture_opt.report.interactive.target_view import target_view
+from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, source_facts
 from posture_opt.report.results.target_map_report import (
     grid_words,
-    map_csv,
     place_columns,
     posture_columns,
     served_sentence,

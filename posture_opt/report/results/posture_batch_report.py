@@ -17,7 +17,7 @@ from posture_opt.units import number
 if TYPE_CHECKING:
     from posture_opt.selection.posture_batch import BatchAnswer, PostureBatch
 
-_SHOWN = 12  # rows on one screen
+_MAX_BRIEF_ROWS = 12  # rows on one screen
 
 
 class PostureBatchPresenter(Presenter["PostureBatch"]):
@@ -36,12 +36,12 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         found = self.result
         ends = [f"{which} standard deviation: {length(one.sigma_max)}, {one.name}." for which, one in extremes(found)]
         title = f"Postures for {count(len(found.answers), 'problem')}"
-        whole, short = answers_table(found.answers), answers_table(found.answers[:_SHOWN])
+        whole, short = answers_table(found.answers), answers_table(found.answers[:_MAX_BRIEF_ROWS])
         blocks = [Block("Answers", (whole,), figure="answers", brief=(short,))]
         failed = [answer for answer in found.answers if answer.code]
         if failed:
             told = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
-            blocks.insert(0, Block("Without an answer", told, brief=told[:_SHOWN]))
+            blocks.insert(0, Block("Without an answer", told, brief=told[:_MAX_BRIEF_ROWS]))
         return Report(title, (solved_sentence(found), *ends), tuple(blocks))
 
     def drawings(self) -> Drawings:

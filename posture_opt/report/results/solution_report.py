@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.figures.arm import plot_motion, plot_solution
-from posture_opt.report.figures.bench import plot_bench
-from posture_opt.report.figures.cloud import plot_cross_section
-from posture_opt.report.figures.path import plot_path
-from posture_opt.report.figures.solution import plot_joint_map, plot_task_budget
-from posture_opt.report.interactive.arm_view import ArmView
-from posture_opt.report.interactive.solution_postures import solution_postures
+from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.collision_parts import collision_facts
 from posture_opt.report.parts.improvement_parts import improvements_block
@@ -70,7 +64,7 @@ from posture_opt.report.parts.task_parts import (
     task_budget_block,
     task_facts,
 )
-from posture_opt.report.results.target_map_report import map_csv
+from posture_opt.report.results.drawing_files import figures_of, views_of
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.text import render
 from posture_opt.report.text.units_text import joint_unit, length, length_unit, place, probability, stated_length
@@ -203,35 +197,49 @@ class SolutionPresenter(Presenter["Solution"]):
     def drawings(self) -> Drawings:
         """The bench or the path, where there is a choice or one; the arm; cloud, budget and map of joints."""
         found, worst = self.result, self.result.worst
-        budget = partial(plot_task_budget, worst.spread, worst.task_spread)
+        budget = partial(figures_of("solution").plot_task_budget, worst.spread, worst.task_spread)
         if self.along_path:
-            return {"path": partial(plot_path, found), "arm": partial(plot_motion, found), "budget": budget}
-        drawings: Drawings = {"arm": partial(plot_solution, found.first)}
+            return {
+                "path": partial(figures_of("path").plot_path, found),
+                "arm": partial(figures_of("arm").plot_motion, found),
+                "budget": budget,
+            }
+        drawings: Drawings = {"arm": partial(figures_of("arm").plot_solution, found.first)}
         if found.status == "infeasible":
             return drawings
         if self.of_features and placement_of(found).free.sum() > 1:
-            drawings = {"bench": partial(plot_bench, found), **drawings}
-        drawings |= {"cloud": partial(plot_cross_section, worst.spread, worst.task_spread), "budget": budget}
+            drawings = {"bench": partial(figures_of("bench").plot_bench, found), **drawings}
+        drawings |= {
+            "cloud": partial(figures_of("cloud").plot_cross_section, worst.spread, worst.task_spread),
+            "budget": budget,
+        }
         if not found.points and found.optimisation_problem.robot.n == 2:
-            drawings["joint_map"] = partial(plot_joint_map, found)
+            drawings["joint_map"] = partial(figures_of("solution").plot_joint_map, found)
         return drawings
 
     def view(self) -> ArmView:
         """The answer and its alternatives; a posture for each feature; the listed points, coloured by their scatter."""
-        found, robot, scene = self.result, self.result.optimisation_problem.robot, self.problem.scene
+        found, scene = self.result, self.problem.scene
+        kind, stem = "Posture", "alternative"
+        every, names = self._shown_alternatives() if not found.points else (found.stations, found.names)
         if self.of_features:
-            postures = solution_postures(found.stations, found.names, "feature")
-            return ArmView(robot, postures, "Feature", scene, points=True)
-        if not self.along_path:
-            return ArmView(robot, solution_postures(*self._shown_alternatives(), "alternative"), "Posture", scene)
-        unit, factor = length_unit([float(s) for s in found.motion.sigma])
-        names = [f"point {k}" for k in range(1, len(found.stations) + 1)]
-        postures = tuple(
-            replace(posture, value=round(factor * station.critical.sigma_max, 5))
-            for posture, station in zip(solution_postures(found.stations, names, "point"), found.stations, strict=True)
+            kind, stem = "Feature", "feature"
+        elif self.along_path:
+            kind, stem, names = "Point of the path", "point", [f"point {k}" for k in range(1, len(every) + 1)]
+        postures = views_of("solution_postures").solution_postures(every, names, stem)
+        values = ""
+        if self.along_path:
+            unit, factor = length_unit([float(s) for s in found.motion.sigma])
+            postures = tuple(
+                replace(posture, value=round(factor * station.critical.sigma_max, 5))
+                for posture, station in zip(postures, found.stations, strict=True)
+            )
+            values = f"standard deviation [{unit}]"
+        robot, several = found.optimisation_problem.robot, bool(found.points)
+        view: ArmView = views_of("arm_view").ArmView(
+            robot, postures, kind, scene, points=several, line=self.along_path, values=values
         )
-        values = f"standard deviation [{unit}]"
-        return ArmView(robot, postures, "Point of the path", scene, points=True, line=True, values=values)
+        return view
 
     def _shown_alternatives(self) -> tuple[list[Solution], list[str]]:
         """The answer and its alternatives, with their names."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from posture_opt.report.figures.target_map import plot_target_map
 from posture_opt.report.interactive.target_view import target_key, target_view
+from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import collision_facts
@@ -184,26 +185,6 @@ def posture_columns(found: TargetMap) -> dict[str, list[float]]:
     """The posture at every target."""
     joints = [(joint.name, *joint_unit(joint.type)) for joint in found.optimisation_problem.robot.joints]
     return {f"{name} [{u}]": [s.q[k] * factor for s in found.map_points] for k, (name, u, factor) in enumerate(joints)}
-
-
-def map_csv(columns: Columns, joints: int, decimals_of_joints: int = 6) -> str:
-    """The table of a map as a file: places to 0.1 µm, joints to so many decimals of deg or mm, the rest to six."""
-    heads = list(columns)
-    decimals = {
-        **dict.fromkeys(heads[:3], 4),
-        "feasible": 0,
-        "listed": 0,
-        **dict.fromkeys(heads[-joints:], decimals_of_joints),
-    }
-    cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in heads]
-    return "".join(", ".join(row) + "\n" for row in (heads, *zip(*cells, strict=True)))
-
-
-def _cell(value: float, decimals: int | None) -> str:
-    """A number to so many decimals, else to six digits; nothing where it is not known."""
-    if math.isnan(value):
-        return ""
-    return f"{value + 0.0:.6g}" if decimals is None else f"{value + 0.0:.{decimals}f}"
 
 
 class TargetMapPresenter(Presenter["TargetMap"]):

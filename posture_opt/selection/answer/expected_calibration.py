@@ -16,9 +16,9 @@ from posture_opt.uncertainty.sources.sources import Sources
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
 
-_POSTURES = 30  # as many as ISO 9283 takes repeats, and some fifty times the few that identify a 6R arm's parameters
-_DRAWN = 10  # times as many, of which those are kept that are clear of collisions
-_INSTRUMENT = 0.05e-3  # m: a laser tracker with its target in a nest, where the file states no instrument
+_MEASURED_POSTURES = 30  # as many as ISO 9283 takes repeats; a 6R arm's parameters need far fewer
+_DRAWN_PER_POSTURE = 10  # times as many, of which those are kept that are clear of collisions
+_INSTRUMENT_SIGMA_M = 0.05e-3  # m: a laser tracker with its target in a nest, where the file states no instrument
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Calibrating:
     def of(cls, problem: ProblemData) -> Calibrating:
         """With the instrument that the problem states."""
         stated = problem.measurement
-        return cls(_POSTURES, _INSTRUMENT if stated is None else stated.position, stated is None)
+        return cls(_MEASURED_POSTURES, _INSTRUMENT_SIGMA_M if stated is None else stated.position, stated is None)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,9 @@ def after_calibration(problem: ProblemData, plan: Calibrating) -> KnownAfter | N
 
 def _postures(problem: ProblemData, count: int) -> Array:
     """(N, n) random postures within the limits, clear of collisions where enough of them are."""
-    drawn = np.random.default_rng(0).uniform(*drawn_between(problem.robot), (_DRAWN * count, problem.robot.n))
+    drawn = np.random.default_rng(0).uniform(
+        *drawn_between(problem.robot), (_DRAWN_PER_POSTURE * count, problem.robot.n)
+    )
     clear = drawn[is_clear(problem.scene, drawn)] if problem.scene.active else drawn
     return (clear if len(clear) >= count else drawn)[:count]
 

@@ -16,7 +16,7 @@ from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms.near_posture import NearPosture
 from posture_opt.units import JointQuantity, joint_text
 
-_WEIGHT = 1e4  # of the distance beside the spread: what is sought is the value next to the held one
+_DISTANCE_WEIGHT = 1e4  # of the distance beside the spread: what is sought is the value next to the held one
 
 
 def held_joints(robot: Robot, task: Task) -> dict[int, float]:
@@ -42,7 +42,7 @@ def released(robot: Robot, task: Task) -> Task:
         robot.joints[k].name: JointQuantity(value, dimensions[robot.joints[k].type])
         for k, value in held_joints(robot, task).items()
     }
-    near = NearPosture(kind="near_posture", posture=values, weight=_WEIGHT)
+    near = NearPosture(kind="near_posture", posture=values, weight=_DISTANCE_WEIGHT)
     others = tuple(term for term in task.subject_to if not term.held(robot))
     return task.model_copy(update={"subject_to": others, "minimize": (near,)})
 

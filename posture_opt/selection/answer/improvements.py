@@ -23,11 +23,11 @@ from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
 
-_LEAST = 0.01  # of the variance: sources with a smaller share are not asked about
-_MOST = 8  # of them
-_SHORT = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5
-_AROUND = 8  # directions across that of the task
-_STARTS = 4  # other postures that the moved part is tried with
+_MIN_VARIANCE_SHARE = 0.01  # of the variance: sources with a smaller share are not asked about
+_MAX_SOURCES = 8  # of them
+_SHIFT_SHARE = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5
+_SHIFT_DIRECTIONS = 8  # directions across that of the task
+_MAX_START_ALTERNATIVES = 4  # other postures that the moved part is tried with
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,11 @@ def improvements(
     problem = stations[0].problem
 
     def gain(sigma: float) -> tuple[float, float]:
+        """What is left of the standard deviation [m], and the relative gain."""
         return sigma, 1.0 - sigma / before
 
     def under(sources: Sources) -> tuple[float, float]:
+        """The same under other errors, in the postures of the answer."""
         return gain(float(combined(np.array([station.sigma_under(sources) for station in stations]))))
 
     found: list[Improvement] = [
@@ -146,11 +148,14 @@ def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tupl
         for share in station.budget:
             shares[share.parameter] = max(shares.get(share.parameter, 0.0), share.share)
     sigma = dict(zip(sources.names, map(float, sources.sigma), strict=True))
-    ranked = sorted((name for name in shares if shares[name] >= _LEAST and name in sigma), key=lambda n: -shares[n])
-    return [(name, sigma[name]) for name in ranked[:_MOST]]
+    ranked = sorted(
+        (name for name in shares if shares[name] >= _MIN_VARIANCE_SHARE and name in sigma), key=lambda n: -shares[n]
+    )
+    return [(name, sigma[name]) for name in ranked[:_MAX_SOURCES]]
 
 
 def _halved(sources: Sources, name: str) -> Sources:
+    """The same sources with one standard deviation halved, its correlations kept."""
     scale = np.where(np.array(sources.names) == name, 0.5, 1.0)
     both = np.outer(scale, scale)
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
@@ -166,7 +171,10 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
         return None
     targets = [target.with_position(target.lower + shift) for shift in _shifts(target, problem.reach)]
     engine = place.engine or Engine(problem, place.problem.solver, compiled=False)
-    known = [place.q, *(np.array(list(a.posture.values())) for a in place.alternatives[1 : 1 + _STARTS])]
+    known = [
+        place.q,
+        *(np.array(list(a.posture.values())) for a in place.alternatives[1 : 1 + _MAX_START_ALTERNATIVES]),
+    ]
     of = np.repeat(np.arange(len(targets)), len(known))
     ends = engine.descended_each(np.tile(np.array(known), (len(targets), 1)), targets, of, STEPS)
     parameters = np.array([aim.parameters for aim in targets])[of]
@@ -181,9 +189,9 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
 
 def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
     """Short ways [m] across the direction of the task and along it; a planar arm stays in its plane."""
-    length, within = _round_length(_SHORT * reach.radius), reach.directions @ reach.directions.T
+    length, within = _round_length(_SHIFT_SHARE * reach.radius), reach.directions @ reach.directions.T
     axes = [axis for axis in (*target.basis.T, target.direction) if np.linalg.norm(within @ axis) > 0.5]
-    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    angles = 2 * np.pi * np.arange(_SHIFT_DIRECTIONS) / _SHIFT_DIRECTIONS
     around = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 15)  # a quarter turn leaves no 1e-17
     ways = [w @ np.array(axes[:2]) for w in around] if len(axes) > 1 else [axes[0], -axes[0]]
     ways += [sign * axis for axis in axes[2:] for sign in (1.0, -1.0)]

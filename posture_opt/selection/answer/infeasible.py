@@ -25,10 +25,10 @@ from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Reason, Relaxation, plane_reason, relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 
-_LED = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
-_NEAR = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
-_FEWER_STARTS = 3  # beside postures that are near already
-_STARTS = 6  # of them, for a requirement that gives: those that lack least, and as many that lack least of the others
+_POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
+_REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
+_STARTS_NEAR_KNOWN = 3  # beside postures that are near already
+_STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
 
 
 @dataclass(frozen=True)
@@ -72,22 +72,28 @@ def infeasible(
 
 @dataclass(frozen=True)
 class _Infeasibility:
+    """The inquiry into one search that found nothing: which requirement gives, and by how little."""
+
     engine: Engine
     found: MultistartResult
 
     @property
     def problem(self) -> OptimisationProblem:
+        """What was asked, with its rows."""
         return self.engine.optimisation_problem
 
     @property
     def target(self) -> TaskTarget:
+        """Where the tool point was to go."""
         return self.found.target
 
     @property
     def elastic(self) -> ElasticProblem:
+        """The program in which requirements may give."""
         return self.engine.elastic
 
     def explanation(self) -> Explanation:
+        """The nearest posture and the reasons: the most particular requirement that suffices when it gives."""
         outside = plane_reason(self.problem.reach, self.target)
         if outside is not None:
             nearest = self._least(self.elastic.requirements)
@@ -127,6 +133,7 @@ class _Infeasibility:
         return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
 
     def _may_give(self, name: str) -> bool:
+        """Whether a requirement can give at all: a target anywhere is always met, an axis that is free too."""
         if name == TARGET:
             return self.target.kind != "anywhere"
         return name != AXIS or self.problem.axis_rows > 0
@@ -137,14 +144,18 @@ class _Infeasibility:
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
-        chosen = self._pool[np.concatenate([order[: _FEWER_STARTS if len(near) else _STARTS] for order in orders])]
+        chosen = self._pool[
+            np.concatenate([order[: _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER] for order in orders])
+        ]
         return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
+        """(N,) what the pool's postures lack in the requirements that are counted."""
         return self.elastic.cost(np.where(counted, self._lacking, 0.0))
 
     @cached_property
     def _lacking(self) -> Array:
+        """(N, r) by how much each posture of the pool breaks each requirement."""
         return self.elastic.lacking(self._pool, self.target.parameters)
 
     @cached_property
@@ -168,14 +179,15 @@ class _Infeasibility:
         A position alone is missed by none of so many postures that are led there, unless it is out of reach.
         """
         misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
-        return bool(np.nanmin(misses) < _NEAR * self.problem.reach.radius)
+        return bool(np.nanmin(misses) < _REACH_TOLERANCE * self.problem.reach.radius)
 
     def _led(self, ik: InverseKinematics, with_axis: bool) -> Array:
+        """(N, n) random postures after inverse kinematics towards the target, with or without its tool axis."""
         rng = np.random.default_rng(1)
-        request = self.engine.request(self.target, _LED, rng, whole_box=True)
+        request = self.engine.request(self.target, _POOL_POSTURES, rng, whole_box=True)
         if not with_axis:
             request = replace(request, weights=request.weights * np.array([1.0, 0.0, 0.0]))
-        return ik.solve(ik.random_postures(_LED, rng), request)[0]
+        return ik.solve(ik.random_postures(_POOL_POSTURES, rng), request)[0]
 
 
 def _specific(names: Sequence[str]) -> int:

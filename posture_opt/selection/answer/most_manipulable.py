@@ -18,8 +18,8 @@ from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.terms.manipulability import Manipulability
 
-_IMPROVED = 4  # starts of greatest manipulability that the solver improves
-_TIE = 1e-4  # of the manipulability: of postures that are as good, the one that scatters least is told
+_IMPROVED_STARTS = 4  # starts of greatest manipulability that the solver improves
+_MANIPULABILITY_TOLERANCE = 1e-4  # relative: of postures that are as good, the one that scatters least is reported
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,14 @@ def most_manipulable(
         ca.Function("manipulability", [nlp.x, nlp.p], [term.quantity(problem.quantities), nlp.variance]), compiled=False
     )
     sizes, _ = measured(Q, target.parameters)
-    starts = Q[np.argsort(-sizes[:, 0], kind="stable")[:_IMPROVED]]
+    starts = Q[np.argsort(-sizes[:, 0], kind="stable")[:_IMPROVED_STARTS]]
     if problem.freedom:
         polish = solver.build(asked)
         starts = np.vstack([starts, *_met(asked, target, [polish(q, target.parameters).x for q in starts])])
     sizes, variances = (column[:, 0] for column in measured(starts, target.parameters))
-    best = min(np.flatnonzero(sizes >= (1 - _TIE) * sizes.max()), key=lambda k: float(variances[k]))
+    best = min(
+        np.flatnonzero(sizes >= (1 - _MANIPULABILITY_TOLERANCE) * sizes.max()), key=lambda k: float(variances[k])
+    )
     posture = Posture(problem.robot, starts[best])
     return ManipulablePosture(posture, float(sizes[best]), float(np.sqrt(max(variances[best], 0.0))))
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import TURN, Array, Mask
 from posture_opt.selection.tasks.workpiece import Workpiece
 
 COORDINATES = ("x", "y", "z", "yaw")
-_TURN = 2 * math.pi
-_ROOTS = np.sqrt([2.0, 3.0, 5.0, 7.0])
+_IRRATIONAL_STEPS = np.sqrt([2.0, 3.0, 5.0, 7.0])
 # What a person sets up: 0.1 mm and 0.01 degrees.
-_STEPS = np.array([1e-4, 1e-4, 1e-4, math.radians(0.01)])
+_SETTING_STEPS = np.array([1e-4, 1e-4, 1e-4, math.radians(0.01)])
 
 
 @dataclass(frozen=True)
@@ -47,14 +46,14 @@ class PlacementRange:
     @property
     def all_round(self) -> bool:
         """Whether the yaw goes through a whole turn, so that its ends are none."""
-        return bool(self.upper[3] - self.lower[3] >= _TURN - 1e-9)
+        return bool(self.upper[3] - self.lower[3] >= TURN - 1e-9)
 
     @property
     def without_seam(self) -> PlacementRange:
         """The same box for a local search: half a turn more to either side where the yaw goes all round."""
         if not self.all_round:
             return self
-        more = np.array([0.0, 0.0, 0.0, _TURN / 2])
+        more = np.array([0.0, 0.0, 0.0, TURN / 2])
         return PlacementRange(self.lower - more, self.upper + more)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
@@ -62,7 +61,7 @@ class PlacementRange:
 
         Source: R. D. Richtmyer, Los Alamos report LA-1342 (1951).
         """
-        steps = np.outer(np.arange(1, count + 1), _ROOTS)
+        steps = np.outer(np.arange(1, count + 1), _IRRATIONAL_STEPS)
         return self.lower + ((steps + rng.random(4)) % 1.0) * (self.upper - self.lower)
 
     def near(self, w: Array, share: float, count: int, rng: np.random.Generator) -> Array:
@@ -74,8 +73,8 @@ class PlacementRange:
         """(4,) a placement as people write it: tenths of a millimetre, hundredths of a degree, turns taken off."""
         turned = np.array(w)
         if self.all_round:
-            turned[3] = self.lower[3] + (turned[3] - self.lower[3]) % _TURN
-        rounded = np.where(self.free, np.rint(turned / _STEPS) * _STEPS, turned)
+            turned[3] = self.lower[3] + (turned[3] - self.lower[3]) % TURN
+        rounded = np.where(self.free, np.rint(turned / _SETTING_STEPS) * _SETTING_STEPS, turned)
         return np.clip(rounded, self.lower, self.upper)
 
 

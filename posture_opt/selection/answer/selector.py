@@ -29,14 +29,14 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
-_MOST_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
-_ONE_ONLY = (
+_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
+_ONE_POSTURE_NOTE = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
 )
-_FREED = 64  # starts with held joints released, to say which of them is in the way
-_UNCHECKED = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
-_LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
+_STARTS_WITH_RELEASED_JOINTS = 64  # starts with held joints released, to say which of them is in the way
+_UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
+_LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
 class PostureSelector:
@@ -155,12 +155,14 @@ class PostureSelector:
         return self._answer(self._searched(seek, aim), began)
 
     def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
+        """The search without rows against collisions, and again with them where the answer collides."""
         free = self.engine(target, guarded=False)
         return searched(seek, free, lambda: self.engine(target, guarded=True), self._problem.scene)
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
     ) -> TaskTarget:
+        """The target of the task with another position [m], direction or clearance [m]; refuses what is not finite."""
         target = self.target
         if position is not None:
             target = target.with_position(np.asarray(position, dtype=float))
@@ -173,6 +175,10 @@ class PostureSelector:
         return target
 
     def _answer(self, outcome: SearchOutcome, began: float) -> Solution:
+        """The solution of a search, or the error with the reasons.
+
+        Alternatives are the distinct optima that a search ended at, at most eight.
+        """
         found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
         problem = outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)
@@ -184,10 +190,10 @@ class PostureSelector:
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds)
 
-        ranked = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
+        ranked = np.array([c.q for c in optima[:_MAX_ALTERNATIVES]])
         notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
         if not by_starts and not by_sweep:
-            notes = (*notes, _ONE_ONLY)
+            notes = (*notes, _ONE_POSTURE_NOTE)
         notes += self._beside(best.q, found.target)
         status: Status = "optimal" if best.optimal else "feasible"
         seen = np.vstack([best.q, found.sampled.Q])
@@ -218,7 +224,9 @@ class PostureSelector:
         if not held:
             return None
         selector = PostureSelector(replace(problem, task=released(robot, self.task)), compiled=False)
-        freed = multistart(selector.engine(found.target), found.target, np.random.default_rng(0), _FREED)
+        freed = multistart(
+            selector.engine(found.target), found.target, np.random.default_rng(0), _STARTS_WITH_RELEASED_JOINTS
+        )
         if not freed.found or not freed.found[0].feasible:
             return None
         return explain_held(robot, held, freed.found[0].q)
@@ -246,7 +254,7 @@ class PostureSelector:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
-        return (_UNCHECKED + ("" if tipped or asked else _LINK_HEIGHT),)
+        return (_UNCHECKED_NOTE + ("" if tipped or asked else _LINK_HEIGHT_HINT),)
 
 
 def task_of(problem: ProblemData) -> Task:

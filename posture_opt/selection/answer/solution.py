@@ -136,6 +136,11 @@ class Solution(Result):
         """The answer at the first feature or listed point."""
         return self.stations[0]
 
+    @property
+    def targets(self) -> tuple[TaskTarget, ...]:
+        """The targets of all stations, listed and added."""
+        return tuple(point.target for point in self.points or (self,))
+
     @cached_property
     def postures(self) -> Array:
         """(K, n) at all stations, listed and added [rad or m]."""
@@ -190,7 +195,7 @@ class Solution(Result):
         """In which order to visit the stations, so that the joints travel least."""
         return best_order(self.optimisation_problem.robot, self.postures)
 
-    @property
+    @cached_property
     def bench(self) -> Any:
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
         return None if self.placement is None else self.placement.bench(self.postures)
@@ -227,6 +232,7 @@ class Solution(Result):
 
     @cached_property
     def _alternatives(self) -> tuple[Alternative, ...]:
+        """Computed once: σ of every ranked posture."""
         if not len(self.ranked):
             return ()
         moments = end_moments(self.optimisation_problem, self.ranked, self.basis)
@@ -337,6 +343,7 @@ class Solution(Result):
         }
 
     def _features_json(self) -> dict[str, Any]:
+        """What holds for all features: each of them, the worst, all together, the order of visits, other placements."""
         success = self.success if self.status != "infeasible" else None
         return {
             "combine": self.combine,
@@ -392,6 +399,7 @@ class Solution(Result):
         }
 
     def _lower_bound_json(self) -> dict[str, Json] | None:
+        """The bound with the source that sets it; null where there is none."""
         if self.lower_bound is None:
             return None
         return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}

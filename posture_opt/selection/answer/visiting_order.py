@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 
-_EXACT = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
-_SAVED = 1e-3  # of the travel: less is not worth another order
-_TURN = 2 * np.pi
+_MAX_EXACT_POSTURES = 12  # postures: 2^12 x 12 states of the dynamic program take half a second
+_TRAVEL_TOLERANCE = 1e-3  # of the travel: less is not worth another order
 
 
 @dataclass(frozen=True)
@@ -44,13 +43,13 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
     """The open tour of least travel: by dynamic programming (Held and Karp 1962) up to 12 postures, else by 2-opt."""
     D = moves(robot, Q)
     listed = list(range(len(Q)))
-    order = _held_karp(D) if len(Q) <= _EXACT else _two_opt(D)
+    order = _held_karp(D) if len(Q) <= _MAX_EXACT_POSTURES else _two_opt(D)
     # As listed where that is as good: nobody likes to visit in another order for nothing.
-    if _length(D, order) >= (1 - _SAVED) * _length(D, listed):
+    if _length(D, order) >= (1 - _TRAVEL_TOLERANCE) * _length(D, listed):
         order = listed
     elif order[0] > order[-1]:
         order = order[::-1]
-    return VisitingOrder(tuple(order), _length(D, order), _length(D, listed), len(Q) <= _EXACT)
+    return VisitingOrder(tuple(order), _length(D, order), _length(D, listed), len(Q) <= _MAX_EXACT_POSTURES)
 
 
 def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
@@ -58,11 +57,11 @@ def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
     near = np.array(Q)
     turning = np.array([joint.type == "revolute" for joint in robot.joints])
     for before, k in itertools.pairwise(order):
-        wanted = np.rint((near[before] - near[k]) / _TURN)
-        least = np.ceil((robot.lower - near[k]) / _TURN - 1e-9)
-        most = np.floor((robot.upper - near[k]) / _TURN + 1e-9)
+        wanted = np.rint((near[before] - near[k]) / TURN)
+        least = np.ceil((robot.lower - near[k]) / TURN - 1e-9)
+        most = np.floor((robot.upper - near[k]) / TURN + 1e-9)
         turns = np.where(turning & (least <= most), np.clip(wanted, least, most), 0.0)
-        near[k] = np.clip(near[k] + turns * _TURN, robot.lower, robot.upper)
+        near[k] = np.clip(near[k] + turns * TURN, robot.lower, robot.upper)
     return near
 
 
@@ -77,12 +76,13 @@ def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
         for anchor in anchors:
             chosen = [int(np.argmin(np.round(_apart(robot, each, anchor), 6))) for each in options]
             length = _short_tour(robot, options, chosen)
-            if length < (1 - _SAVED) * shortest:
+            if length < (1 - _TRAVEL_TOLERANCE) * shortest:
                 best, shortest = chosen, length
     return best
 
 
 def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -> float:
+    """Length of a short tour through one posture of each set: nearest neighbours from every first one."""
     Q = np.array([each[k] for each, k in zip(options, chosen, strict=True)])
     D = np.array([_apart(robot, Q, q) for q in Q])
     return min(_length(D, _nearest_first(D, first)) for first in range(len(Q)))
@@ -92,15 +92,20 @@ def _apart(robot: Robot, Q: Array, q: Array) -> Array:
     """(A,) largest difference of a joint between postures (A, n) and one (n,), whole turns taken off."""
     turns = np.array([joint.type == "revolute" for joint in robot.joints])
     away = Q - q
-    away = np.where(turns, away - _TURN * np.rint(away / _TURN), away)
+    away = np.where(turns, away - TURN * np.rint(away / TURN), away)
     return np.asarray(np.abs(away[:, turns] if turns.any() else away).max(axis=1))
 
 
 def _length(D: Array, order: Sequence[int]) -> float:
+    """Sum of the moves of an open tour."""
     return float(sum(D[a, b] for a, b in itertools.pairwise(order)))
 
 
 def _held_karp(D: Array) -> list[int]:
+    """The shortest open tour by dynamic programming over subsets, O(2^K K²).
+
+    Source: M. Held and R. M. Karp, J. SIAM 10 (1962) 196.
+    """
     K = len(D)
     cost = np.full((1 << K, K), np.inf)
     came = np.zeros((1 << K, K), dtype=int)
@@ -127,6 +132,7 @@ def _two_opt(D: Array) -> list[int]:
 
 
 def _nearest_first(D: Array, first: int) -> list[int]:
+    """The tour that goes on to the nearest posture each time."""
     order, left = [first], set(range(len(D))) - {first}
     while left:
         order.append(min(left, key=lambda k: (D[order[-1], k], k)))
@@ -135,6 +141,7 @@ def _nearest_first(D: Array, first: int) -> list[int]:
 
 
 def _improved_tour(D: Array, order: list[int]) -> list[int]:
+    """The tour with parts reversed while that shortens it (2-opt)."""
     better = True
     while better:
         better = False

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import TURN, Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.nlp import Nlp
 
-_TURN = 2 * np.pi
-_ROOM = 1e-9  # rad: limits a whole turn apart
+_LIMIT_TOLERANCE_RAD = 1e-9  # rad: limits a whole turn apart
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class JointSteps:
         counted = np.array([k not in nlp.indifferent or k in settled for k in range(robot.n)])
         span = np.array(robot.upper) - np.array(robot.lower)
         turns = np.array([joint.type == "revolute" for joint in robot.joints])
-        return cls(robot, counted, turns & (span >= _TURN - _ROOM))
+        return cls(robot, counted, turns & (span >= TURN - _LIMIT_TOLERANCE_RAD))
 
     def rested(self, Q: Array) -> Array:
         """The same postures (N, n), joints that matter to nothing in the middle of their limits."""
@@ -53,25 +52,25 @@ class JointSteps:
         for k in np.flatnonzero(self.counted):
             difference = B[None, :, k] - A[:, None, k]
             if self.wide[k]:
-                difference -= _TURN * np.rint(difference / _TURN)
+                difference -= TURN * np.rint(difference / TURN)
             np.maximum(largest, np.abs(difference), out=largest)
         return largest
 
     def wrapped(self, Q: Array) -> Array:
         """The same postures (N, n), wide joints by whole turns as near to the middle of their limits as can be."""
         middle = (np.array(self.robot.lower) + np.array(self.robot.upper)) / 2
-        return np.where(self.wide, Q - _TURN * np.rint((Q - middle) / _TURN), Q)
+        return np.where(self.wide, Q - TURN * np.rint((Q - middle) / TURN), Q)
 
     def unwrapped(self, Q: Array) -> tuple[Array, Codes]:
         """The same motion (K, n) without jumps by whole turns, and the joints that leave their limits by it."""
         lower, upper = np.array(self.robot.lower), np.array(self.robot.upper)
         jumps = np.diff(Q, axis=0)
-        turns = np.where(self.wide, np.rint(jumps / _TURN), 0.0)
-        Q = Q - _TURN * np.vstack([np.zeros((1, Q.shape[1])), np.cumsum(turns, axis=0)])
+        turns = np.where(self.wide, np.rint(jumps / TURN), 0.0)
+        Q = Q - TURN * np.vstack([np.zeros((1, Q.shape[1])), np.cumsum(turns, axis=0)])
         # All of a joint's values by the whole turns that bring their middle nearest to that of the limits.
         off = (Q.min(axis=0) + Q.max(axis=0) - lower - upper) / 2
-        Q = np.where(self.wide, Q - _TURN * np.rint(off / _TURN), Q)
-        beyond = np.any((lower - _ROOM > Q) | (upper + _ROOM < Q), axis=0)
+        Q = np.where(self.wide, Q - TURN * np.rint(off / TURN), Q)
+        beyond = np.any((lower - _LIMIT_TOLERANCE_RAD > Q) | (upper + _LIMIT_TOLERANCE_RAD < Q), axis=0)
         return np.clip(Q, lower, upper) if not np.any(beyond) else Q, np.flatnonzero(beyond)
 
     def along(self, Q: Array) -> Array:
@@ -83,10 +82,10 @@ class JointSteps:
         """Postures (M, n) with those that stand whole turns beside them within the limits, and their values (M,)."""
         lower, upper = np.array(self.robot.lower), np.array(self.robot.upper)
         for k, joint in enumerate(self.robot.joints):
-            if joint.type != "revolute" or self.wide[k] or upper[k] - lower[k] < _TURN - _ROOM:
+            if joint.type != "revolute" or self.wide[k] or upper[k] - lower[k] < TURN - _LIMIT_TOLERANCE_RAD:
                 continue
             rows, kept = [Q], [values]
-            for turn in (-_TURN, _TURN):
+            for turn in (-TURN, TURN):
                 moved = Q + turn * np.eye(len(lower))[k]
                 inside = (moved[:, k] >= lower[k]) & (moved[:, k] <= upper[k])
                 rows.append(moved[inside])

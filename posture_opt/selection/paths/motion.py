@@ -17,7 +17,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 
-_BETWEEN = 7  # postures between two points that are looked at
+_POSTURES_BETWEEN = 7  # postures between two points that are looked at
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,11 @@ def off_lines(engine: Engine, Q: Array) -> Array:
     Args:
         Q: (K, n) postures at the points.
     """
-    shares = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
+    shares = np.linspace(0.0, 1.0, _POSTURES_BETWEEN + 2)[1:-1]
     between = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
     at = engine.optimisation_problem.quantities
     position = BatchFunction(ca.Function("position", [at.q], [at.position]), compiled=False)
-    reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, _BETWEEN, 3)
+    reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, _POSTURES_BETWEEN, 3)
     ends = position(Q)
     start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
     along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)

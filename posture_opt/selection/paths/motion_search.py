@@ -31,12 +31,12 @@ from posture_opt.selection.stations.stations_problem import (
 )
 
 MAX_ITERATIONS = 200  # of IPOPT in one smooth problem
-_PATIENCE = 2  # smooth problems in a row that bring nothing
-_SEEDS = 3  # ways that the smooth problem starts from
-_APART = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
-_LAST_STEPS = 3  # of inverse kinematics, from an error of 1e-7: they are quadratic
-_WORTH = 1.5  # times the best objective: ways up to there may still become the best
-OVER = 1e-9
+_MAX_IDLE_SOLVES = 2  # smooth problems in a row that bring nothing
+_MAX_START_WAYS = 3  # ways that the smooth problem starts from
+_MIN_DISTANCE_RAD = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
+_FINAL_IK_STEPS = 3  # of inverse kinematics, from an error of 1e-7: they are quadratic
+_MAX_COST_RATIO = 1.5  # times the best objective: ways up to there may still become the best
+STEP_TOLERANCE_RAD = 1e-9
 """By which a step may exceed its bound [rad or m]: rounding."""
 
 
@@ -65,6 +65,7 @@ class MotionSearch(DerivedAgain):
 
     @cached_property
     def graph(self) -> StepGraph:
+        """The candidates with the steps between them."""
         return StepGraph(self.steps, self.found.postures, self.found.costs, self.path.parts)
 
     @cached_property
@@ -104,7 +105,7 @@ class MotionSearch(DerivedAgain):
             motions = [self._on_path(motion) for motion in motions]
         else:
             motions += self._spread_made_least(sorted(motions, key=lambda motion: motion.objective), largest)
-        able = [motion for motion in motions if motion.feasible and motion.largest_step <= largest + OVER]
+        able = [motion for motion in motions if motion.feasible and motion.largest_step <= largest + STEP_TOLERANCE_RAD]
         best = min(motion.objective for motion in able)
         # The smooth problem trades the last digits of the worst point for better other ones.
         return min(able, key=lambda motion: (motion.objective > as_good(best), not motion.optimal, motion.objective))
@@ -119,7 +120,7 @@ class MotionSearch(DerivedAgain):
             able = [end.objective for end in ends if end.feasible and end.optimal]
             better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
             idle = 0 if better or len(able) < 2 else idle + 1
-            if (able and abs(min(able) - least) <= as_good(least) - least) or idle == _PATIENCE:
+            if (able and abs(min(able) - least) <= as_good(least) - least) or idle == _MAX_IDLE_SOLVES:
                 break
         return ends
 
@@ -144,9 +145,9 @@ class MotionSearch(DerivedAgain):
         chosen: list[int] = []
         for k in np.argsort(worst, kind="stable").tolist():
             near = self.steps.between(self.found.postures[point][[k]], self.found.postures[point][chosen])
-            if worst[k] <= _WORTH * worst.min() and np.all(near > _APART) and np.isfinite(worst[k]):
+            if worst[k] <= _MAX_COST_RATIO * worst.min() and np.all(near > _MIN_DISTANCE_RAD) and np.isfinite(worst[k]):
                 chosen.append(k)
-            if len(chosen) == _SEEDS:
+            if len(chosen) == _MAX_START_WAYS:
                 break
         ways = [self.graph.best_way(largest, float(worst[k]), (point, k)) for k in chosen[1:]]
         return [way for way in ways if way is not None]
@@ -154,7 +155,7 @@ class MotionSearch(DerivedAgain):
     def _on_path(self, motion: Motion) -> Motion:
         """The same motion, its points met to the last digits."""
         Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
-        for _ in range(_LAST_STEPS):
+        for _ in range(_FINAL_IK_STEPS):
             Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])
         return self._motion(Q)
 
@@ -168,6 +169,7 @@ class MotionSearch(DerivedAgain):
         return motion
 
     def _motion(self, Q: Array, optimal: bool | None = None) -> Motion:
+        """The motion through postures (K, n), joints turned on without jumps."""
         Q, _ = self.steps.unwrapped(Q)
         certain = not self.engine.optimisation_problem.freedom if optimal is None else optimal
         return Motion.of(self.engine, self.found.targets, Q, self.steps.along(Q) * self.path.parts, self.scene, certain)

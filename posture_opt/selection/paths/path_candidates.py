@@ -19,15 +19,15 @@ from posture_opt.selection.search.multistart import feasible_starts
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Serial, Workers
 
-_ANCHORS = 6  # points that random postures are led to
-_STARTS = 48  # of them at each anchor, times the freedom that is left, and at most:
-_MOST_STARTS = 120
-_MOST_FOLLOWED = 12_000  # postures of all points that come from random ones of the anchors
-_FEW = 12  # random postures at every other point: what cannot be followed from an anchor is found here
-_FOLLOWED = 24  # local optima of an anchor that are followed along the path
-_SETTLED = 30  # steps of the local search at an anchor
-_RESTORING = 4  # of it where a further requirement is broken
-_RENEWED = 3  # of it at each point that follows: from an optimum of the point before
+_MAX_ANCHORS = 6  # points that random postures are led to
+_STARTS_PER_FREEDOM = 48  # of them at each anchor, times the freedom that is left, and at most:
+_MAX_ANCHOR_STARTS = 120
+_MAX_FOLLOWED_POSTURES = 12_000  # postures of all points that come from random ones of the anchors
+_STARTS_PER_POINT = 12  # random postures at every other point: what cannot be followed from an anchor is found here
+_FOLLOWED_OPTIMA = 24  # local optima of an anchor that are followed along the path
+_ANCHOR_SEARCH_STEPS = 30  # steps of the local search at an anchor
+_RESTORING_STEPS = 4  # of it where a further requirement is broken
+_FOLLOWING_STEPS = 3  # of it at each point that follows: from an optimum of the point before
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,8 @@ def find_candidates(
 
 @dataclass(frozen=True)
 class _Following:
+    """The search for candidates: anchors, and what is followed from them along the path."""
+
     engine: Engine
     targets: tuple[TaskTarget, ...]
     steps: JointSteps
@@ -82,10 +84,10 @@ class _Following:
     def all(self, rng: np.random.Generator, pool: Workers, progress: Progress | None) -> tuple[_Following, list[Array]]:
         """The same search with the scale of its first postures, and the postures of each point."""
         engine, count = self.engine, len(self.targets)
-        anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(_ANCHORS, count))})
-        starts = min(_STARTS * max(engine.optimisation_problem.freedom, 1), _MOST_STARTS)
-        starts = min(starts, max(_FEW, _MOST_FOLLOWED // (len(anchors) * count)))
-        sizes = [starts if k in anchors else _FEW for k in range(count)]
+        anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(_MAX_ANCHORS, count))})
+        starts = min(_STARTS_PER_FREEDOM * max(engine.optimisation_problem.freedom, 1), _MAX_ANCHOR_STARTS)
+        starts = min(starts, max(_STARTS_PER_POINT, _MAX_FOLLOWED_POSTURES // (len(anchors) * count)))
+        sizes = [starts if k in anchors else _STARTS_PER_POINT for k in range(count)]
         own = [feasible_starts(engine, target, size, rng)[0] for target, size in zip(self.targets, sizes, strict=True)]
         search = self._scaled(own)
         own = [search._restored(Q, target) for Q, target in zip(own, search.targets, strict=True)]
@@ -106,10 +108,10 @@ class _Following:
         Q = Q[engine.clusters(Q)[0]] if len(Q) else Q
         yield from self._follow(k, Q, 0)
         if len(Q) and engine.optimisation_problem.freedom:
-            optima = engine.descended(Q, self.targets[k], _SETTLED)
+            optima = engine.descended(Q, self.targets[k], _ANCHOR_SEARCH_STEPS)
             order = np.lexsort((optima.objective, optima.excess))
             nearest, _ = engine.clusters(optima.q[order])
-            yield from self._follow(k, optima.q[order][nearest][:_FOLLOWED], _RENEWED)
+            yield from self._follow(k, optima.q[order][nearest][:_FOLLOWED_OPTIMA], _FOLLOWING_STEPS)
 
     def _scaled(self, own: Sequence[Array]) -> _Following:
         """The same search with objectives divided by the median variance of some postures (K arrays)."""
@@ -130,6 +132,11 @@ class _Following:
             yield from self._followed(Q, way, improved)
 
     def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
+        """Postures (N, n) led from point to point of a way, with each point that some of them reach.
+
+        Args:
+            improved: steps of the local search at each point.
+        """
         for j in way:
             request, target = held(self.engine, self.targets[j]), self.targets[j]
             moved, errors = self.engine.ik.solve(self.steps.wrapped(Q), request)
@@ -150,7 +157,7 @@ class _Following:
         broken = self.engine.screen(Q, target.parameters)[1][:, 0] > ROW_TOLERANCE
         if not np.any(broken):
             return Q
-        led = self.engine.descended(Q[broken], target, _RESTORING)
+        led = self.engine.descended(Q[broken], target, _RESTORING_STEPS)
         Q = Q.copy()
         Q[broken] = np.where((led.excess == 0)[:, None], led.q, Q[broken])
         return Q
@@ -169,6 +176,7 @@ class _Following:
 
 
 def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:
+    """What postures of one anchor lead to: a part of the work."""
     return list(search.from_anchor(*anchor))
 
 

@@ -22,8 +22,8 @@ from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement_search import search_placement
 from posture_opt.selection.stations.stations_problem import StationsPoint
 
-_POINTS = 6  # of the path that stand for all of it
-_TRIED = 3  # placements whose motions are searched
+_SEARCHED_POINTS = 6  # of the path that stand for all of it
+_SEARCHED_PLACEMENTS = 3  # placements whose motions are searched
 
 
 def promising_placements(
@@ -40,11 +40,11 @@ def promising_placements(
         targets: of all points, in the frame of the workpiece.
         workers, progress: as of `search_placement`.
     """
-    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_POINTS, len(targets))).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_SEARCHED_POINTS, len(targets))).round().astype(int))
     some = tuple(targets[k] for k in chosen.tolist())
     stations = PlacedStations((engine,) * len(some), some, placement, "worst")
     found = search_placement(stations, seed, workers, progress, wanted=1)
-    return [placement.tidied(optimum.w) for optimum in found.optima[:_TRIED]]
+    return [placement.tidied(optimum.w) for optimum in found.optima[:_SEARCHED_PLACEMENTS]]
 
 
 def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:

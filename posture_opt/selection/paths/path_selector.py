@@ -19,7 +19,7 @@ from posture_opt.selection.answer.shared_placement import Placement, PlacementFi
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion, off_lines
-from posture_opt.selection.paths.motion_search import OVER, MotionSearch
+from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch
 from posture_opt.selection.paths.naive import naive_motions
 from posture_opt.selection.paths.path_answer import PathAnswer
 from posture_opt.selection.paths.path_candidates import find_candidates
@@ -36,10 +36,10 @@ from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.workers import Workers, opened
 
-_ASTRAY = 0.5  # of the distance between two points: off the line by more is no way along it
-_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search where it then stands
-_GAINED = 1e-3  # of a standard deviation: what is worth another round
-_TIMES = 3.0  # the smallest step that is possible: what is allowed where nothing is stated
+_MAX_DEVIATION_SHARE = 0.5  # of the distance between two points: off the line by more is no way along it
+_MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search where it then stands
+_MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
+_STEP_RATIO = 3.0  # the smallest step that is possible: what is allowed where nothing is stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +96,7 @@ class PathSelector(DerivedAgain):
             return self.solve_here(seed, pool, progress)
 
     def _placed(self, seed: int, workers: int, progress: Progress | None) -> Solution:
+        """The best of some placements and of the middle, moved on with the motion while that gains."""
         began = time.perf_counter()
         own = replace(self, w=np.zeros(4)).targets
         engine = self.selector.engine_of_all(self.targets)
@@ -105,14 +106,14 @@ class PathSelector(DerivedAgain):
             for w in (*places, self.placement.centre):
                 tried.append(self._attempted(w, seed, pool))
                 if progress is not None:
-                    progress(len(tried), len(places) + 1 + _ROUNDS)
+                    progress(len(tried), len(places) + 1 + _MAX_ROUNDS)
             central, found = tried[-1], [one for one in tried if one is not None]
             if not found:
                 return self.solve_here(seed, pool)  # which says why not
             best = min(found, key=_sigma)
-            for _ in range(_ROUNDS):
+            for _ in range(_MAX_ROUNDS):
                 again = self._attempted(moved_on(best, own, self.placement), seed, pool)
-                if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
+                if again is None or _sigma(again) > _sigma(best) * (1 - _MIN_SIGMA_GAIN):
                     break
                 best = again
         assert best.placement is not None
@@ -121,6 +122,7 @@ class PathSelector(DerivedAgain):
         return replace(best, placement=replace(best.placement, at_centre=centre), statistics=statistics)
 
     def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
+        """The motion with the workpiece at w (4,); None where there is none."""
         try:
             return replace(self, w=w).solve_here(seed, pool)
         except NoSolutionError:
@@ -138,8 +140,8 @@ class PathSelector(DerivedAgain):
         began = time.perf_counter()
         search = self._search(seed, began, pool, progress)
         smallest, calm = search.smallest_step
-        largest = _TIMES * smallest if self.task.largest_step is None else self.task.largest_step
-        if smallest > largest + OVER:
+        largest = _STEP_RATIO * smallest if self.task.largest_step is None else self.task.largest_step
+        if smallest > largest + STEP_TOLERANCE_RAD:
             reasons = search.too_large_a_step(smallest, largest, calm)
             told = "\n".join(reason.message for reason in reasons)
             raise NoSolutionError(told, self._solution(search, calm, largest, began, reasons))
@@ -170,6 +172,12 @@ class PathSelector(DerivedAgain):
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
     ) -> Solution:
+        """The answer of a motion, with what simpler ways give.
+
+        Args:
+            largest: step that is allowed [rad or m].
+            reasons: why it does not do.
+        """
         naive = naive_motions(search.engine, search.found, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
@@ -192,7 +200,7 @@ class PathSelector(DerivedAgain):
     def _jumps(self, motion: Motion, astray: Array) -> Iterator[str]:
         """Where no motion leads along the path, but only away from it and back."""
         lengths, names = np.diff(self.path.lengths), self.path.numbers
-        for k in np.flatnonzero(astray > _ASTRAY * lengths)[:3].tolist():
+        for k in np.flatnonzero(astray > _MAX_DEVIATION_SHARE * lengths)[:3].tolist():
             joint = int(np.argmax(np.abs(motion.Q[k + 1] - motion.Q[k])))
             yield (
                 f"From {names[k]} to {names[k + 1]} the arm has to change its posture off the path: "
@@ -218,6 +226,7 @@ def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> S
 
 
 def _sigma(found: Solution) -> float:
+    """Largest σ_max [m] along a motion, as the search has it."""
     return float(found.motion.sigma.max())
 
 

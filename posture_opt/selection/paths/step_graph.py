@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.paths.joint_steps import JointSteps
 
-_LEVEL = 1 + 1e-9  # what is as good as the best
+_COST_TOLERANCE = 1 + 1e-9  # what is as good as the best
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,15 @@ class StepGraph:
 
         No step is larger than ``largest``; infinite where there is no such way.
         """
-        forth = self._largest_costs(self.costs, [largest * _LEVEL >= D for D in self.distances])
-        back = self._largest_costs(self.costs[::-1], [(largest * _LEVEL >= D).T for D in self.distances[::-1]])[::-1]
+        forth = self._largest_costs(self.costs, [largest * _COST_TOLERANCE >= D for D in self.distances])
+        back = self._largest_costs(
+            self.costs[::-1], [(largest * _COST_TOLERANCE >= D).T for D in self.distances[::-1]]
+        )[::-1]
         return np.concatenate([np.maximum(f, b) for f, b in zip(forth, back, strict=True)])
 
     @staticmethod
     def _largest_costs(costs: Sequence[Array], allowed: Sequence[Mask]) -> list[Array]:
+        """K arrays (N_k,): the least possible largest cost up to each candidate."""
         values = [costs[0]]
         for cost, may in zip(costs[1:], allowed, strict=True):
             before = np.min(np.where(may, values[-1][:, None], np.inf), axis=0, initial=np.inf)
@@ -68,13 +71,13 @@ class StepGraph:
             largest: step that is allowed.
             through: point and candidate of it that the way has to pass.
         """
-        costs = [np.where(cost <= worst * _LEVEL, cost, np.inf) for cost in self.costs]
+        costs = [np.where(cost <= worst * _COST_TOLERANCE, cost, np.inf) for cost in self.costs]
         if through is not None:
             point, chosen = through
             costs[point] = np.where(np.arange(len(costs[point])) == chosen, costs[point], np.inf)
         value, before = costs[0], []
         for D, cost in zip(self.distances, costs[1:], strict=True):
-            total = np.where(largest * _LEVEL >= D, value[:, None], np.inf)
+            total = np.where(largest * _COST_TOLERANCE >= D, value[:, None], np.inf)
             before.append(np.argmin(total, axis=0))
             value = total[before[-1], np.arange(D.shape[1])] + cost
         return _followed(before, int(np.argmin(value))) if np.isfinite(np.min(value)) else None
@@ -85,6 +88,7 @@ class StepGraph:
 
 
 def _followed(before: Sequence[Codes], last: int) -> Codes:
+    """The way (K,) that ends at candidate ``last``, from the best predecessors of each."""
     way = [last]
     for back in reversed(before):
         way.append(int(back[way[-1]]))

@@ -13,8 +13,8 @@ from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
-_CLOSED = 1e-9  # m: first and last point of a closed path are one
-_OPPOSITE = 1e-9  # length of the sum of two unit vectors that point in opposite directions
+_CLOSED_DISTANCE_M = 1e-9  # m: first and last point of a closed path are one
+_MIN_DIRECTION_SUM = 1e-9  # length of the sum of two unit vectors that point in opposite directions
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ def tangents(points: Array) -> Array:
     """(K, 3) unit vectors of travel at the points (K, 3) of a polyline, as told at `TaskPath`."""
     along = np.diff(points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    closed = np.linalg.norm(points[0] - points[-1]) < _CLOSED
+    closed = np.linalg.norm(points[0] - points[-1]) < _CLOSED_DISTANCE_M
     into = np.vstack([along[-1:] if closed else along[:1], along])
     out = np.vstack([along, along[:1] if closed else along[-1:]])
     both = into + out
     length = np.linalg.norm(both, axis=1, keepdims=True)
     # Where the path turns back on itself the line is the same both ways.
-    return np.where(length > _OPPOSITE, both / np.maximum(length, _OPPOSITE), out)
+    return np.where(length > _MIN_DIRECTION_SUM, both / np.maximum(length, _MIN_DIRECTION_SUM), out)
 
 
 def between(a: Array, b: Array, s: float) -> Array:

@@ -12,10 +12,10 @@ from posture_opt.selection.answer.combine import combined_sigma
 from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 
-_AGAIN = 2  # times that placements of the map without a posture are tried again
-_STARTS = 32  # random postures then
-_BESIDE = 8  # feasible placements whose postures are tried
-_GRID = 21  # placements along each side of the map
+_RETRIES = 2  # times that placements of the map without a posture are tried again
+_STARTS_PER_RETRY = 32  # random postures then
+_NEIGHBOUR_PLACEMENTS = 8  # feasible placements whose postures are tried
+_GRID_SIZE = 21  # placements along each side of the map
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ def bench_map(placed: PlacedStations, w: Array, postures: Array) -> BenchMap | N
         return None
     first, second = int(free[0]), int(free[1])
     lower, upper = placed.placement.lower, placed.placement.upper
-    values = [np.linspace(lower[i], upper[i], _GRID) for i in (first, second)]
-    W = np.tile(w, (_GRID**2, 1))
+    values = [np.linspace(lower[i], upper[i], _GRID_SIZE) for i in (first, second)]
+    W = np.tile(w, (_GRID_SIZE**2, 1))
     W[:, first], W[:, second] = (grid.ravel() for grid in np.meshgrid(*values, indexing="ij"))
     found = _spread_out(placed, placed.best(W, 8, np.random.default_rng(0), postures[None]))
-    sigma = placement_sigma(placed, found).reshape(_GRID, _GRID)
+    sigma = placement_sigma(placed, found).reshape(_GRID_SIZE, _GRID_SIZE)
     return BenchMap((first, second), (values[0], values[1]), np.where(np.isfinite(sigma), sigma, np.nan))
 
 
@@ -72,15 +72,15 @@ def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
     Few random starts miss what rare branches reach, and a map is to call nothing impossible that is not.
     """
     rng = np.random.default_rng(1)
-    for _ in range(_AGAIN):
+    for _ in range(_RETRIES):
         feasible = (found.gap == 0).all(axis=1)
         bad, good = np.flatnonzero(~feasible), np.flatnonzero(feasible)
         if not len(bad) or not len(good):
             break
         away = np.linalg.norm(found.W[bad][:, None] - found.W[good][None], axis=2)
         beside = np.unique(good[np.argsort(away, axis=1)[:, :2]])
-        known = found.Q[rng.permutation(beside)[:_BESIDE]]
-        better = found.rows(bad).better_of(placed.best(found.W[bad], _STARTS, rng, known))
+        known = found.Q[rng.permutation(beside)[:_NEIGHBOUR_PLACEMENTS]]
+        better = found.rows(bad).better_of(placed.best(found.W[bad], _STARTS_PER_RETRY, rng, known))
         parts: dict[str, Any] = {n: np.array(getattr(found, n)) for n in ("Q", "main", "extra", "sigma", "gap")}
         for name, part in parts.items():
             part[bad] = getattr(better, name)

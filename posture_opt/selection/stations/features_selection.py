@@ -24,7 +24,7 @@ from posture_opt.selection.stations.bench_map import PlacementOnBench, placement
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.placement_search import (
-    FOUND_BY,
+    BATCHES_THAT_FIND_IT,
     PlacementOptimum,
     PlacementSearch,
     failing,
@@ -35,10 +35,10 @@ from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.spread import propagate
 
-_COMPARED = 3  # optima of the probability that are compared by them, errors that stay included
-_EXPLAINED = 3  # features that fail, for which the reason is looked into
-_MOST_OTHERS = 5
-_SAME = 1e-4  # of a standard deviation: features that differ by less are the same
+_COMPARED_OPTIMA = 3  # optima of the probability that are compared by them, errors that stay included
+_EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into
+_MAX_OTHER_OPTIMA = 5
+_SIGMA_TOLERANCE = 1e-4  # of a standard deviation: features that differ by less are the same
 
 
 def select_for_features(
@@ -58,6 +58,13 @@ def select_for_features(
 
 @dataclass(frozen=True, eq=False)
 class _FeaturesSelection:
+    """The selection for one task with features.
+
+    Args:
+        placement: where the workpiece may stand.
+        seed: of the random placements and postures.
+    """
+
     problem: ProblemData
     task: Task
     placement: PlacementRange
@@ -65,11 +72,17 @@ class _FeaturesSelection:
 
     @classmethod
     def of(cls, problem: ProblemData, seed: int | None) -> _FeaturesSelection:
+        """For a problem with a task that has features."""
         assert problem.task is not None
         placement = PlacementRange.of(problem.task.workpiece)
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
 
     def answer(self, workers: int, progress: Progress | None) -> Solution:
+        """The best of what each aim finds; only the task's own, unless that is the probability that all succeed.
+
+        Raises:
+            NoSolutionError: no placement at which every feature can be done.
+        """
         began = time.perf_counter()
         if not self.placement.free.any():
             return self._where_it_stands(workers, progress, began)
@@ -77,7 +90,9 @@ class _FeaturesSelection:
         own = searches[0]
         if not own.optima:
             raise self._failure(own, began)
-        found = [self._at(own, optimum, began) for optimum in own.optima[: _COMPARED if len(searches) > 1 else 1]]
+        found = [
+            self._at(own, optimum, began) for optimum in own.optima[: _COMPARED_OPTIMA if len(searches) > 1 else 1]
+        ]
         for search in searches[1:]:
             # What another aim found is a candidate too, as it is and with its postures solved again for this one:
             # errors that stay favour postures that are alike, and what is best for each alone may not be.
@@ -87,17 +102,21 @@ class _FeaturesSelection:
 
     @property
     def _combinations(self) -> tuple[Combine, ...]:
+        """The aims to search with, the task's own first."""
         return ("success", "worst", "mean") if self.task.combine == "success" else (self.task.combine,)
 
     @cached_property
     def _by_success(self) -> PostureSelector:
+        """Of one feature, by the probability to miss it."""
         return self._single({"criterion": "miss"})
 
     @cached_property
     def _by_spread(self) -> PostureSelector:
+        """Of one feature, by the task's own criterion."""
         return self._single({})
 
     def _selector(self, combine: Combine) -> PostureSelector:
+        """The selector of one feature for an aim."""
         return self._by_success if combine == "success" else self._by_spread
 
     def _single(self, criterion: dict[str, str]) -> PostureSelector:
@@ -113,6 +132,14 @@ class _FeaturesSelection:
         return PostureSelector(single, compiled=None if self.placement.free.any() else False)
 
     def _stations(self, selector: PostureSelector, combine: Combine, guarded: bool | None = None) -> PlacedStations:
+        """The features as stations, with the engines that serve them.
+
+        Args:
+            guarded: as of `PostureSelector.engine`.
+
+        Raises:
+            InputError: a yaw that turns directions out of the plane of the arm, or an axis that the arm cannot hold.
+        """
         targets = tuple(self._target(selector, feature) for feature in self.task.features)
         at = [target.moved(self.placement.centre) for target in targets]
         self._check_plane(selector)
@@ -142,7 +169,11 @@ class _FeaturesSelection:
         """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
         selector, scene = self._selector(combine), self.problem.scene
         # Another aim gives a candidate and no more.
-        wanted = {1: FOUND_BY, 3: FOUND_BY - 1}[len(self._combinations)] if combine == self.task.combine else 1
+        wanted = (
+            {1: BATCHES_THAT_FIND_IT, 3: BATCHES_THAT_FIND_IT - 1}[len(self._combinations)]
+            if combine == self.task.combine
+            else 1
+        )
         found = search_placement(self._stations(selector, combine), self.seed, workers, progress, wanted)
         alone = combine == self.task.combine  # what another aim finds is solved again, clear of collisions
         if not alone or not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
@@ -180,13 +211,19 @@ class _FeaturesSelection:
             optimal=optimum.optimal,
             at_centre=figure.of(every, 0),
             typical=None if middle is None else figure.of(every, int(middle)),
-            others=tuple(figure.of(other.found, 0) for other in rest[:_MOST_OTHERS]),
+            others=tuple(figure.of(other.found, 0) for other in rest[:_MAX_OTHER_OPTIMA]),
         )  # fmt: skip
 
     def _solution(
         self, stations: PlacedStations, w: Array, solved: Sequence[Solution], statistics: PlacementStatistics,
         *, optimal: bool = True, **beside: Any,
     ) -> Solution:  # fmt: skip
+        """The answer with postures near each other: ties and whole turns decided by the way between them.
+
+        Args:
+            w: (4,) the placement [m, rad], world.
+            beside: figures of other placements.
+        """
         robot = solved[0].optimisation_problem.robot
         solved = self._ties(solved)
         Q = np.array([solution.q for solution in solved])
@@ -204,7 +241,9 @@ class _FeaturesSelection:
         """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
         if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
             return solved
-        alike = [[a for a in s.alternatives if a.sigma_max <= (1 + _SAME) * s.critical.sigma_max] for s in solved]
+        alike = [
+            [a for a in s.alternatives if a.sigma_max <= (1 + _SIGMA_TOLERANCE) * s.critical.sigma_max] for s in solved
+        ]
         options = [
             np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
         ]
@@ -232,6 +271,7 @@ class _FeaturesSelection:
         return self._solution(stations, w, solved, statistics)
 
     def _explained(self, stations: PlacedStations) -> FeaturesFailure:
+        """The inquiry into a failure."""
         return FeaturesFailure(self.problem, self.task, stations, self.seed)
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
@@ -241,7 +281,7 @@ class _FeaturesSelection:
         selector = self._selector(stations.combine)
         errors: list[NoSolutionError] = []
         failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
-        for k in failed[:_EXPLAINED]:
+        for k in failed[:_EXPLAINED_FEATURES]:
             try:
                 selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
             except NoSolutionError as error:
@@ -269,6 +309,7 @@ class _Figures:
         return PlacementFigure(found.W[m], sigma, p_success)
 
     def _success(self, w: Array, Q: Array) -> float:
+        """Probability that all features succeed at a placement w (4,) with postures Q (K, n)."""
         places = [
             PlaceErrors.of(
                 propagate(self.problem, q), critical_basis(engine.optimisation_problem, target), target.clearance

@@ -25,7 +25,9 @@ from posture_opt.selection.stations.stations_problem import Station, StationsPro
 from posture_opt.selection.tasks.workpiece import Combine
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap")
-_FOLLOWED = 8  # one in so many of the random postures of a feature is improved, two at the least, the promising ones
+_STARTS_PER_SEARCH = (
+    8  # one in so many of a feature's random postures is improved, two at the least, the promising ones
+)
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ def _best_of_station(
     of = np.repeat(np.arange(M), count)
     gap = np.array([error[of == m].min() for m in range(M)])
     off = off_plane(engine, targets)
-    rows = _promising(engine, targets, Q, of, (error < TOLERANCE) & (off[of] == 0), max(2, count // _FOLLOWED))
+    rows = _promising(engine, targets, Q, of, (error < TOLERANCE) & (off[of] == 0), max(2, count // _STARTS_PER_SEARCH))
     main, extra, sigma, best = np.full(M, np.inf), np.zeros(M), np.full(M, np.inf), np.full((M, engine.robot.n), np.nan)
     if len(rows):
         optima = engine.descended_each(Q[rows], targets, of[rows], STEPS)

@@ -16,10 +16,10 @@ from posture_opt.numerics import Array
 from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.stations.placed_stations import PlacedStations
 
-_TRIED = 192  # placements beyond the range
-_ALONG = 12  # of the way back
-_ROUNDS = 3
-_STARTS = 8
+_PLACEMENTS_BEYOND = 192  # placements beyond the range
+_PLACEMENTS_ALONG = 12  # of the way back
+_MAX_ROUNDS = 3
+_STARTS_PER_PLACEMENT = 8
 
 
 def nearest_feasible(stations: PlacedStations, seed: int) -> Array | None:
@@ -30,9 +30,9 @@ def nearest_feasible(stations: PlacedStations, seed: int) -> Array | None:
     rng, box = np.random.default_rng(seed), stations.placement
     reach = stations.engines[0].optimisation_problem.reach
     far = np.append(np.full(3, reach.radius), 0.0)
-    share = rng.random((_TRIED, 1)) ** 2  # more of them near the range
-    inside = box.lower + rng.random((_TRIED, 4)) * (box.upper - box.lower)
-    return _led_back(stations, inside + share * rng.uniform(-1, 1, (_TRIED, 4)) * far, rng)
+    share = rng.random((_PLACEMENTS_BEYOND, 1)) ** 2  # more of them near the range
+    inside = box.lower + rng.random((_PLACEMENTS_BEYOND, 4)) * (box.upper - box.lower)
+    return _led_back(stations, inside + share * rng.uniform(-1, 1, (_PLACEMENTS_BEYOND, 4)) * far, rng)
 
 
 def turned_feasible(stations: PlacedStations, seed: int) -> Array | None:
@@ -40,8 +40,8 @@ def turned_feasible(stations: PlacedStations, seed: int) -> Array | None:
     rng, box = np.random.default_rng(seed), stations.placement
     if box.all_round:
         return None
-    tried = box.lower + rng.random((_TRIED, 4)) * (box.upper - box.lower)
-    tried[:, 3] = box.centre[3] + rng.uniform(-math.pi, math.pi, _TRIED)
+    tried = box.lower + rng.random((_PLACEMENTS_BEYOND, 4)) * (box.upper - box.lower)
+    tried[:, 3] = box.centre[3] + rng.uniform(-math.pi, math.pi, _PLACEMENTS_BEYOND)
     return _led_back(stations, tried, rng)
 
 
@@ -51,12 +51,13 @@ def outside(box: PlacementRange, W: Array) -> Array:
 
 
 def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> Array | None:
+    """The placement (4,) nearest to the range, from tried ones W (M, 4), at which all can be done; None if none."""
     box = stations.placement
     anywhere = replace(stations, placement=PlacementRange(np.full(4, -np.inf), np.full(4, np.inf)))
     best: Array | None = None
     known: Array | None = None
-    for _ in range(2 * _ROUNDS + 1):
-        found = anywhere.best(anywhere.in_plane(W), _STARTS, rng, known)
+    for _ in range(2 * _MAX_ROUNDS + 1):
+        found = anywhere.best(anywhere.in_plane(W), _STARTS_PER_PLACEMENT, rng, known)
         feasible = np.flatnonzero((found.gap == 0).all(axis=1))
         if len(feasible):
             nearest = feasible[np.argmin(outside(box, found.W[feasible]))]
@@ -69,7 +70,9 @@ def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> A
         away = outside(box, best[None])[0]
         if away < 1e-6:
             return best
-        along = np.linspace(0, 1, _ALONG, endpoint=False)[:, None]
-        about = rng.uniform(-1, 1, (2 * _ALONG, 4)) * np.where(best == edge, 0.3 * (box.upper - box.lower), away / 3)
+        along = np.linspace(0, 1, _PLACEMENTS_ALONG, endpoint=False)[:, None]
+        about = rng.uniform(-1, 1, (2 * _PLACEMENTS_ALONG, 4)) * np.where(
+            best == edge, 0.3 * (box.upper - box.lower), away / 3
+        )
         W = np.vstack([edge + along * (best - edge), np.clip(best + about, edge - away, edge + away)])
     return best

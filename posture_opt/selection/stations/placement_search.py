@@ -17,23 +17,25 @@ from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 
-_PLACEMENTS = 32  # of a batch, and so many more for each free coordinate beyond two
-_STARTS = 12  # random postures of a feature at a placement
-_AGAIN = 64  # where the joint problem has ended
-_SCOUTS = 3  # placements for each of these that are followed a little
-_POLISHED = 4  # placements of a batch that lead the joint problem
-_HOPS = (0.4, 0.1)  # of the box: placements about the best optimum lead the joint problem in their turn
-_AROUND = 32  # of them
-_HOPPED = 2  # that lead it
-_ROUNDS = 4  # of joint problem and single problems in turn
-_APART = 0.15  # of the box: placements that are nearer lead to the same optimum
-_SAME = 1e-3  # of the objective, a variance: half as much of a standard deviation, which nobody can measure
-_TIE = 3e-5  # of the objective: less is the rounding of the placement
-FOUND_BY = 3
+_PLACEMENTS_PER_BATCH = 32  # of a batch, and so many more for each free coordinate beyond two
+_STARTS_PER_PLACEMENT = 12  # random postures of a feature at a placement
+_STARTS_AT_OPTIMUM = 64  # where the joint problem has ended
+_SCOUTS_PER_SOLVE = 3  # placements for each of these that are followed a little
+_SOLVES_PER_BATCH = 4  # placements of a batch that lead the joint problem
+_HOP_SHARES = (0.4, 0.1)  # of the box: placements about the best optimum lead the joint problem in their turn
+_PLACEMENTS_PER_HOP = 32  # of them
+_SOLVES_PER_HOP = 2  # that lead it
+_MAX_ROUNDS = 4  # of joint problem and single problems in turn
+_MIN_DISTANCE_SHARE = 0.15  # of the box: placements that are nearer lead to the same optimum
+_OBJECTIVE_TOLERANCE = (
+    1e-3  # of the objective, a variance: half as much of a standard deviation, which is not measurable
+)
+_ROUNDING_TOLERANCE = 3e-5  # of the objective: less is the rounding of the placement
+BATCHES_THAT_FIND_IT = 3
 """Batches that are to find the best optimum."""
-_MOST = 10  # batches
-_SHARES = (0.3, 0.1)  # of the box, about the placements that came nearest, where no placement is feasible
-_FAILED = 2  # batches without any feasible placement, after which there is none
+_MAX_BATCHES = 10  # batches
+_NEARER_SHARES = (0.3, 0.1)  # of the box, about the placements that came nearest, where no placement is feasible
+_MAX_FAILED_BATCHES = 2  # batches without any feasible placement, after which there is none
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,11 @@ class PlacementSearch:
 
 
 def search_placement(
-    stations: PlacedStations, seed: int, workers: int = 1, progress: Progress | None = None, wanted: int = FOUND_BY
+    stations: PlacedStations,
+    seed: int,
+    workers: int = 1,
+    progress: Progress | None = None,
+    wanted: int = BATCHES_THAT_FIND_IT,
 ) -> PlacementSearch:
     """Batches of placements until the best optimum has been found by three of them.
 
@@ -87,30 +93,32 @@ def search_placement(
         progress: called with (done, most) batches.
         wanted: batches that are to find the best optimum.
     """
-    rng = np.random.default_rng([seed, _MOST])
-    probe = stations.best(stations.in_plane(stations.placement.drawn(8, rng)), _STARTS, rng)
+    rng = np.random.default_rng([seed, _MAX_BATCHES])
+    probe = stations.best(stations.in_plane(stations.placement.drawn(8, rng)), _STARTS_PER_PLACEMENT, rng)
     stations = stations.scaled(stations.scale_of(probe))
     whole: PlacementSearch | None = None
     values: list[float] = []
-    for found in independent_batches(_batch, (stations, seed), range(_MOST), workers):
+    for found in independent_batches(_batch, (stations, seed), range(_MAX_BATCHES), workers):
         batch: PlacementSearch = replace(found, stations=stations)
         whole = batch if whole is None else _joined(whole, batch)
         values.append(batch.optima[0].objective if batch.optima else np.inf)
         if progress is not None:
-            progress(len(values), _MOST)
+            progress(len(values), _MAX_BATCHES)
         recurred = recurrences(values, _as_good)
-        if recurred >= wanted or (not whole.optima and len(values) >= _FAILED):
+        if recurred >= wanted or (not whole.optima and len(values) >= _MAX_FAILED_BATCHES):
             break
     assert whole is not None
     return replace(whole, batches=len(values), recurred=recurred)
 
 
 def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
+    """Two searches of the same stations as one."""
     optima = _distinct(one.stations, [*one.optima, *other.optima])
     return PlacementSearch(one.stations, optima, one.screened.joined(other.screened), 0, 0, one.solves + other.solves)
 
 
 def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
+    """Batch k, without the engines: they need not travel back."""
     stations, seed = shared
     found = one_batch(stations, seed, k)
     return replace(found, stations=replace(found.stations, engines=()))  # they need not travel back
@@ -119,18 +127,18 @@ def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
 def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
     """One batch: placements that fill the box, the best of them improved."""
     rng = np.random.default_rng([seed, k])
-    count = _PLACEMENTS * max(int(stations.placement.free.sum()) - 1, 1)
+    count = _PLACEMENTS_PER_BATCH * max(int(stations.placement.free.sum()) - 1, 1)
     W = stations.in_plane(stations.placement.drawn(count, rng))
     if k == 0:
         W[0] = stations.in_plane(stations.placement.centre[None])[0]
-    screened = _shared(stations, stations.best(W, _STARTS, rng), rng)
-    for share in _SHARES:
+    screened = _shared(stations, stations.best(W, _STARTS_PER_PLACEMENT, rng), rng)
+    for share in _NEARER_SHARES:
         if np.isfinite(stations.combined(screened)).any():
             break
         screened = _nearer(stations, screened, share, rng)
-    optima, solves = _led(stations, screened, _POLISHED, rng)
-    for share in _HOPS if optima and stations.placement.free.any() else ():
-        more, again = _led(stations, _around(stations, optima[0], share, rng), _HOPPED, rng)
+    optima, solves = _led(stations, screened, _SOLVES_PER_BATCH, rng)
+    for share in _HOP_SHARES if optima and stations.placement.free.any() else ():
+        more, again = _led(stations, _around(stations, optima[0], share, rng), _SOLVES_PER_HOP, rng)
         optima, solves = _distinct(stations, [*optima, *more]), solves + again
     return PlacementSearch(stations, optima, screened, 1, 1, solves)
 
@@ -142,7 +150,7 @@ def _led(
 
     More of them are followed through one solve of it, and those that come out best to their end.
     """
-    scouts = _leading(stations, found, _SCOUTS * most if stations.placement.free.any() else 1)
+    scouts = _leading(stations, found, _SCOUTS_PER_SOLVE * most if stations.placement.free.any() else 1)
     first = [(m, stations.joint.solve(StationsPoint(found.W[m], found.Q[m]))) for m in scouts]
     first.sort(key=lambda pair: (pair[1].violation > ROW_TOLERANCE, pair[1].objective))
     ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in first[:most]]
@@ -152,8 +160,8 @@ def _led(
 
 def _around(stations: PlacedStations, best: PlacementOptimum, share: float, rng: np.random.Generator) -> Postures:
     """Placements about an optimum, for branches that the way there did not see."""
-    W = stations.in_plane(stations.placement.near(best.w, share, _AROUND, rng))
-    return stations.best(W, _STARTS, rng, best.found.Q)
+    W = stations.in_plane(stations.placement.near(best.w, share, _PLACEMENTS_PER_HOP, rng))
+    return stations.best(W, _STARTS_PER_PLACEMENT, rng, best.found.Q)
 
 
 def _shared(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
@@ -166,7 +174,7 @@ def _nearer(stations: PlacedStations, found: Postures, share: float, rng: np.ran
     """More placements about those that fail least."""
     order = np.argsort(failing(found), kind="stable")[:4]
     W = np.vstack([stations.placement.near(found.W[m], share, 12, rng) for m in order])
-    return found.joined(stations.best(stations.in_plane(W), _STARTS, rng, found.Q[order]))
+    return found.joined(stations.best(stations.in_plane(W), _STARTS_PER_PLACEMENT, rng, found.Q[order]))
 
 
 def failing(found: Postures) -> Array:
@@ -183,7 +191,7 @@ def _leading(stations: PlacedStations, found: Postures, most: int) -> list[int]:
     size = np.where(stations.placement.free, stations.placement.upper - stations.placement.lower, 1.0)
     chosen: list[int] = []
     for m in order[: int(feasible.sum())] if feasible.any() else order:
-        apart = [np.max(np.abs(found.W[m] - found.W[c]) / size) > _APART for c in chosen]
+        apart = [np.max(np.abs(found.W[m] - found.W[c]) / size) > _MIN_DISTANCE_SHARE for c in chosen]
         if all(apart) and np.isfinite(found.Q[m]).all():
             chosen.append(int(m))
         if len(chosen) == most:
@@ -199,11 +207,11 @@ def _improved(
     In turn each feature is solved again where the joint problem ended, and the joint problem from there.
     """
     best, value, optimal, solves = start, float(stations.combined(start)[0]), False, 0
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         if not np.all(np.isfinite(end.point.Q)):
             break
         w = stations.placement.tidied(end.point.w)
-        found = stations.best(w[None], _AGAIN, rng, end.point.Q[None])
+        found = stations.best(w[None], _STARTS_AT_OPTIMUM, rng, end.point.Q[None])
         now = float(stations.combined(found)[0])
         gained = not np.isfinite(value) or _as_good(now) < value
         if now < value:
@@ -217,7 +225,7 @@ def _improved(
 
 def _as_good(best: float) -> float:
     """The objective up to which an optimum counts as the same: of a probability its logarithm, else about one."""
-    return best + _SAME * max(1.0, abs(best))
+    return best + _OBJECTIVE_TOLERANCE * max(1.0, abs(best))
 
 
 def _distinct(stations: PlacedStations, optima: list[PlacementOptimum]) -> tuple[PlacementOptimum, ...]:
@@ -225,7 +233,7 @@ def _distinct(stations: PlacedStations, optima: list[PlacementOptimum]) -> tuple
     size = np.where(stations.placement.free, stations.placement.upper - stations.placement.lower, 1.0)
     kept: list[PlacementOptimum] = []
     least = min((optimum.objective for optimum in optima), default=0.0)
-    tie = least + _TIE * max(1.0, abs(least))
+    tie = least + _ROUNDING_TOLERANCE * max(1.0, abs(least))
     centre = stations.placement.centre
 
     def rank(o: PlacementOptimum) -> tuple[float, float, tuple[float, ...]]:

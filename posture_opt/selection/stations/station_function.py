@@ -10,7 +10,7 @@ from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import SIZES, turned_about_z
 
-_POINTS = ("lower", "upper")  # of the target's parameters; the other ones of three entries are directions
+_POINT_PARAMETERS = ("lower", "upper")  # of the target's parameters; the other ones of three entries are directions
 
 
 class StationFunction:
@@ -45,7 +45,7 @@ def moved_parameters(c: ca.SX, w: ca.SX) -> ca.SX:
         at += size
         if size == 3:
             part = turned_about_z(part, ca.cos(w[3]), ca.sin(w[3]))
-            part = part + w[:3] if name in _POINTS else part
+            part = part + w[:3] if name in _POINT_PARAMETERS else part
         parts.append(part)
     return ca.vertcat(*parts)
 
@@ -63,6 +63,7 @@ def _one_sided(row: Row) -> list[tuple[ca.SX, float, float]]:
 
 
 def _infinite(bound: ca.SX) -> bool:
+    """Whether a bound bounds nothing."""
     return bool(bound.is_constant()) and bool(np.isinf(float(bound)))
 
 

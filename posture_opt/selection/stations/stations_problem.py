@@ -23,10 +23,10 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.stations.station_function import StationFunction
 from posture_opt.selection.tasks.workpiece import Combine
 
-_PLACED = 5  # variables before the postures: the placement (4,) and the level that is minimised
+_VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
 _MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
 _STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
-_STEP_MARGIN = 1e-9  # rad: what IPOPT may overstep
+_STEP_MARGIN_RAD = 1e-9  # rad: what IPOPT may overstep
 _OPTIONS = {
     "ipopt.tol": 1e-7,
     "ipopt.constr_viol_tol": 1e-9,
@@ -110,13 +110,14 @@ class StationsProblem(DerivedAgain):
 
     def solve(self, start: StationsPoint, largest: float = np.inf) -> StationsOutcome:
         """The local optimum of IPOPT from a start, which should be feasible, with no step above ``largest``."""
-        return self._solved(self._least_objective, start, max(largest - _STEP_MARGIN, 0.0))
+        return self._solved(self._least_objective, start, max(largest - _STEP_MARGIN_RAD, 0.0))
 
     def least_step(self, start: StationsPoint) -> StationsOutcome:
         """The postures whose largest step is least, whatever the objectives."""
         return self._solved(self._least_step, start, 0.0)
 
     def _solved(self, program: _Program, start: StationsPoint, largest: float) -> StationsOutcome:
+        """Where a program ends from a start; the level begins at its value there."""
         Q = np.asarray(start.Q, dtype=float)
         lower, upper = self._bounds(Q)
         x0 = np.concatenate([np.clip(start.w, self.lower, self.upper), [0.0], Q.ravel()])
@@ -126,7 +127,7 @@ class StationsProblem(DerivedAgain):
         x = np.clip(found.x, lower, upper)
         g = np.asarray(program.rows(x, largest)).ravel()
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
-        point = StationsPoint(x[:4], x[_PLACED:].reshape(Q.shape))
+        point = StationsPoint(x[:4], x[_VARIABLES_BEFORE_POSTURES:].reshape(Q.shape))
         return StationsOutcome(
             point, float(program.level(x)), violation, found.optimal, found.message, found.iterations
         )
@@ -146,6 +147,7 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _least_objective(self) -> _Program:
+        """The stations' objectives combined; with steps their bound and a tie-break besides."""
         x, largest, main, extra, rows = self._expressions
         objective = combined_symbols(self.combine, main, extra)
         if self.combine != "worst":
@@ -162,6 +164,7 @@ class StationsProblem(DerivedAgain):
 
     @cached_property
     def _least_step(self) -> _Program:
+        """The largest step as the level; the objectives break ties."""
         assert self.steps is not None, "stations that are not joined have no steps"
         x, largest, main, extra, rows = self._expressions
         moved, level = self._moved(x, self.steps), x[4]
@@ -171,6 +174,7 @@ class StationsProblem(DerivedAgain):
         return self._program(x, largest, level + _STEP_WEIGHT**2 * mean, step, rows)
 
     def _program(self, x: ca.MX, largest: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX]) -> _Program:
+        """A solver of ``objective`` subject to ``rows``, with functions of the rows and of the level."""
         g = ca.vertcat(*rows)
         options = {**_OPTIONS, "ipopt.max_iter": self.max_iterations}
         solver = NonlinearSolver("stations", {"x": x, "p": largest, "f": objective, "g": g}, options)
@@ -180,7 +184,7 @@ class StationsProblem(DerivedAgain):
     def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
         """Variables, the largest step, first and further terms (K, 1) of the objectives, rows of the stations."""
         n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
-        x, largest = ca.MX.sym("x", _PLACED + n * K), ca.MX.sym("largest")
+        x, largest = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("largest")
         parts = []
         for function, of in self._functions:
             parameters = ca.DM(np.array([self.stations[k].target.parameters for k in of]).T)
@@ -198,7 +202,8 @@ class StationsProblem(DerivedAgain):
         return [(StationFunction(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
 
     def _postures(self, x: ca.MX) -> ca.MX:
-        return ca.reshape(x[_PLACED:], -1, len(self.stations))
+        """(n, K) the postures among the variables."""
+        return ca.reshape(x[_VARIABLES_BEFORE_POSTURES:], -1, len(self.stations))
 
     def _moved(self, x: ca.MX, steps: StationSteps) -> ca.MX:
         """(m, K − 1) steps of the counted joints, as they count."""
