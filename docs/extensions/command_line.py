@@ -58,7 +58,7 @@ def cell(text: str) -> str:
 
 
 def prose(text: str) -> str:
-    r"""The help text in Markdown: what stands behind \b keeps its line breaks."""
+    r"""The help text in Markdown: what follows \b keeps its line breaks."""
     blocks = re.split(r"\n\s*\n", inspect.cleandoc(text).strip())
     return "\n\n".join(
         "```text\n" + block.removeprefix("\b\n") + "\n```" if block.startswith("\b") else block for block in blocks

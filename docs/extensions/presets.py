@@ -11,8 +11,8 @@ def presets_table() -> str:
     """Name, robot, convention and the source of the geometry."""
     rows = ["| name | robot | convention | joints | geometry from |", "| --- | --- | --- | --: | --- |"]
     for name in preset_names():
-        told = yaml.safe_load(preset_text(name))
-        source = " ".join(told["source"]["geometry"].split())
-        joints = len(told["robot"]["joints"])
-        rows.append(f"| `{name}` | {told['title']} | `{told['robot']['kind']}` | {joints} | {source} |")
+        preset = yaml.safe_load(preset_text(name))
+        source = " ".join(preset["source"]["geometry"].split())
+        joints = len(preset["robot"]["joints"])
+        rows.append(f"| `{name}` | {preset['title']} | `{preset['robot']['kind']}` | {joints} | {source} |")
     return "\n".join(rows) + "\n"

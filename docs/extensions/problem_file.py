@@ -14,7 +14,7 @@ TITLES = {  # the sections of a file by the names of their keys
     "robot": "what moves",
     "uncertainty": "where the scatter comes from",
     "task": "what is to be done, and where",
-    "cell": "what stands around the arm",
+    "cell": "obstacles, and whether the arm may collide with itself",
     "effects": "what moves or spreads the tool point beyond the geometry",
     "solver": "how the best posture is searched for",
     "data": "what is known about measurements besides their file",
@@ -111,8 +111,8 @@ def key_table(schema: Schema, keys: set[str], defs: Schema) -> str:
 
 
 def meaning(value: Schema, defs: Schema) -> str:
-    told = str(value.get("description", "")).replace("``", "`").replace("|", r"\|")
-    return "" if "dimension" in value and told == f"{value['dimension']} with its unit" else told
+    text = str(value.get("description", "")).replace("``", "`").replace("|", r"\|")
+    return "" if "dimension" in value and text == f"{value['dimension']} with its unit" else text
 
 
 def default(value: Schema, required: bool) -> str:

@@ -46,7 +46,7 @@ def modules() -> tuple[Any, ...]:
 
 
 def keep_colons(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Napoleon takes what stands before a colon in an attribute's first line for its type: give it an empty comment."""
+    """Napoleon takes what is before a colon in an attribute's first line for its type: give it an empty comment."""
     if what in ("attribute", "property", "data"):
         lines[:0] = ["..", ""]
 
