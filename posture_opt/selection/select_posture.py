@@ -19,7 +19,7 @@ _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "postur
 
 
 def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: int = 1) -> Solution:
-    """The one posture that stands for the answer to a problem: the worst one of a path, or of several features.
+    """The one posture that represents the answer to a problem: the worst one of a path, or of several features.
 
     Raises:
         NoSolutionError, InputError: as `select_posture`.

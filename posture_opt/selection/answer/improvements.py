@@ -54,7 +54,7 @@ class HalvedSigma(Improvement):
 
 @dataclass(frozen=True)
 class CalibratedArm(Improvement):
-    """Errors that stay from repeat to repeat known as well as ``postures`` measured points tell.
+    """Errors that stay from repeat to repeat known as well as ``postures`` measured points determine them.
 
     Args:
         instrument: standard deviation of each coordinate of a measured point [m]; ``assumed`` where the file has none.
@@ -112,7 +112,7 @@ def improvements(
     """What would lower the standard deviation of an answer with a posture at each of K stations, most gain first.
 
     Args:
-        combined: of (K,) standard deviations [m], the figure that the answer is told by.
+        combined: of (K,) standard deviations [m], the figure of merit of the answer.
         place: the answer, where its part could also stand elsewhere.
     """
     before = float(combined(np.array([station.critical.sigma_max for station in stations])))

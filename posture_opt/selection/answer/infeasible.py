@@ -2,7 +2,8 @@
 
 Only asked when restarts of the search found nothing. Each requirement gives alone, as little as it can, while all the
 others are met; where none suffices alone, terms and obstacles give together, and then everything. The reason that is
-told is the most particular one: a term or an obstacle before a limit, a limit before the tool axis, the target last.
+reported is the most particular one: a term or an obstacle before a limit, a limit before the tool axis, the target
+last.
 """
 
 from __future__ import annotations
@@ -102,11 +103,11 @@ class _Infeasibility:
         met = next((way for _, way in ways if way.met), None)
         if met is not None or not ways:
             return Explanation(self._pool[0] if met is None else met.q)
-        told = max(ways, key=lambda way: (_specific(way[0]), -way[1].cost))
+        chosen = max(ways, key=lambda way: (_specific(way[0]), -way[1].cost))
         ordered = sorted(ways, key=lambda way: way[1].cost)
         relaxations = [relaxation(self.problem, self.elastic, self.target, names, way) for names, way in ordered]
-        reasons = relaxations[ordered.index(told)].reasons
-        return Explanation(told[1].q, reasons, tuple(relaxations))
+        reasons = relaxations[ordered.index(chosen)].reasons
+        return Explanation(chosen[1].q, reasons, tuple(relaxations))
 
     def _ways(self) -> list[tuple[tuple[str, ...], Compromise]]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""

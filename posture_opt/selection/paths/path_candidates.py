@@ -45,7 +45,7 @@ class PathCandidates:
     arrived: tuple[int, ...]
 
     def turned(self, steps: JointSteps) -> PathCandidates:
-        """The same, with postures that stand whole turns beside them where ``steps`` tell these apart."""
+        """The same, with postures whole turns away where ``steps`` distinguish these."""
         pairs = [steps.turned(Q, cost) for Q, cost in zip(self.postures, self.costs, strict=True)]
         return replace(self, postures=tuple(Q for Q, _ in pairs), costs=tuple(cost for _, cost in pairs))
 

@@ -37,7 +37,7 @@ from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.workers import Workers, opened
 
 _MAX_DEVIATION_SHARE = 0.5  # of the distance between two points: off the line by more is no way along it
-_MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search where it then stands
+_MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
 _MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
 _STEP_RATIO = 3.0  # the smallest step that is possible: what is allowed where nothing is stated
 
@@ -68,7 +68,7 @@ class PathSelector(DerivedAgain):
 
     @cached_property
     def path(self) -> TaskPath:
-        """The points of the task, and those added between them, where the workpiece stands."""
+        """The points of the task, and those added between them, at the placement of the workpiece."""
         return TaskPath.of(self.task).moved(self.w)
 
     @cached_property
@@ -129,7 +129,7 @@ class PathSelector(DerivedAgain):
             return None
 
     def solve_here(self, seed: int, pool: Workers | None = None, progress: Progress | None = None) -> Solution:
-        """The best motion with the workpiece where it stands.
+        """The best motion with the workpiece at its placement.
 
         Args:
             pool: works on the candidates; progress: called with (done, all) parts of the search for them.
@@ -143,8 +143,8 @@ class PathSelector(DerivedAgain):
         largest = _STEP_RATIO * smallest if self.task.largest_step is None else self.task.largest_step
         if smallest > largest + STEP_TOLERANCE_RAD:
             reasons = search.too_large_a_step(smallest, largest, calm)
-            told = "\n".join(reason.message for reason in reasons)
-            raise NoSolutionError(told, self._solution(search, calm, largest, began, reasons))
+            message = "\n".join(reason.message for reason in reasons)
+            raise NoSolutionError(message, self._solution(search, calm, largest, began, reasons))
         return self._solution(search, search.best(largest), largest, began)
 
     def _search(
@@ -194,8 +194,8 @@ class PathSelector(DerivedAgain):
             for target, q, count in zip(search.found.targets, motion.Q, followed.candidates, strict=True)
         )  # fmt: skip
         placement = Placement(self.placement.lower, self.placement.upper, self.w)
-        stands = None if self.task.workpiece is None else placement
-        return replace(points[0], points=points, names=tuple(self.path.numbers), placement=stands, followed=followed)
+        placed = None if self.task.workpiece is None else placement
+        return replace(points[0], points=points, names=tuple(self.path.numbers), placement=placed, followed=followed)
 
     def _jumps(self, motion: Motion, astray: Array) -> Iterator[str]:
         """Where no motion leads along the path, but only away from it and back."""
@@ -212,11 +212,11 @@ class PathSelector(DerivedAgain):
         searched = multistart(engine, target, np.random.default_rng(self.problem.solver.seed), usual_starts(engine))
         why = explain_infeasibility(engine, searched)
         name = self.path.numbers[k]
-        told = tuple(Reason(r.requirement, f"{name}: {r.message}", r.amount, r.unit) for r in why.reasons)
-        told = told or (Reason(name, f"{name}: no posture was found that meets all requirements", 0.0, "1"),)
-        why = replace(why, reasons=told)
+        reasons = tuple(Reason(r.requirement, f"{name}: {r.message}", r.amount, r.unit) for r in why.reasons)
+        reasons = reasons or (Reason(name, f"{name}: no posture was found that meets all requirements", 0.0, "1"),)
+        why = replace(why, reasons=reasons)
         solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
-        raise NoSolutionError("\n".join(reason.message for reason in told), solution)
+        raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
 
 def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:

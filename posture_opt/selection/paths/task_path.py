@@ -93,7 +93,7 @@ class TaskPath:
 
 
 def tangents(points: Array) -> Array:
-    """(K, 3) unit vectors of travel at the points (K, 3) of a polyline, as told at `TaskPath`."""
+    """(K, 3) unit vectors of travel at the points (K, 3) of a polyline, as `TaskPath` defines them."""
     along = np.diff(points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     closed = np.linalg.norm(points[0] - points[-1]) < _CLOSED_DISTANCE_M

@@ -300,8 +300,8 @@ class OptimisationProblem(DerivedAgain):
             name = term.kind if kinds.count(term.kind) == 1 else f"{term.kind} ({kinds[: k + 1].count(term.kind)})"
             at, size, shown = self.quantities, term.row_size, _told_of(term)
             values = self._values(term, "subject_to", k)
-            told = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
-            for label, unit, value, (low, high) in told:
+            entries = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
+            for label, unit, value, (low, high) in entries:
                 rows.append(Row(label, unit, value / size, ca.SX(low / size), ca.SX(high / size), name, shown))
         return rows
 
@@ -319,5 +319,5 @@ class OptimisationProblem(DerivedAgain):
 
 
 def _told_of(term: Term) -> Callable[[float], float]:
-    """From the value of a term's row to what people are told of its quantity."""
+    """From the value of a term's row to what reports state of its quantity."""
     return lambda value: term.shown(value * term.row_size)

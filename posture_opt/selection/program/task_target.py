@@ -1,6 +1,6 @@
 """``TaskTarget``: where one solve is to bring the tool point: the parameters of the optimisation problem.
 
-What an arm can do at all stands first: the directions it moves its tool point in, and whether it can point its axis.
+What an arm can do at all comes first: the directions it moves its tool point in, and whether it can point its axis.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """``PlacedStations``: the features of a workpiece; the best posture of each at many placements, independently.
 
-Once the workpiece stands, no feature minds the others: the best postures at a placement are those of single problems.
+Once the placement is given, no feature depends on the others: the best postures there are those of single problems.
 So placements are compared by solving all features at all of them in batches.
 """
 

@@ -1,8 +1,8 @@
 """How far outside of its range a workpiece must go for all of its features to be possible; how it must be turned.
 
 Placements beyond the range are tried at random; from the nearest one at which every feature can be done the way back
-to the range is searched, and then the neighbourhood of what was found, so that the move told is one that suffices and
-nearly the least.
+to the range is searched, and then the neighbourhood of what was found, so that the move reported suffices and is nearly
+the least.
 """
 
 from __future__ import annotations

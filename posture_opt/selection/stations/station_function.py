@@ -1,4 +1,4 @@
-"""``StationFunction``: one optimisation problem as a function of where the workpiece stands."""
+"""``StationFunction``: one optimisation problem as a function of the placement of the workpiece."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class StationFunction:
 
 
 def moved_parameters(c: ca.SX, w: ca.SX) -> ca.SX:
-    """The parameters of a target that stands in the frame of the workpiece, at the placement w (4,), world."""
+    """The parameters of a target in the frame of the workpiece, at the placement w (4,), world."""
     parts, at = [], 0
     for name, size in SIZES.items():
         part = c[at : at + size]

@@ -1,7 +1,7 @@
 """``StationsProblem``: the postures of several stations and the placement of what they stand on, chosen together.
 
 A station is one feature of a part or one point of a path: the optimisation problem of a point with a target of its own,
-which stands in the frame of the workpiece. Every expression of it, tool axis and further terms included, is evaluated
+which is in the frame of the workpiece. Every expression of it, tool axis and further terms included, is evaluated
 at the target that the placement ``w = (x, y, z, yaw)`` moves it to. Neighbours may be joined by steps of the joints,
 whose bound may be the objective itself.
 """

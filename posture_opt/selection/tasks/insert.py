@@ -44,7 +44,7 @@ class Insert(Task):
         """
         if (self.diameter is None) != (self.friction is None):
             raise BadValueError(
-                "diameter and friction tell the probability of wedging together", "state both or neither"
+                "diameter and friction determine the probability of wedging together", "state both or neither"
             )
         if self.diameter is not None and (self.length is None or self.clearance is None):
             raise BadValueError("wedging needs the length of the peg and the clearance of the hole", "add them")

@@ -41,7 +41,7 @@ class PathTask(Task):
 
     @property
     def on_workpiece(self) -> bool:
-        """Whether there is a path, or a feature, that stands in the frame of a workpiece."""
+        """Whether there is a path, or a feature, that is in the frame of a workpiece."""
         return self.on_path or super().on_workpiece
 
     @property

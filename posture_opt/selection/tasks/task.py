@@ -47,7 +47,7 @@ class Task(Spec):
 
     ``direction`` and ``tool_axis`` are directions in the world and in the tool frame. Without ``position`` and
     ``region`` the workpiece may stand anywhere in reach. With ``features`` the task is done at each of them, and
-    ``direction`` stands in the frame of the workpiece.
+    ``direction`` is in the frame of the workpiece.
     """
 
     within: ClassVar[Within]
@@ -110,7 +110,7 @@ class Task(Spec):
 
     @property
     def uses_yaw(self) -> bool:
-        """Whether reports tell the spread of the yaw."""
+        """Whether reports state the spread of the yaw."""
         return False
 
     @property

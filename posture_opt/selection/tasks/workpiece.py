@@ -83,7 +83,7 @@ class Feature(Spec):
     Its direction turns with the workpiece; that of the task does so too where a feature states none.
     """
 
-    name: Annotated[str, Field(min_length=1, description="told in reports, unique", examples=["hole 1"])]
+    name: Annotated[str, Field(min_length=1, description="in reports, unique", examples=["hole 1"])]
     position: tuple[Length, Length, Length]
     direction: Direction | None = Field(None, description="default: that of the task")
     clearance: Annotated[Length, Field(gt=0)] | None = Field(None, description="default: that of the task")

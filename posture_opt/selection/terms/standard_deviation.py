@@ -9,7 +9,7 @@ import math
 
 from posture_opt.selection.terms.term import Quantities, Term
 
-_USUAL = 1e-3  # m or rad: where no bound tells what is large
+_USUAL = 1e-3  # m or rad: where no bound says what is large
 
 
 class StandardDeviationTerm(Term):

@@ -17,7 +17,7 @@ class Success(Term):
 
     ``ln P(miss) ≤ ln(1 − at_least)``: it has a slope where the probability itself is 1 to the last digit. In
     ``minimize`` the logarithm itself is what is made small. With a peg both ends have to stay within, and the bound of
-    Boole stands in for their joint probability: it is on the safe side, by at most a factor of two of the miss.
+    Boole replaces their joint probability: it is on the safe side, by at most a factor of two of the miss.
     """
 
     summary: ClassVar[str] = "probability to stay within the clearance (at_least)"

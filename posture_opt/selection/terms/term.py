@@ -157,10 +157,10 @@ class Term(Spec):
     unit: ClassVar[str]
     """SI unit of the quantity."""
     keeps_clear: ClassVar[bool] = False
-    """Whether it keeps the arm away from what stands around it."""
+    """Whether it keeps the arm away from obstacles."""
 
     minds_orientation: ClassVar[bool] = False
-    """Whether reports tell the spread of the orientation where it is asked for."""
+    """Whether reports state the spread of the orientation where it is asked for."""
 
     kind: str
     weight: float = Field(default=1.0, ge=0)
