@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class FollowedPath(Protocol):
     def listed(self) -> Mask:
         """(K,) whether the point is one of the task's own."""
 
-    def to_json(self, found: Solution) -> dict[str, Any]:
+    def to_json(self, found: Solution) -> dict[str, Json]:
         """What ``solution.json`` says of the path: plain data."""
 
 
@@ -111,13 +111,24 @@ class Solution(Result):
     placement: Placement | None = None
     followed: FollowedPath | None = None
 
-    w, workpiece, placed = _part("placement", "w"), _part("placement", "workpiece"), _part("placement", "stations")
-    centre, typical, others = (_part("placement", name) for name in ("at_centre", "typical", "others"))
-    path, motion, naive = _part("followed", "path"), _part("followed", "motion"), _part("followed", "naive")
-    largest_step, smallest_step = _part("followed", "largest_step"), _part("followed", "smallest_step")
-    bound, off_line, jumps = _part("followed", "bound"), _part("followed", "off_line"), _part("followed", "jumps")
-    largest_joint_step, candidates = _part("followed", "largest_joint_step"), _part("followed", "candidates")
-    seconds, task = _part("statistics", "seconds"), _part("problem", "task")
+    w: ClassVar[Any] = _part("placement", "w")
+    workpiece: ClassVar[Any] = _part("placement", "workpiece")
+    placed: ClassVar[Any] = _part("placement", "stations")
+    centre: ClassVar[Any] = _part("placement", "at_centre")
+    typical: ClassVar[Any] = _part("placement", "typical")
+    others: ClassVar[Any] = _part("placement", "others")
+    path: ClassVar[Any] = _part("followed", "path")
+    motion: ClassVar[Any] = _part("followed", "motion")
+    naive: ClassVar[Any] = _part("followed", "naive")
+    largest_step: ClassVar[Any] = _part("followed", "largest_step")
+    smallest_step: ClassVar[Any] = _part("followed", "smallest_step")
+    bound: ClassVar[Any] = _part("followed", "bound")
+    off_line: ClassVar[Any] = _part("followed", "off_line")
+    jumps: ClassVar[Any] = _part("followed", "jumps")
+    largest_joint_step: ClassVar[Any] = _part("followed", "largest_joint_step")
+    candidates: ClassVar[Any] = _part("followed", "candidates")
+    seconds: ClassVar[Any] = _part("statistics", "seconds")
+    task: ClassVar[Any] = _part("problem", "task")
 
     @property
     def stations(self) -> tuple[Solution, ...]:
