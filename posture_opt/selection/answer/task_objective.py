@@ -33,6 +33,6 @@ def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
     value = ca.substitute(objective, nlp.x, q)
     hessian, gradient = ca.hessian(value, q)
     entries = ca.cse([value, ca.densify(gradient), ca.densify(ca.triu2symm(ca.triu(hessian)))])
-    objective = " + ".join(label.replace(", over scale", " [m^2]") for label, _ in nlp.terms)
+    minimised = " + ".join(label.replace(", over scale", " [m^2]") for label, _ in nlp.terms)
     function = ca.Function("objective", [q], entries, ["q"], ["objective", "gradient", "hessian"])
-    return function, {key: text.format(objective=objective) for key, text in DESCRIPTIONS.items()}
+    return function, {key: text.format(objective=minimised) for key, text in DESCRIPTIONS.items()}
