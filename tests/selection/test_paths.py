@@ -158,6 +158,19 @@ def test_workers_do_not_change_the_answer_and_progress_is_reported():
     assert calls == [(done, 4) for done in range(1, 5)]
 
 
+def test_workers_do_not_change_a_placement_and_progress_is_reported():
+    free = {"x": ["0 m", "0.2 m"], "y": ["-0.1 m", "0.1 m"]}
+    problem, calls = planar(arc(3), workpiece=free), []
+    alone = po.select_posture(problem, progress=lambda done, total: calls.append((done, total)))
+    again = po.select_posture(problem, workers=2)
+    np.testing.assert_array_equal(again.w, alone.w)
+    np.testing.assert_array_equal(again.postures, alone.postures)
+    tried = [done for done, total in calls if total == calls[-1][1]]  # of the motions, after the placements
+    assert tried == list(range(1, len(tried) + 1))
+    assert len(tried) >= 3
+    assert all(done <= total for done, total in calls)
+
+
 def test_two_points_with_a_free_axis_keep_to_their_bound():
     """So few candidates stand near the optimum that the motion finds better postures than any of them."""
     found = po.select_posture(preset("ur10", np.array([[0.45, -0.2, 0.25], [0.48, -0.1, 0.25]])))

@@ -101,18 +101,23 @@ class PathSelector(DerivedAgain):
         own = replace(self, w=np.zeros(4)).targets
         engine = self.selector.engine_of_all(self.targets)
         places = promising_placements(engine, own, self.placement, seed, workers, progress)
+        tried: list[Solution | None] = []
         with opened(workers) as pool:
-            tried = []
-            for w in (*places, self.placement.centre):
+
+            def attempted(w: Array) -> Solution | None:
+                """The motion at a placement, counted as a part of the search."""
                 tried.append(self._attempted(w, seed, pool))
                 if progress is not None:
                     progress(len(tried), len(places) + 1 + _MAX_ROUNDS)
-            central, found = tried[-1], [one for one in tried if one is not None]
+                return tried[-1]
+
+            found = [one for w in (*places, self.placement.centre) if (one := attempted(w)) is not None]
+            central = tried[-1]
             if not found:
                 return self.solve_here(seed, pool)  # which says why not
             best = min(found, key=_sigma)
             for _ in range(_MAX_ROUNDS):
-                again = self._attempted(moved_on(best, own, self.placement), seed, pool)
+                again = attempted(moved_on(best, own, self.placement))
                 if again is None or _sigma(again) > _sigma(best) * (1 - _MIN_SIGMA_GAIN):
                     break
                 best = again
