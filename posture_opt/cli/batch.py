@@ -1,4 +1,7 @@
-"""``optimize-posture batch``: the postures of many problem files."""
+"""``optimize-posture batch``: the postures of many problem files.
+
+Problems are independent: workers solve them in any order, and a checkpoint keeps those that are done.
+"""
 
 from __future__ import annotations
 

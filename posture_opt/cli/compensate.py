@@ -1,4 +1,7 @@
-"""``optimize-posture compensate``: joint values that bring this arm, with its errors, to targets."""
+"""``optimize-posture compensate``: joint values that bring this arm, with its errors, to targets.
+
+The command reads, computes, saves and prints; the mathematics is in ``posture_opt.compensation``.
+"""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class PostureCommands(click.Group):
         """The command that the first word names.
 
         Raises:
-            UsageError: no command is called so; the message has the nearest name.
+            UsageError: no command has this name; the message has the nearest one.
         """
         if args and args[0] not in COMMANDS:
             near = nearest(args[0], COMMANDS)
@@ -110,7 +110,14 @@ class PostureCommands(click.Group):
     def main(  # type: ignore[override] # it never returns, whatever the mode
         self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
     ) -> NoReturn:
-        """Run the command line and end the program with one of the codes of the help text."""
+        """Run the command line and end the program with one of the codes of the help text.
+
+        Standard streams that the caller closed are opened first, so that no file of a result gets their number. A
+        signal ends the program as ^C does, and what was begun is cleaned up.
+
+        Args:
+            args: the words after the name of the program; None: those of the process.
+        """
         words = list(sys.argv[1:] if args is None else args)
         open_standard_streams()
         try:
@@ -145,7 +152,11 @@ def _report_error(error: BaseException, debug: bool) -> int:
 
 
 def _exit_code(error: BaseException, debug: bool) -> int:
-    """Report an error and return its exit code; the traceback under ``--debug`` alone."""
+    """Report an error and return its exit code; the traceback under ``--debug`` alone.
+
+    2 for usage, 2 to 4 for errors of this package by their class, 1 for anything else; a reader that closed the pipe
+    is no error. An error that is not of this package is called a defect of the program.
+    """
     if isinstance(error, KeyboardInterrupt):
         _print_error("interrupted")
         return exit_code_of(error)

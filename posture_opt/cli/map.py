@@ -1,4 +1,7 @@
-"""``optimize-posture map``: the best posture and its spread, or the arm's accuracy, over a grid of targets."""
+"""``optimize-posture map``: the best posture and its spread, or the arm's accuracy, over a grid of targets.
+
+A checkpoint belongs to one request: problem, quantity, data, grid and seed.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +69,12 @@ def map_command(
 def _mapped(
     problem: Problem, quantity: str, data: Path | None, common: Common, where: dict[str, Any]
 ) -> po.TargetMap | po.AccuracyMap:
-    """The map that is asked for: of the task's spread, or of the arm's accuracy."""
+    """The map that is asked for: of the task's spread, or of the arm's accuracy.
+
+    Args:
+        quantity: ``spread`` or ``accuracy``; ``data`` measurements to compare the latter with.
+        where: counts, corners [m], plane, seed and executor, as `map_targets` takes them.
+    """
     measured = None if data is None else po.read_measurements(data, problem)
     with progress_bar(common, "targets") as progress:
         if quantity == "accuracy":
@@ -92,7 +100,10 @@ def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any
 
 
 def _counts(text: str | None, issues: list[Issue]) -> tuple[int, ...] | None:
-    """The targets along each side of ``15x15``; what is wrong with it joins ``issues``."""
+    """The targets along each side of ``15x15``; what is wrong with it is added to ``issues``.
+
+    ``x``, ``X``, ``×``, ``*`` and commas separate the numbers; whether they make a grid is checked later.
+    """
     if text is None:
         return None
     parts = [part.strip() for part in re.split(r"[xX×*,]", text)]

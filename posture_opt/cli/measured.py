@@ -1,4 +1,8 @@
-"""``optimize-posture calibrate`` and ``diagnose``: what measurements of one robot, or of several, say."""
+"""``optimize-posture calibrate`` and ``diagnose``: what measurements of one robot, or of several, say.
+
+Data with a column of robots go to the functions for a batch, all others to those for one robot. Without a problem file
+one is made for the data, with base and tool free, and written for editing.
+"""
 
 from __future__ import annotations
 
@@ -35,6 +39,7 @@ class Session:
 
     Args:
         data: of the robot; ``test`` those of another session, predicted and not fitted.
+        refit_frames: whether base and tool are fitted to the test file again.
         by: what cross-validation holds out together, in ``folds`` parts.
         plan: whether the task is planned again with the identified arm.
         columns: known name -> column header or number of a foreign file.
@@ -98,7 +103,15 @@ def measured_options(command: Command) -> Command:
 
 
 def answer(common: Common, session: Session, given: dict[str, str | None], of_one: OfOne, of_batch: OfBatch) -> None:
-    """Reads the measurements and shows what they say, those of one robot or those of several."""
+    """Reads the measurements and shows what they say, those of one robot or those of several.
+
+    Args:
+        given: the options that name problem and robot, by their names.
+        of_one: what is computed for one robot; ``of_batch`` for several.
+
+    Raises:
+        UsageError: ``--refit-frames`` without a test file, or a test file with several robots.
+    """
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
     made = given["problem"] is None and given["robot"] is not None and not deferred.names_problem_file(given["robot"])
@@ -139,6 +152,7 @@ class StarterFile:
     Args:
         beside: by file name, with the results in ``--out``.
         alone: its path in the working folder, where no folder is given; written where the report is printed.
+        text: of that file.
     """
 
     beside: Mapping[str, bytes] = field(default_factory=dict)
@@ -163,7 +177,10 @@ class StarterFile:
         return cls(files)
 
     def write(self, common: Common) -> None:
-        """Writes the file that stands alone, unless there is one, and says so."""
+        """Writes the file to the working folder, unless there is one, and says so.
+
+        A file that exists and differs is left as it is: somebody may have edited it.
+        """
         if self.alone is None or common.json or common.quiet:
             return
         if not self.alone.exists():
@@ -185,7 +202,7 @@ def calibrate_command(common: Common, session: Session, no_priors: bool, **given
 
 
 def _calibrated_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
-    """Calibrate several robots of one type with a progress bar."""
+    """Calibrate several robots of one type with a progress bar, one step a robot."""
     with progress_bar(common, "calibrating robots") as progress:
         return po.calibrate_batch(
             problem, data, folds=session.folds, by=session.by, progress=progress, **session.most_rows

@@ -1,4 +1,7 @@
-"""Options that several commands share, so that they are called and explained alike everywhere."""
+"""Options that several commands share, so that they have one name and one explanation everywhere.
+
+A decorator adds the options to a command, which gets them under their own names or as one object.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,9 @@ class Common:
         json: print the document and nothing else.
         seed: of everything random; None takes that of the problem.
         workers: processes.
+        quiet: print neither report nor progress.
         plots: draw figures into ``out``.
+        debug: show the traceback of an error.
         full: print the whole report, not one screen of it.
     """
 
@@ -88,7 +93,10 @@ def problem_options(command: Command) -> Command:
 
 
 def task_options(command: Command) -> Command:
-    """Adds the options that name a task and its target; the command gets them by their names, as text."""
+    """Adds the options that name a task and its target; the command gets them by their names, as text.
+
+    Their quantities are read with the problem, so that errors name the option, the value and the robot's frame.
+    """
     return add_options(
         command,
         click.option("--task", type=TASK, metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
@@ -105,7 +113,10 @@ def posture_option(command: Command) -> Command:
 
 
 def add_options(command: Command, *options: Callable[[Command], Command]) -> Command:
-    """A command with options, which its help lists in this order."""
+    """A command with options, which its help lists in this order.
+
+    click lists the option that is added last first: they are added from the end.
+    """
     for option in reversed(options):  # click shows the option that is added last at first
         command = option(command)
     return command

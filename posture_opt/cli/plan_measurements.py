@@ -1,4 +1,7 @@
-"""``optimize-posture plan-measurements``: which postures to measure next."""
+"""``optimize-posture plan-measurements``: which postures to measure next.
+
+The corners of ``--min`` and ``--max`` bound the nominal tool point in the world frame [m].
+"""
 
 from __future__ import annotations
 
@@ -68,7 +71,12 @@ def plan_measurements_command(
 
 
 def _box(low: str | None, high: str | None) -> Box | None:
-    """The corners [m] of where the tool point may go; one of them alone bounds one side, None where neither is given.
+    """The corners [m], world frame, of where the tool point may go.
+
+    One corner alone bounds one side, the other is infinite; None where neither is given.
+
+    Args:
+        low: text of ``--min``; ``high`` of ``--max``.
 
     Raises:
         InputError: a corner without three lengths, or an empty box.

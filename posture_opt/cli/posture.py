@@ -1,4 +1,7 @@
-"""Commands on one posture: the solve itself, ``uncertainty`` and ``simulate``."""
+"""Commands on one posture: the solve itself, ``uncertainty`` and ``simulate``.
+
+Each reads a problem and a posture, computes, saves into ``--out`` and prints one report.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,16 @@ if TYPE_CHECKING:
 def solve(common: Common, explain: bool, **given: str | None) -> None:
     """Select the posture of the requested problem, write the files, print the report.
 
-    A problem without a solution has files and a report too: the nearest posture, and what it violates.
+    A problem without a solution has files and a report too: the nearest posture, and what it violates. The error is
+    raised after both are written.
+
+    Args:
+        explain: print the optimisation problem with its values at the solution.
+        given: the options of problem, robot and task, by their names.
+
+    Raises:
+        NoSolutionError: no posture meets all requirements; exit code 3.
+        InputError: the options or the file do not fit.
     """
     if given["robot"] and not given["task"]:
         raise click.UsageError("Name the --task of the robot, for example --task insert.")

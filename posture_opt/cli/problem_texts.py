@@ -43,7 +43,7 @@ def _text(tables: dict[str, list[Row]]) -> str:
 
 
 def _table(rows: list[Row]) -> str:
-    """Rows as a table of the terminal's width."""
+    """Rows as a table of the terminal's width; "none so far" without rows."""
     if not rows:
         return "none so far"
     cells, width = [tuple(row.values()) for row in rows], terminal_width() - 2
@@ -51,7 +51,7 @@ def _table(rows: list[Row]) -> str:
 
 
 def _kinds(specs: Iterable[Any]) -> list[Row]:
-    """Kind and one line of each listed ``Spec``."""
+    """Kind and one line of each listed ``Spec``, as the spec itself states them."""
     return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
 
 

@@ -1,4 +1,7 @@
-"""A progress bar in one line of a terminal, which shows that the program works on until it has answered."""
+"""A progress bar in one line of a terminal, which shows that the program works on until it has answered.
+
+Standard error has the bar, so that reports can be redirected. It appears after two seconds and is removed at the end.
+"""
 
 from __future__ import annotations
 
@@ -51,10 +54,13 @@ def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
 class ProgressBar:
     """Draws ``what: ███░░░ 12/50, 1:20 left`` over itself; nothing before ``delay`` seconds are over.
 
+    The time left is ``spent · (total − done) / done``.
+
     Args:
         what: is being done, in words.
         stream: a terminal.
         clock: seconds that only grow; another one in tests.
+        delay: before the first drawing [s].
     """
 
     def __init__(
@@ -147,5 +153,9 @@ def print_rate(common: Common, done: int, what: str, seconds: float) -> None:
 
 
 def _minutes(seconds: float) -> str:
-    """Seconds as ``minutes:seconds``."""
+    """Seconds as ``minutes:seconds``.
+
+    >>> _minutes(80.2)
+    '1:20'
+    """
     return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"

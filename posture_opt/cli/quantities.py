@@ -18,6 +18,9 @@ _FRAME = ("x", "y", "z", "roll", "pitch", "yaw")
 def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
     """Parameter -> quantity of ``--sigma``: an angle is for all revolute joints, a length for all prismatic ones.
 
+    Args:
+        text: one or two quantities, "0.02 deg, 0.01 mm".
+
     Raises:
         InputError: two angles, a negative number, no unit, or no joint of that kind.
     """
@@ -82,7 +85,11 @@ def _is_length(text: str) -> bool:
 
 
 def entries(text: str) -> list[str]:
-    """The entries of ``"0.6 m, 0.2 m, 0.1 m"``; bare numbers may stand with blanks between them."""
+    """The entries of ``"0.6 m, 0.2 m, 0.1 m"``; bare numbers may be separated by blanks.
+
+    >>> entries("[0.6 m, 0.2 m, 0.1 m]"), entries("0 0 -1")
+    (['0.6 m', '0.2 m', '0.1 m'], ['0', '0', '-1'])
+    """
     text = text.strip().strip("[]()")
     if "," not in text and ";" not in text and re.fullmatch(r"[-+.\deE\s]+", text):
         return text.split()
@@ -114,7 +121,10 @@ def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
 
 
 def columns_of(given: Iterable[str]) -> dict[str, str | int]:
-    """Known column -> head, or number of the column, of ``--column "x=Pos X [mm]"``.
+    """Known column -> header, or number of the column, of ``--column "x=Pos X [mm]"``.
+
+    >>> columns_of(["x=Pos X [mm]", "y=7"])
+    {'x': 'Pos X [mm]', 'y': 7}
 
     Raises:
         InputError: no such pair, or two of one name.
@@ -187,7 +197,11 @@ def requested_posture(text: str, robot: Robot) -> dict[str, float]:
 
 
 def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> float:
-    """The value [rad or m] of one joint; what is wrong with it joins ``issues``."""
+    """The value [rad or m] of one joint; what is wrong with it is added to ``issues``.
+
+    Args:
+        pair: (joint, value), or (joint,) where the value is missing.
+    """
     key = ("--posture", pair[0])
     joint = next((joint for joint in robot.joints if joint.name == pair[0]), None)
     if joint is None:
@@ -204,7 +218,12 @@ def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> fl
 
 
 def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, float, float] | None:
-    """The corner of a box [m] that an option states; what is wrong with it joins ``issues``."""
+    """The corner (3,) of a box [m], world frame, that an option states; what is wrong with it is added to ``issues``.
+
+    Args:
+        option: its name, for messages.
+        text: three lengths with units; None where the option is not given.
+    """
     if text is None:
         return None
     parts = entries(text)

@@ -56,6 +56,12 @@ def requested_problem(
 ) -> Problem:
     """The problem that the options describe.
 
+    A problem file, a robot with a task, or the built-in problem of a task; further options replace what it states.
+
+    Args:
+        problem: file or name of a built-in problem; ``robot`` preset or file, one of both.
+        task: its kind; the other options are texts with units, as in a file.
+
     Raises:
         InputError: what the options or the file say does not fit.
         UsageError: options that exclude each other, or none that names a robot.
@@ -93,7 +99,13 @@ def _goal(position: str | None, direction: str | None, link_height: str | None) 
 
 
 def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, Any]) -> Problem:
-    """The problem of ``--robot``, with a task or without."""
+    """The problem of ``--robot``, with a task or without.
+
+    A problem file gives robot, uncertainty and effects; a preset or URDF file the robot alone.
+
+    Raises:
+        UsageError: a target without a task.
+    """
     if goal and not task:
         raise click.UsageError("--position, --direction and --link-height belong to a task: name it with --task.")
     if options.is_problem_file:
@@ -130,10 +142,11 @@ def with_columns(problem: Problem, columns: Mapping[str, str | int]) -> Problem:
 
 
 def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, **given: str | None) -> Problem:
-    """The problem that measurements of a robot without a problem file stand for: its frames are free.
+    """The problem for measurements of a robot without a problem file: its frames are free.
 
     Args:
-        columns: heads of columns, as in the section ``data``.
+        data: the measurements.
+        columns: column headers, as in the section ``data``.
         given: the fields of ``RobotOptions``.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Robot programs beside the files of other commands: their options, and the files."""
+"""Robot programs written with the files of other commands: their options, and the files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ProgramRequest:
-    """What is asked of a robot program: in which language, how fast [percent], how long the waits [s]."""
+    """What is asked of a robot program.
+
+    Args:
+        kind: its language, as ``--to`` of ``export`` names it; None: no program.
+        speed: percent of what the language takes for full; ``wait`` at every stop [s].
+    """
 
     kind: str | None
     speed: float
@@ -60,7 +65,11 @@ def motion_options(wait: float) -> Callable[[Command], Command]:
 
 
 def program_options(wait: float) -> Callable[[Command], Command]:
-    """Adds the options of a program beside other files, which the command gets as ``motion``."""
+    """Adds the options of a program that is written with other files; the command gets them as ``motion``.
+
+    Args:
+        wait: default at every stop [s].
+    """
 
     def added(command: Command) -> Command:
         @wraps(command)

@@ -53,7 +53,10 @@ def working(common: Common, scheduler: str | None, checkpoint: Path | None = Non
 
 
 def digest_of(problem: Problem) -> str:
-    """Of all that a problem says, also in the files that it names."""
+    """Hash of all that a problem says, also in the files that it names; 16 hexadecimal digits of SHA-256.
+
+    A checkpoint of another problem has another digest and is refused.
+    """
     whole = {"file": problem.to_yaml(), "robot": asdict(problem.robot), "covariance": problem.sources.covariance}
     return hashlib.sha256(json.dumps(whole, default=_plain).encode()).hexdigest()[:16]
 

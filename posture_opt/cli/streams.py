@@ -32,7 +32,11 @@ class Ended(KeyboardInterrupt):
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the body as ^C does: what it began is cleaned up. Under ``nohup`` SIGHUP stays ignored."""
+    """SIGTERM and SIGHUP end the body as ^C does: what it began is cleaned up.
+
+    Under ``nohup`` SIGHUP stays ignored, as does a signal that the caller handles already. In another thread than the
+    main one signals cannot be handled, and nothing is changed.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -84,7 +88,10 @@ def _writable(stream: TextIO | None, number: int) -> TextIO:
 
 
 def output_fault(error: OSError) -> tuple[int, str]:
-    """The exit code for what the system refused, and a message: a reader that has seen enough is no error."""
+    """The exit code for what the system refused, and a message.
+
+    A reader that closed the pipe is no error: code 0 without a message. All else is code 2 with file and reason.
+    """
     if isinstance(error, BrokenPipeError):
         return 0, ""
     reason = "it is closed" if error.errno == errno.EBADF else error.strerror or str(error)
@@ -92,7 +99,9 @@ def output_fault(error: OSError) -> tuple[int, str]:
 
 
 def discard(stream: TextIO | None) -> None:
-    """What waits to be written to a stream that takes nothing goes nowhere, instead of failing again at the end."""
+    """Redirects a stream that takes nothing to the null device, so that what waits in its buffer does not fail again at
+    exit.
+    """
     with contextlib.suppress(OSError, ValueError, AttributeError):
         number = stream.fileno()  # type: ignore[union-attr]
         nowhere = os.open(os.devnull, os.O_WRONLY)

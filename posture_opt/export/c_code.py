@@ -24,8 +24,11 @@ TOLERANCE = 1e-10
 
 
 class CCode(ExportFormat):
-    """``NAME.c`` and ``.h`` with the moments of the tool point; ``NAME_objective.c`` and ``.h`` with the task's;
-    ``NAME_check.c`` with a ``main`` that holds them against postures whose numbers are known.
+    """``NAME.c`` and ``.h`` with the moments of the tool point.
+
+    ``NAME_objective.c`` and ``.h`` have the task's objective with gradient and Hessian, ``NAME_check.c`` a ``main``
+    that compares all of them with known numbers. The code needs ``math.h`` alone; q (n,) is in rad and m, outputs are
+    SI, world frame.
     """
 
     summary: ClassVar[str] = "covariance of the tool point, objective, gradient and Hessian as C99, math.h alone"
@@ -34,6 +37,7 @@ class CCode(ExportFormat):
     kind: Literal["c"] = "c"
 
     def write(self, source: ExportSource) -> Exported:
+        """Headers and sources; a note says why the objective is left out: no task, or several targets."""
         name, problem = self.name or self.default, source.problem
         spread, described = spread_expressions(problem)
         files = _written(name, c_source(spread, name, described, rows=True))
@@ -59,6 +63,7 @@ class CheckedFunction:
     """An exported function ``int name(q, output…)`` and the CasADi function that it was made from.
 
     Args:
+        name: in C; ``function`` takes q (n,) [rad or m].
         rows: whether ``name_rows`` is there too, for many postures in one call.
     """
 
@@ -68,7 +73,11 @@ class CheckedFunction:
 
 
 def check_text(robot: Robot, checked: Sequence[CheckedFunction]) -> str:
-    """C99 of a ``main`` that returns 0 where all functions give the numbers of CasADi's interpreter at `POSTURES`."""
+    """C99 of a ``main`` that returns 0 where all functions give the numbers of CasADi's interpreter at `POSTURES`.
+
+    Postures are drawn uniformly between the joint limits with seed 0. Wrong is a difference above `TOLERANCE` of the
+    largest entry of the output, or a NaN.
+    """
     low, high = drawn_between(robot)
     Q = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
     lines = [_HEAD, *(f'#include "{each.name}.h"' for each in checked), "", *_array("q", Q), _COMPARE]
@@ -80,7 +89,11 @@ def check_text(robot: Robot, checked: Sequence[CheckedFunction]) -> str:
 
 
 def _declared(each: CheckedFunction, Q: Array) -> Iterator[str]:
-    """What is expected of every output, as interpreted: no line of it comes from the generator that is checked."""
+    """What is expected of every output, as interpreted: no line of it comes from the generator that is checked.
+
+    Args:
+        Q: (k, n) postures [rad or m].
+    """
     found = BatchFunction(each.function, compiled=False)(Q)
     outputs = found if isinstance(found, tuple) else (found,)
     for key, values in zip(_keys(each), outputs, strict=True):
@@ -112,7 +125,7 @@ def _keys(each: CheckedFunction) -> list[str]:
 
 
 def _array(name: str, values: Array) -> Iterator[str]:
-    """A constant array of C, a line for each row of the values, every digit kept."""
+    """A constant array of C, a line for each row of the values, with all 17 digits."""
     yield f"static const double {name}[{values.size}] = {{"
     for row in values:
         yield f"  {', '.join(map(literal, row.tolist()))},"

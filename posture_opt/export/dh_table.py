@@ -22,6 +22,7 @@ class DhTable(ExportFormat):
     kind: Literal["dh"] = "dh"
 
     def write(self, source: ExportSource) -> Exported:
+        """``NAME.csv``; a note says where effects are left out."""
         problem = source.problem
         corrections, lines = problem.corrections, ["parameter, unit, nominal, correction, sum"]
         for name, factor in problem.nominal.parameters.items():

@@ -27,6 +27,11 @@ class Krl(ProgramFormat):
     kind: Literal["krl"] = "krl"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
+        """``NAME.src`` and ``NAME.dat``.
+
+        Raises:
+            InputError: a name of more than 24 characters.
+        """
         name = self.stem
         if len(name) > _LONGEST:
             raise InputError(Issue(f"KRL has names of at most {_LONGEST} characters", ("--name",), name))

@@ -1,6 +1,6 @@
 """Covariance, objective and its derivatives as a Python module that needs NumPy alone.
 
-The functions take postures (…, n) and return (…, 3), (…, 3, 3) and so on, SI units.
+The functions take postures (…, n) [rad or m] and return (…, 3) [m], (…, 3, 3) [m²] and so on, world frame.
 """
 
 from __future__ import annotations
@@ -70,7 +70,11 @@ def hessian(q):
 
 
 class PythonCode(ExportFormat):
-    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task."""
+    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task.
+
+    The expressions are those of the C code. Without a task, or with several targets, the last three are left out and a
+    note says why. ``JOINTS`` are the names of the joints in the order of q.
+    """
 
     summary: ClassVar[str] = "covariance of the tool point, objective, gradient and Hessian as Python, NumPy alone"
     default: ClassVar[str] = "tool_covariance"
@@ -78,6 +82,7 @@ class PythonCode(ExportFormat):
     kind: Literal["python"] = "python"
 
     def write(self, source: ExportSource) -> Exported:
+        """The module with a docstring that lists functions and joints with their units."""
         problem = source.problem
         function, said = spread_expressions(problem)
         parts = [python_source(function, "_spread"), _SPREAD.format(**_safe(said))]

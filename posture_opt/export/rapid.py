@@ -26,6 +26,11 @@ class Rapid(ProgramFormat):
     kind: Literal["rapid"] = "rapid"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
+        """``NAME.mod`` with the procedure ``NAME_run``.
+
+        Raises:
+            InputError: a name of more than 28 characters.
+        """
         name = self.stem
         if len(name) > _LONGEST - 4:
             raise InputError(Issue(f"RAPID has names of at most {_LONGEST} characters", ("--name",), name))

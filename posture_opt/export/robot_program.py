@@ -31,10 +31,11 @@ class RobotProgram:
 
     Args:
         title: of the problem; what: the stops are, in a word.
+        robot: whose joints they are of.
         q: (N, n) joint values of the stops [rad or m]; labels: (N,) texts, empty for none.
         digits: what rounding may cost.
         speed: percent of what the language takes for full; wait: at every stop [s].
-        notes: sentences for the head of the program.
+        notes: sentences for the first lines of the program.
     """
 
     title: str
@@ -52,7 +53,7 @@ class RobotProgram:
 
     @cached_property
     def head(self) -> tuple[str, ...]:
-        """What stands at the beginning of the program, as plain lines of ASCII."""
+        """The first lines of the program, as plain ASCII: title, version, convention of the joints, notes."""
         what = f"{self.title}: {self.what}" if self.title else self.what
         return tuple(map(plain, (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)))
 
@@ -94,7 +95,11 @@ def answer_program(problem: ProblemData, answer: Answer) -> RobotProgram:
 def program_through(
     problem: ProblemData, what: str, q: ArrayLike, labels: Sequence[str], *, speed: float = 10.0, wait: float = 0.0
 ) -> RobotProgram:
-    """The program through postures (N, n)."""
+    """The program through postures (N, n) [rad or m].
+
+    Values have so many digits that rounding moves the tool point by less than a tenth of its σ. With several stops a
+    note says that the way between them is not checked.
+    """
     rows = np.asarray(q, dtype=float)
     digits = joint_digits(problem, rows)
     notes = (*_arrivals(problem.arm), *([_UNCHECKED_NOTE] if len(rows) > 1 else []))
@@ -119,6 +124,10 @@ def _stops(answer: Answer) -> tuple[str, list[tuple[Array, str]]]:
 
 
 def plain(text: str) -> str:
-    """A line of printable ASCII: what controllers read as a comment."""
+    """A line of printable ASCII: what controllers read as a comment.
+
+    >>> plain("σ = 0.02°")
+    's = 0.02d'
+    """
     swapped = text.translate(str.maketrans("–—σ°µ·×", "--sduxx"))
     return "".join(c if " " <= c <= "~" else " " if c.isspace() else "?" for c in swapped)

@@ -1,4 +1,8 @@
-"""The ``effects`` section of a problem file: the robot with them, and what they do to its sources of error."""
+"""The ``effects`` section of a problem file: the robot with them, and what they do to its sources of error.
+
+Effects that move the tool point become parts of the arm. Those that only scatter (noise) add variances and
+correlations to the sources, or change the σ of the instrument.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +26,9 @@ from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
 
 def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Arm:
     """The arm with the effects of the file, under the inputs that the task states.
+
+    Payload, side of approach of each joint, temperature (as difference from the reference) and time are those of the
+    task; what it leaves open is the payload of the robot, an unknown side, the reference temperature and time 0.
 
     Raises:
         InputError: effects that this robot cannot have, or inputs of unknown joints; keys from the top of the file.
@@ -50,7 +57,11 @@ def moving_effects(effects: Sequence[CatalogueEntry]) -> tuple[Effect, ...]:
 def effect_sources(
     arm: Arm, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
 ) -> Sources:
-    """What the covariance files of the effects say; ``read`` is the one that the uncertainty has read already.
+    """The covariances of the effects' parameters, from the files that the effects name.
+
+    Args:
+        folder: where relative file names start; ``attached`` contents of files that exist nowhere else.
+        read: the covariance file that the section ``uncertainty`` has read already.
 
     Raises:
         InputError: as `read_covariance`.
@@ -69,6 +80,11 @@ def effect_sources(
 
 
 def _read(arm: Arm, file: tuple[Path, str], text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
+    """Names and covariance (k, k) of a file, in SI units by the dimension of each parameter.
+
+    Raises:
+        InputError: as `read_covariance`; what concerns no line of the file has the ``key`` that names it.
+    """
     dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in arm.robot.parameters.items()}
     try:
         return read_covariance(located(*file), {**dimensions, **arm.dimensions}, text)
@@ -79,8 +95,10 @@ def _read(arm: Arm, file: tuple[Path, str], text: str | None, key: KeyPath) -> t
 def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:
     """The sources with the scatter that effects add from repeat to repeat, and the correlations that they state.
 
+    ``C_ab = C_ab + ρ sqrt(C_aa C_bb)`` for a stated correlation ρ of the parameters a and b.
+
     Raises:
-        InputError: a correlation of errors without a σ, stated twice, or impossible beside the others; keys from the
+        InputError: a correlation of errors without a σ, stated twice, or impossible with the others; keys from the
             top of the file.
     """
     issues: list[Issue] = []
@@ -122,6 +140,7 @@ def of_a_type(effect: CatalogueEntry) -> TypeGuard[NoiseEffect]:
 
 
 def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
+    """Joints of the task that the robot lacks, terms that do not suit it, and terms that cannot be minimised."""
     if task is None:
         return []
     issues = [
@@ -153,6 +172,7 @@ def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:
 
 
 def _inputs(robot: Robot, task: Task | None) -> Inputs:
+    """The inputs of the effects: of the task, else of the robot, else their reference."""
     if task is None:
         return Inputs(payload=robot.payload)
     warmth = 0.0 if task.temperature is None else task.temperature - REFERENCE_TEMPERATURE
@@ -166,6 +186,7 @@ def _inputs(robot: Robot, task: Task | None) -> Inputs:
 
 
 def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
+    """Why two parameters cannot be correlated: one has no σ, or they are correlated already; None where they can."""
     at = {name: k for k, name in enumerate(sources.names)}
     for name in (a, b):
         if name not in at or sources.constant[at[name], at[name]] <= 0:
@@ -176,6 +197,7 @@ def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
 
 
 def _correlated(sources: Sources, a: str, b: str, rho: float) -> Sources:
+    """The sources with ``ρ σ_a σ_b`` added to the covariance of a and b."""
     i, j = sources.names.index(a), sources.names.index(b)
     covariance = sources.covariance.copy()
     variance = sources.constant

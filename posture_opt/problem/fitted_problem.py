@@ -1,4 +1,8 @@
-"""What measurements found, to be planned with and written: problems of one arm, the section of a batch."""
+"""What measurements found, to be planned with and written: problems of one arm, the section of a batch.
+
+A fit of one robot becomes a complete problem with corrections and covariance; a batch becomes the section
+``uncertainty`` for any further robot of the type.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +34,8 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
 
     The arm is the one that fits the measurements: every deviation of ``calibration.x`` counts, those too that are
     determined together only. Frames that were found are numbers and no longer free; of several targets the first is
-    the tool point. The covariance is the estimate's, under the scatter of repeats that the calibration leaves;
-    that scatter comes to it. :meth:`Problem.files` writes it as a complete problem file with its covariance beside it.
+    the tool point. The covariance is the estimate's, under the scatter of repeats that the calibration leaves; that
+    scatter is added to it. :meth:`Problem.files` writes it as a complete problem file with its covariance next to it.
 
     Raises:
         InputError: the calibration is one of another robot.
@@ -52,11 +56,12 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
 
 
 def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
-    """The section ``uncertainty``: σ's across the batch and the correlations that are none of chance.
+    """The section ``uncertainty``: σ's across the batch and its significant correlations.
 
-    What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the instrument
-    stays. Correlations that are left out, or rounded, could make the others contradict each other: they are then drawn
-    towards zero by the same share until the matrix is positive definite. What effects say is theirs to say.
+    What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the
+    instrument stays. Correlations that are left out, or rounded, could make the others contradict each other: all are
+    then multiplied by the same factor below 1 until the matrix is positive definite. What effects state stays with the
+    effects.
     """
     problem = problem.without_noise()
     parameters, former = problem.robot.parameters, problem.to_dict().get("uncertainty") or {}
@@ -83,7 +88,12 @@ def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
 def batch_effects(
     problem: ProblemData, correlation: Sequence[Sequence[Plain]], named: Sequence[NoiseEffect]
 ) -> list[Section]:
-    """The section ``effects`` with the noise that a batch ``named``, without lengths told under ``correlation``."""
+    """The section ``effects`` with the noise that a batch ``named``, without lengths that ``correlation`` has.
+
+    Args:
+        correlation: entries ``[a, b, ρ]`` of the new section ``uncertainty``.
+        named: noise that the diagnosis of the batch found; it is joined with what the file states of the same name.
+    """
     told = {frozenset(pair[:2]) for pair in correlation}
     section: dict[str, tuple[CatalogueEntry, Section]] = {
         effect.name: (effect, entry)
@@ -112,7 +122,11 @@ def batch_yaml(problem: ProblemData, batch: Batch, named: Sequence[NoiseEffect] 
 
 
 def mean_lines(problem: ProblemData, batch: Batch) -> list[str]:
-    """The mean robot, where it is not the file's: corrections for the section ``robot``."""
+    """The mean robot, where it is not the file's: corrections for the section ``robot``.
+
+    A parameter is listed where its mean is more than t(0.975, robots − 1) standard errors off nominal; nothing where
+    none is.
+    """
     from scipy.special import stdtrit
 
     sure = float(stdtrit(len(batch.robots) - 1, 0.975))
@@ -154,12 +168,14 @@ def _scatter(problem: ProblemData) -> dict[str, str]:
 
 
 def _stated(problem: ProblemData) -> dict[str, float]:
+    """Standard deviation [rad or m] of every source that the file states as constant."""
     sources = problem.sources
     variances = np.diag(sources.constant)
     return {name: math.sqrt(v) for name, v in zip(sources.names, variances, strict=True) if v > 0}
 
 
 def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:
+    """Correlations to three decimals, multiplied by powers of 0.98 until their matrix is positive definite."""
     share = 1.0
     while True:
         rounded = {pair: round(share * r, 3) for pair, r in rho.items()}
@@ -169,6 +185,7 @@ def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple
 
 
 def _smallest(names: list[str], rho: dict[tuple[str, str], float]) -> float:
+    """The smallest eigenvalue of the correlation matrix of some names; 1 without any."""
     matrix: Array = np.eye(len(names))
     for (a, b), r in rho.items():
         i, j = names.index(a), names.index(b)

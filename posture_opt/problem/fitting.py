@@ -1,4 +1,8 @@
-"""A problem as its files have it: quantities as text, and robot, effects and sources that measurements found."""
+"""A problem as its files have it: quantities as text, and robot, effects and sources that measurements found.
+
+Numbers are rounded as the file writes them before they are computed with, so that a problem and the file that is
+written of it give the same answer to the last digit.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +50,11 @@ def _negligible(value: float, factor: Factor) -> bool:
 
 
 def rounded(sigma: float, factor: Factor) -> tuple[float, str]:
-    """A standard deviation to four digits [rad or m], and as files have it: 0.005012 deg."""
+    """A standard deviation to four digits [rad or m], and as files have it: 0.005012 deg.
+
+    Args:
+        sigma: [rad or m]; ``factor`` the transformation whose parameter it is of.
+    """
     turns = factor.kind == "rotate"
     number = float(f"{math.degrees(sigma) if turns else sigma * 1e3:.4g}")
     text = f"{number:.12f}".rstrip("0").rstrip(".")
@@ -54,7 +62,7 @@ def rounded(sigma: float, factor: Factor) -> tuple[float, str]:
 
 
 def frame_texts(parameters: Mapping[str, Factor], frame: str) -> dict[str, list[str]]:
-    """A frame, ``base`` or ``tool``, as numbers."""
+    """A frame, ``base`` or ``tool``, as numbers: ``xyz`` in mm and ``rpy`` in deg, as the file has them."""
     factors = [parameters[f"{frame}.{part}"] for part in _POSE]
     texts = [quantity(factor.nominal, factor) for factor in factors]
     return {"xyz": texts[:3], "rpy": texts[3:]}
@@ -108,7 +116,11 @@ def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, 
 
 
 def arm_of(problem: ProblemData, fit: FittedArm | Calibration | Diagnosis) -> FittedArm:
-    """The arm that a fit found, in the terms of a problem; how a calibration says it is read when it is asked for."""
+    """The arm that a fit found, in the terms of a problem.
+
+    Args:
+        fit: that arm itself; a diagnosis, which has it; or a calibration, of which it is computed.
+    """
     if isinstance(fit, FittedArm):
         return fit
     if hasattr(fit, "fitted_arm"):
@@ -123,13 +135,15 @@ def frames_of(fit: FittedArm) -> tuple[str, ...]:
 
 
 def _owner(name: str) -> str:
+    """The joint, link or frame of a parameter: the name up to its last point."""
     return name.rpartition(".")[0]
 
 
 def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[CatalogueEntry, ...]:
-    """The effects of a problem and those of a fit; what was found of a known one adds to it.
+    """The effects of a problem and those of a fit; what was found of a known one is added to it.
 
-    How robots of a type differ is no news once one of them was measured: such effects are left out.
+    Effects that say how robots of a type differ are left out: one of them was measured. Without a covariance of the
+    fit (``fit.known`` is None) the effects stay as they were.
     """
     if fit.known is None:
         return tuple(former)
@@ -156,7 +170,12 @@ def _under_covariance(effect: CatalogueEntry, fit: FittedArm) -> CatalogueEntry:
 
 
 def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fit: FittedArm) -> Section:
-    """The section ``robot`` of a file with frames as numbers, corrections and gravity as they are after a fit."""
+    """The section ``robot`` of a file with frames as numbers, corrections and gravity as they are after a fit.
+
+    Args:
+        section: as it was given; what a fit has no part in stays.
+        nominal: the robot without, ``robot`` with the corrections. Those below rounding are not written.
+    """
     corrections = {
         name: text
         for name, value in corrections_of(nominal, robot).items()
@@ -172,7 +191,10 @@ def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fi
 
 
 def uncertainty_section(section: Mapping[str, Plain], robot: Robot, fit: FittedArm) -> Section:
-    """The section ``uncertainty`` of a file after a fit: covariance, scatter, and the instrument as it was stated."""
+    """The section ``uncertainty`` of a file after a fit: covariance, scatter, and the instrument as it was stated.
+
+    A covariance replaces σ's and correlations of parameters; without one in the fit the section stays as it was.
+    """
     if fit.known is None:
         return dict(section)
     scatter = {name: rounded(sigma, robot.parameters[name])[1] for name, sigma in fit.scatter.items()}
@@ -198,7 +220,12 @@ def fitted_document(
 
 
 def released_document(former: Mapping[str, Plain], frames: Sequence[str], parameters: Sequence[str]) -> Section:
-    """The plain data of a file with frames free, which start as they were stated, and without some σ's."""
+    """The plain data of a file with frames free, which start as they were stated, and without some σ's.
+
+    Args:
+        frames: ``base``, ``tool``, which become free.
+        parameters: whose σ's and correlations are removed.
+    """
     section = former["robot"]
     free = {frame: {**stated, "free": True} if (stated := section.get(frame)) else "free" for frame in frames}
     document = {**former, "robot": {**section, **free}}

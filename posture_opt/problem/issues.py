@@ -1,4 +1,8 @@
-"""Validation errors of pydantic in the words of this package: one issue a cause, with its key and a hint."""
+"""Validation errors of pydantic in the words of this package: one issue a cause, with its key and a hint.
+
+pydantic reports every alternative that it tried and stops at the first unknown kind of a section. Here each cause is
+reported once, and an unknown kind does not hide what else is wrong with its section.
+"""
 
 from __future__ import annotations
 
@@ -78,13 +82,21 @@ def _meant_kind(error: _Placed) -> tuple[str, str] | None:
 
 
 def _entry(data: Plain, key: KeyPath) -> Plain:
+    """The entry of nested data at a key."""
     for part in key:
         data = data[part]
     return data
 
 
 class _Placed:
-    """An error with its key in the file, and the alternatives pydantic was in: (key of the choice, its name)."""
+    """An error with its key in the file, and the alternatives pydantic was in: (key of the choice, its name).
+
+    pydantic's location mixes keys of the file with names of the types that it tried; here they are separated by
+    following the location through the data.
+
+    Args:
+        details: pydantic's error; ``data`` the data that it is about.
+    """
 
     def __init__(self, details: ErrorDetails, data: Plain) -> None:
         self.details = details
@@ -109,6 +121,7 @@ class _Placed:
 
 
 def _has(data: Plain, part: str | int) -> bool:
+    """Whether data have an entry: a key of a mapping, a number of a list."""
     if isinstance(part, int):
         return isinstance(data, list | tuple) and part < len(data)
     return isinstance(data, Mapping) and part in data
@@ -129,7 +142,10 @@ def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
 
 
 def _without_misspelt(errors: list[_Placed], data: Plain) -> list[_Placed]:
-    """Drops the missing keys that an unknown key beside them is a misspelling of."""
+    """Drops the missing keys that an unknown key in the same mapping is a misspelling of.
+
+    ``postion: …`` is one mistake: an unknown key with a suggestion, and no missing ``position``.
+    """
     meant = {
         (*error.key[:-1], nearest(str(error.key[-1]), known_keys(error.key[:-1], data)))
         for error in errors
@@ -139,10 +155,12 @@ def _without_misspelt(errors: list[_Placed], data: Plain) -> list[_Placed]:
 
 
 def _depth(error: _Placed) -> tuple[int, bool]:
+    """How far an alternative was read: the number of keys; at equal depth, whether a check refused a value."""
     return len(error.key), error.type == "value_error"
 
 
 def _issue(error: _Placed, data: Plain) -> Issue:
+    """The error in the words of this package, with the value and a hint where the schema has an example."""
     value, context = error.details["input"], error.details.get("ctx", {})
     key, kind = error.key, error.type
     if kind == "missing" and isinstance(key[-1], int):
@@ -169,6 +187,7 @@ def _issue(error: _Placed, data: Plain) -> Issue:
 
 
 def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Plain], data: Plain) -> Issue:
+    """A section without a kind, or of an unknown one, with the kinds that there are."""
     name = _tag_key(context)
     if kind == "union_tag_not_found":
         words = sorted(str(word) for word in _tags(key))
@@ -191,19 +210,23 @@ def _unknown_task(key: KeyPath, value: Plain) -> Issue | None:
 
 
 def _unknown_word(key: KeyPath, value: Plain, words: Sequence[str]) -> Issue:
+    """A value that is not one of the known words, with the nearest of them."""
     message = "nothing stands here" if value is None else f"{as_given(value)} is not known here"
     return Issue(message, key, value, one_of(str(value), words))
 
 
 def _tags(key: KeyPath) -> list[str]:
+    """The kinds that the schema knows of a section."""
     return [tag for node in nodes_at((*key, "kind"), None) for tag in [node.get("const")] if tag]
 
 
 def _quoted(words: Plain) -> list[str]:
+    """The words that pydantic lists in quotes."""
     return re.findall(r"'([^']*)'", str(words))
 
 
 def _type_issue(key: KeyPath, kind: str, value: Plain, data: Plain, fallback: str) -> Issue:
+    """A value of the wrong type: what it is, what is expected, and an example; an unquoted text in quotes."""
     expected = next((word for start, word in _EXPECTED.items() if kind.startswith(start)), "")
     if not expected:
         message = fallback.removeprefix("Input ").replace("valid ", "")
@@ -215,14 +238,16 @@ def _type_issue(key: KeyPath, kind: str, value: Plain, data: Plain, fallback: st
 
 
 def _such_as(key: KeyPath, data: Plain, name: str = "") -> str:
+    """The hint "write for example …"; empty where the schema has no example for the key."""
     example = example_at(key, data)
     return f"write for example {name + ': ' if name else ''}{example}" if example else ""
 
 
 def _container(value: Plain) -> bool:
+    """Whether a value is a list or a mapping."""
     return isinstance(value, list | tuple | Mapping)
 
 
 def _each_once(issues: list[Issue]) -> list[Issue]:
-    """The alternatives that pydantic tries can have the same fault."""
+    """One issue for each key and message: the alternatives that pydantic tries can have the same fault."""
     return list({(issue.key, issue.message): issue for issue in reversed(issues)}.values())[::-1]

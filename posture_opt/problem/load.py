@@ -21,6 +21,9 @@ _OFFERED = 4  # names that begin like what was written
 def load_problem(path: str | PathLike[str]) -> Problem:
     """The problem in a YAML file, or, where there is none of that name, the built-in problem: ``insert_planar_2r``.
 
+    >>> load_problem("insert_planar_2r").task.kind
+    'insert'
+
     Raises:
         InputError: everything wrong with the file, each with line, key and a hint.
     """

@@ -1,4 +1,4 @@
-"""A problem for measurements that come without a problem file: the robot as it is drawn, its frames free."""
+"""A problem for measurements that come without a problem file: the nominal robot with free frames."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ def problem_of_measured_robot(
 
     Args:
         section: the ``robot`` section of a problem file, ``{kind: preset, name: ur10}``.
+        data: the measurements, a file or a table.
         uncertainty: the section of that name, where something is stated.
-        columns: known column -> head or number in the file, as in the section ``data``.
+        columns: known column -> header or number in the file, as in the section ``data``.
 
     Raises:
         InputError: the robot or the file cannot be used, or its columns are none of this robot's.
@@ -71,12 +72,13 @@ def _free(robot: Robot) -> str:
 
 
 def _from_repeats(sigma: float, freedom: int) -> str:
+    """Where the σ of the instrument comes from: scatter of repeats, so that it contains the scatter of the arm."""
     size = f"{number(sigma * 1e3, 2)} mm"
     return f"σ of the instrument, {size}, is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
 
 
 def _instrument(repeats: str, touches: bool) -> tuple[str, str]:
-    """What is known of the instrument, and what could be stated."""
+    """What is known of the instrument, and what could be stated: two lines of comment for the file."""
     if touches:
         return "Points are touched: a known distance tells the size of the arm,", "  data: {distances: [[a, b, 50 mm]]}"
     if repeats:
@@ -98,7 +100,10 @@ def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
 
 
 def _named_as_counted(section: Section, robot: Robot, heads: Sequence[str]) -> Section:
-    """The preset with its joints called as the columns count them; as it is where they do not."""
+    """The preset with its joints called as the columns count them; as it is where they do not.
+
+    The columns have to count all joints in order, from 0 or from 1, with one stem: ``q1``, ``axis 1``, ``J_1``.
+    """
     counted = [found for found in map(_COUNTED.match, heads) if found]
     numbers = [int(found["number"]) for found in counted]
     in_order = numbers in (list(range(robot.n)), list(range(1, robot.n + 1)))

@@ -1,4 +1,8 @@
-"""From the data of a problem file to its parts: sections against the schema, robot, sources of error, notes."""
+"""From the data of a problem file to its parts: sections against the schema, robot, sources of error, notes.
+
+All that is wrong with a file is reported in one run: a section that cannot be read leaves the others to be checked,
+and checks that depend on it are left out.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +42,15 @@ FAR = 20.0
 def read_parts(
     document: Document, folder: Path, texts: Mapping[str, str]
 ) -> tuple[ProblemSpec, tuple[Robot, Arm], tuple[Sources, Sources]]:
-    """What the document says, the nominal robot and the arm, sources stated and all; all issues at once."""
+    """What the document says, the nominal robot and the arm, the stated sources and all sources.
+
+    Args:
+        document: the data with the lines of their keys.
+        folder: where relative file names start; ``texts`` contents of files that exist nowhere else.
+
+    Raises:
+        InputError: everything wrong with the document, in the order of its lines.
+    """
     wrong = list(document.issues)
     data = _given(document)
     found = schema_issues(data)
@@ -71,7 +83,8 @@ def read_parts(
 def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, Arm] | None:
     """The nominal robot, and the arm with corrections and effects; where one of these cannot be used, without it.
 
-    What is wrong joins ``issues``; there is no arm where there is no nominal robot.
+    What is wrong is added to ``issues``; there is no arm where there is no nominal robot. A shape that cannot be used
+    is left out, so that the joints are still there for what names them.
     """
     nominal = _collect(issues, lambda: _at("robot", lambda: spec.robot.nominal(folder)))
     if nominal is None and spec.robot.shape is not None:
@@ -88,9 +101,13 @@ def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, 
 def _sources(
     spec: ProblemSpec, arm: Arm, folder: Path, texts: Mapping[str, str], sound: bool
 ) -> tuple[Sources, Sources]:
-    """The stated sources, those of the effects' estimates among them, and what effects that move nothing do to them.
+    """The stated sources, with the estimates of effects among them, and these with what noise effects do to them.
 
-    Of a file that is not ``sound`` only the names are judged that are none of an effect.
+    Args:
+        sound: whether the file has no issues so far; else only the names are checked that are none of an effect.
+
+    Raises:
+        InputError: parameters, files or correlations that cannot be used; keys from the top of the file.
     """
     if not sound:
         stated = spec.uncertainty
@@ -126,6 +143,7 @@ def _given(document: Document) -> Section:
 
 
 def _refuse(issues: list[Issue], document: Document) -> None:
+    """Raises the issues, if there are any, with file and line, in the order of the lines."""
     if issues:
         raise InputError(sorted((document.placed(issue) for issue in issues), key=lambda issue: issue.line))
 
@@ -150,7 +168,10 @@ def _at(section: str, build: Callable[[], T]) -> T:
 def problem_notes(
     arm: Arm, stated: UncertaintySpec, sources: Sources, effects: Sequence[CatalogueEntry]
 ) -> tuple[str, ...]:
-    """All notes of a problem: on its sources, on numbers that are far off, on the inputs of effects, on noise."""
+    """All notes of a problem: on its sources, on numbers that are far off, on the inputs of effects, on noise.
+
+    Notes are remarks, not errors: the problem is computed as it is written.
+    """
     return (
         *sources.notes,
         *plausibility_notes(arm.robot, stated, sources),
@@ -161,7 +182,11 @@ def problem_notes(
 
 
 def roll_notes(robot: Robot, sources: Sources) -> tuple[str, ...]:
-    """Where an error or a correction of a URDF roll is not that of the number in the file."""
+    """Where an error or a correction of a URDF roll is not that of the number in the file.
+
+    A URDF's ``rpy`` is applied as Rz(yaw) Ry(pitch) Rx(roll); where the pitch is not zero, the roll that errors are of
+    turns about another axis than the file's number suggests.
+    """
     moved = [name for name in pitched_rolls(robot) if name in sources.names or robot.parameters[name].nominal]
     if not moved:
         return ()
@@ -171,7 +196,7 @@ def roll_notes(robot: Robot, sources: Sources) -> tuple[str, ...]:
 
 
 def input_notes(arm: Arm) -> tuple[str, ...]:
-    """What was assumed of the inputs of the effects."""
+    """What was assumed of the inputs of the effects: sides of approach, time, and how the instrument reads places."""
     unknown = sorted({effect.target for effect in arm.effects if "approach" in effect.needs})
     unknown = [joint for joint in unknown if joint not in arm.inputs.stated]
     notes = []
@@ -199,7 +224,10 @@ def noise_notes(effects: Sequence[CatalogueEntry]) -> tuple[str, ...]:
 
 
 def plausibility_notes(robot: Robot, stated: UncertaintySpec, sources: Sources) -> tuple[str, ...]:
-    """What stands far off the robot's data sheet, in sentences for the report; nothing where there is no data sheet."""
+    """What is far off the robot's data sheet, in sentences for the report; nothing where there is no data sheet.
+
+    "Far" is a factor of more than ``FAR`` either way: mostly a wrong unit.
+    """
     sheet = robot.repeatability
     if sheet is None:
         return ()
@@ -219,6 +247,11 @@ def plausibility_notes(robot: Robot, stated: UncertaintySpec, sources: Sources) 
 
 
 def _joint_notes(robot: Robot, sheet: Repeatability, stated: UncertaintySpec, sigma: dict[str, float]) -> list[str]:
+    """The σ of a joint that is farthest off what the data sheet's repeatability gives, in one note.
+
+    Args:
+        sheet: repeatability of the data sheet; ``sigma`` of the joints [rad or m].
+    """
     usual = _sigmas(joint_sigmas(robot, sheet.value))
     ratios = {name: value / usual[name] for name, value in sigma.items() if name in usual and value > 0}
     # A covariance is what a calibration leaves unknown, which many rows make as small as one likes.
@@ -235,16 +268,20 @@ def _joint_notes(robot: Robot, sheet: Repeatability, stated: UncertaintySpec, si
 
 
 def _sigmas(sources: Sources) -> dict[str, float]:
+    """Standard deviation [rad or m] of every source."""
     return dict(zip(sources.names, map(float, sources.sigma), strict=True))
 
 
 def _far(ratio: float) -> bool:
+    """Whether a ratio is more than ``FAR`` away from 1, either way."""
     return not 1 / FAR <= ratio <= FAR
 
 
 def _times(ratio: float) -> str:
+    """A ratio to two digits in words: 30 times, 1/40 of."""
     return f"{float(f'{ratio:.2g}'):g} times" if ratio > 1 else f"1/{float(f'{1 / ratio:.2g}'):g} of"
 
 
 def _sheet(sheet: Repeatability) -> str:
+    """The repeatability of a data sheet in mm."""
     return f"{sheet.value * 1e3:g} mm"

@@ -1,4 +1,8 @@
-"""The points of a path from their CSV file: ``x [mm], y [mm], z [mm]``, and ``dx, dy, dz`` for the tool axis."""
+"""The points of a path from their CSV file: ``x [mm], y [mm], z [mm]``, and ``dx, dy, dz`` for the tool axis.
+
+Points are in the world frame. ``z`` may be left out (zero), as may ``dz`` with directions in a plane; directions need
+not have unit length.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +48,7 @@ def with_path(task: Task | None, folder: Path) -> Task | None:
 def _read(
     raw: RawTable,
 ) -> tuple[Vectors, Vectors | None]:
-    """Points [m] and axes of the rows."""
+    """Points [m] and axes of the rows, world frame; None for the axes where the file has none."""
     columns = _columns(raw)
     lines: list[int] = []
     rows: list[list[float]] = []
@@ -61,7 +65,11 @@ def _read(
 
 
 def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
-    """Name -> index and factor to SI of the known columns."""
+    """Name -> index and factor to SI of the known columns.
+
+    Raises:
+        InputError: unknown, repeated or missing columns, or units that are none of a length.
+    """
     found: dict[str, tuple[int, float]] = {}
     for index, head in enumerate(raw.titles):
         match = _HEAD.match(head)
@@ -80,6 +88,7 @@ def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
 
 
 def _factor(name: str, unit: str, raw: RawTable) -> float:
+    """The factor from a column's unit to SI; 1 for directions, and where the unit cannot be used, which is reported."""
     if name in _AXIS:
         if unit not in ("", "-", "1"):
             raw.faults.add(f"a direction has no unit, '{unit}' is given", name, unit, f"write {name}", raw.line)
@@ -105,6 +114,7 @@ def _missing(found: dict[str, tuple[int, float]], raw: RawTable) -> None:
 
 
 def _number(cell: str, name: str, line: int, faults: Faults) -> float:
+    """A finite number; NaN with a fault reported where the cell has none."""
     try:
         value = float(cell)
     except ValueError:
@@ -120,6 +130,11 @@ def _together(columns: Mapping[str, Array], names: tuple[str, ...], rows: int) -
 
 
 def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -> None:
+    """Refuses paths of fewer than two points, points twice in a row, and directions of length zero.
+
+    Args:
+        points: (N, 3) [m]; ``axes`` (N, 3) or None; ``lines`` of the file that they are in.
+    """
     faults = raw.faults
     faults.refuse()
     if len(points) < 2:
@@ -133,4 +148,5 @@ def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -
 
 
 def _tuples(rows: Array) -> Vectors:
+    """Rows (N, 3) as tuples of floats."""
     return tuple((float(x), float(y), float(z)) for x, y, z in rows)

@@ -23,7 +23,11 @@ _LARGEST_INT = 10**300  # beyond it no float can follow: it is infinite
 
 
 def plain(value: object) -> Plain:
-    """Mappings, sequences, arrays and paths as the plain types that a file would give, all of them new."""
+    """Mappings, sequences, arrays and paths as the plain types that a file would give, all of them new.
+
+    >>> plain({"q": np.array([0.5, 1.0]), 1: (2, 3)})
+    {'q': [0.5, 1.0], '1': [2, 3]}
+    """
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -36,7 +40,11 @@ def plain(value: object) -> Plain:
 
 
 def text_issues(data: object, key: KeyPath = ()) -> list[Issue]:
-    """Names and texts in plain data that hold what no text does."""
+    """Names and texts in plain data with characters that no text has, each with its key.
+
+    Args:
+        key: of ``data`` in the whole, for the messages.
+    """
     if isinstance(data, str):
         found = _NO_TEXT.search(data)
         return [_text_issue(found[0], key)] if found else []

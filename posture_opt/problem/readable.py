@@ -1,4 +1,8 @@
-"""What of a problem file can be read where some of it cannot: so that all the rest is judged in the same run."""
+"""What of a problem file can be read where some of it cannot: so that all the rest is checked in the same run.
+
+What the schema refuses is left out entry by entry, the remainder is read, and issues about it are given the numbers
+that the entries have in the file.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,10 @@ _ANY: Section = {"mass": "1 kg", "com": [0, 0, 0]}
 class Readable:
     """Sections that fit the schema, what does not fit left out of them.
 
-    ``broken`` are the sections of which something was left out, ``kept`` the numbers that the entries of a list had.
+    Args:
+        data: the sections that are left.
+        broken: sections of which something was left out.
+        kept: of each list with entries left out, the numbers that the others had.
     """
 
     data: Section
@@ -80,7 +87,7 @@ def _thinned(data: Section, path: KeyPath, keys: Iterable[KeyPath]) -> tuple[int
 
 
 def _entry(data: Plain, key: KeyPath) -> Plain:
-    """What stands at ``key``; None where an issue before has taken it away."""
+    """What is at ``key``; None where an issue before has removed it."""
     for part in key:
         try:
             data = data[part]
@@ -90,7 +97,11 @@ def _entry(data: Plain, key: KeyPath) -> Plain:
 
 
 def _left_out(data: Section, key: KeyPath) -> None:
-    """Takes the entry away that an issue is about: a value of a joint, else a key of a section, else the section."""
+    """Removes the entry that an issue is about: a value of a joint, else a key of a section, else the section.
+
+    Masses and centres of mass of a joint are replaced by plain ones, as leaving them out would be a fault of its own.
+    Correlations are removed with the σ's that they need.
+    """
     section = data.get(str(key[0]))
     if len(key) == 1 or not isinstance(section, dict) or key[1] == "kind":
         data.pop(str(key[0]), None)

@@ -1,4 +1,7 @@
-"""Changes of a problem without a file: ``task__position=(0.6, 0.2, 0.1)``, in SI or with units as in the file."""
+"""Changes of a problem without a file: ``task__position=(0.6, 0.2, 0.1)``, in SI or with units as in the file.
+
+Plain numbers are given the SI unit of their place in the schema, so that the changed problem can be written as a file.
+"""
 
 from __future__ import annotations
 
@@ -41,12 +44,13 @@ def replaced_data(
     """The data of a problem with other values, and the first two parts of the keys that changed.
 
     Args:
-        changes: key -> value, the parts of a key joined by ``__``; None takes a key away. Entries of a list are
-            named by their number, or by their ``name``.
-        robot: its joints and parameters tell whether a number is an angle or a length.
+        document: as the problem has it; it is not changed.
+        changes: key -> value, the parts of a key joined by ``__``; None removes a key. Entries of a list are named
+            by their number, or by their ``name``.
+        robot: its joints and parameters say whether a number is an angle or a length.
 
     Raises:
-        InputError: keys that lead nowhere; whether the values fit is not judged here.
+        InputError: keys that lead nowhere; whether the values fit is not checked here.
     """
     data = plain(document)
     words = {name: tuple(name.split("__")) for name in changes}
@@ -63,7 +67,12 @@ def replaced_data(
 
 
 def _put(data: Plain, parts: tuple[str, ...], value: Plain, issues: list[Issue]) -> KeyPath:
-    """Writes a value into nested data; returns where, or adds the reason why there is no such place."""
+    """Writes a value into nested data; returns where, or adds the reason why there is no such place.
+
+    Args:
+        parts: of the key; mappings on the way that are missing are made.
+        value: None removes the entry.
+    """
     key: KeyPath = ()
     for part in parts[:-1]:
         entry = _entry(data, part, key, issues)
@@ -104,7 +113,7 @@ def _entry(data: Plain, part: str, key: KeyPath, issues: list[Issue]) -> str | i
 
 
 def _give_units(data: Section, key: KeyPath, robot: Robot) -> None:
-    """Writes the SI unit beside the plain numbers at ``key`` that have a dimension."""
+    """Adds the SI unit to the plain numbers at ``key`` that have a dimension: ``0.05`` of a length becomes "0.05 m"."""
     container: Plain = data
     for part in key[:-1]:
         container = container[part]
@@ -114,6 +123,7 @@ def _give_units(data: Section, key: KeyPath, robot: Robot) -> None:
 
 
 def _with_units(value: Plain, key: KeyPath, data: Section, robot: Robot) -> Plain:
+    """Numbers of nested data as quantities with their SI unit; booleans, texts and ratios as they are."""
     if isinstance(value, dict):
         return {name: _with_units(entry, (*key, name), data, robot) for name, entry in value.items()}
     if isinstance(value, list):

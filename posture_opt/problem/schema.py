@@ -1,4 +1,8 @@
-"""The problem file as a schema: one field a section; which keys, words and examples belong at a place in a file."""
+"""The problem file as a schema: one field a section; which keys, words and examples belong at a place in a file.
+
+The schema serves three times: it reads files, it is the JSON Schema that editors use, and its examples and bounds are
+the hints of error messages.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +69,7 @@ def read_sections(data: Mapping[str, Plain]) -> ProblemSpec:
 def _reader_of(data: Mapping[str, Plain]) -> type[ProblemSpec] | None:
     """The schema of the kinds alone that are named; None where one of them is not known here.
 
-    Of all kinds pydantic would build the schema first, and Python read the files: a quarter of a cold start.
+    Of all kinds pydantic would build the schema first, and Python would read the files: a quarter of a cold start.
     """
     tasks = _classes([task] if (task := data.get("task")) else [], task_class)
     effects = _classes(data.get("effects") or (), effect_class)
@@ -73,6 +77,7 @@ def _reader_of(data: Mapping[str, Plain]) -> type[ProblemSpec] | None:
 
 
 def _classes(entries: Plain, class_of: Callable[[str], type[Spec] | None]) -> tuple[type[Spec], ...] | None:
+    """The classes of the kinds that the entries name; None where one is not known, or the entries are no mappings."""
     if not isinstance(entries, list | tuple) or not all(isinstance(entry, dict) for entry in entries):
         return None
     found = dict.fromkeys(class_of(kind) if isinstance(kind := e.get("kind"), str) else None for e in entries)
@@ -81,6 +86,7 @@ def _classes(entries: Plain, class_of: Callable[[str], type[Spec] | None]) -> tu
 
 @cache
 def _reader(tasks: tuple[type[Spec], ...], effects: tuple[type[Spec], ...]) -> type[ProblemSpec]:
+    """The schema with these kinds of tasks and effects only."""
     task: Any = one_of(tasks) | None if tasks else None
     entry: Any = one_of(effects) if effects else None
     entries: Plain = tuple[entry, ...] if effects else tuple[()]
@@ -113,7 +119,12 @@ def _told(node: Plain) -> Plain:
 
 
 def nodes_at(key: KeyPath, data: Plain) -> list[Node]:
-    """The alternatives that the schema allows at ``key`` of ``data``; kinds that the data name are followed."""
+    """The alternatives that the schema allows at ``key`` of ``data``; kinds that the data name are followed.
+
+    Args:
+        key: names and numbers from the top of the file.
+        data: of the whole file; they choose between kinds.
+    """
     nodes = list(_alternatives(json_schema(), data))
     for part in key:
         data = _entry(data, part)
@@ -122,12 +133,15 @@ def nodes_at(key: KeyPath, data: Plain) -> list[Node]:
 
 
 def known_keys(key: KeyPath, data: Plain) -> list[str]:
-    """The keys that may stand in the mapping at ``key``."""
+    """The keys that are allowed in the mapping at ``key``."""
     return list(dict.fromkeys(name for node in nodes_at(key, data) for name in node.get("properties", {})))
 
 
 def example_at(key: KeyPath, data: Plain) -> str:
-    """An example of what belongs at ``key``; empty where the schema has none."""
+    """An example of what belongs at ``key``, as YAML; empty where the schema has none.
+
+    The example of the node itself, its only value, or a list of the examples of its entries.
+    """
     for node in nodes_at(key, data):
         if node.get("examples"):
             return _text(node["examples"][0])
@@ -146,7 +160,10 @@ def size_at(key: KeyPath, data: Plain) -> int:
 
 
 def bound_at(key: KeyPath, data: Plain, bound: Plain) -> str:
-    """A bound of the value at ``key`` as people write it: with its unit where the value has one."""
+    """A bound of the value at ``key`` as people write it: with its unit where the value has one.
+
+    Angles are bounded in rad inside and in deg here.
+    """
     dimensions = {node.get("dimension") for node in nodes_at(key, data)}
     if not isinstance(bound, int | float):
         return str(bound)
@@ -156,6 +173,7 @@ def bound_at(key: KeyPath, data: Plain, bound: Plain) -> str:
 
 
 def _entry(data: Plain, part: str | int) -> Plain:
+    """An entry of data; None where there is none."""
     try:
         return data[part]
     except (KeyError, IndexError, TypeError):
@@ -180,6 +198,7 @@ def _alternatives(node: Node, data: Plain) -> Iterator[Node]:
 
 
 def _children(node: Node, part: str | int) -> Iterator[Node]:
+    """The nodes of an entry: of a list by its number, of a mapping by its name."""
     if isinstance(part, int):
         fixed = node.get("prefixItems", [])
         if part < len(fixed):
@@ -193,6 +212,7 @@ def _children(node: Node, part: str | int) -> Iterator[Node]:
 
 
 def _text(value: Plain) -> str:
+    """A value as YAML in one line."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_text, value))}]"
     if isinstance(value, dict):

@@ -1,4 +1,7 @@
-"""Commented problem files to start from: one for every preset, each solvable as it is."""
+"""Commented problem files to start from: one for every preset, each solvable as it is.
+
+Numbers follow the size of the robot: target and region are shares of its stretched length.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +83,13 @@ _PRESET = string.Template("""\
 
 @dataclass(frozen=True)
 class StarterTarget:
-    """Where a starter's task is done: what its lines in the file say."""
+    """Where a starter's task is done: what its lines in the file say.
+
+    Args:
+        direction: of the task, as the file has it, world frame.
+        position: (3,) of the target [m], world frame; None: it is part of the answer.
+        above_table: whether links have to stay above the table.
+    """
 
     direction: str
     position: tuple[float, ...] | None
@@ -103,7 +112,12 @@ def starter_text(preset: str) -> str:
 
 
 def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
-    """The text of a problem file for a robot, whose section ``robot`` begins with these lines."""
+    """The text of a problem file for a robot.
+
+    Args:
+        section: the first lines of the section ``robot``, indented.
+        target: without a position, one is suggested in a comment.
+    """
     x, y, z = target.position or (0.5, 0.2, 0.1)
     position = f"position: {_point([x, y, z])}"
     return _TEXT.substitute(
@@ -124,6 +138,7 @@ def sensible_direction(robot: Robot) -> str:
 
 
 def _uncertainty(robot: Robot) -> str:
+    """The section ``uncertainty``: the data sheet's repeatability with its source, else 0.02 deg or 0.01 mm a joint."""
     values = [f"{j.name}.theta: 0.02 deg" if j.type == "revolute" else f"{j.name}.d: 0.01 mm" for j in robot.joints]
     own = [value.split(":")[0] for value in values]
     first, second, *_ = dict.fromkeys([*own, *robot.parameters])  # a robot may have one joint
@@ -141,7 +156,9 @@ def _stretched(robot: Robot) -> float:
 
 
 def _height(robot: Robot) -> float:
-    """A height that the tool reaches easily [m]."""
+    """A height that the tool reaches easily [m, world z]: 0 of a planar arm, a tenth of the stretched length of an arm
+    that turns, the height in the middle of the ranges of any other.
+    """
     if is_planar(robot):
         return 0.0
     if _all_turn(robot):
@@ -151,11 +168,15 @@ def _height(robot: Robot) -> float:
 
 
 def _all_turn(robot: Robot) -> bool:
+    """Whether all joints are revolute."""
     return all(joint.type == "revolute" for joint in robot.joints)
 
 
 def is_planar(robot: Robot) -> bool:
-    """Whether all joints turn about the z axis of the base and no link leaves its plane."""
+    """Whether all joints turn about the z axis of the base and no link leaves its plane.
+
+    Then the tool point stays at one height, and tasks need a direction in the plane.
+    """
     rotations = [factor for factor in robot.factors if factor.kind == "rotate"]
     slides = any(factor.kind == "translate" and factor.joint is not None for factor in robot.factors)
     turned_about = {factor.axis for factor in rotations if factor.nominal or factor.joint is not None}
@@ -163,4 +184,5 @@ def is_planar(robot: Robot) -> bool:
 
 
 def _point(values: list[float]) -> str:
+    """A point (3,) [m] as the file has it, to the centimetre."""
     return f"[{', '.join(f'{value:.2f} m' for value in values)}]"

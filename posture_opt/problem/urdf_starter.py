@@ -1,4 +1,8 @@
-"""A commented problem file for a URDF of the user's own: the chain that was chosen, and a target that it reaches."""
+"""A commented problem file for a URDF of the user's own: the chain that was chosen, and a target that it reaches.
+
+A URDF says nothing of where the arm works. Postures are drawn at random, and the target is placed where many of them
+hold the tool along the direction of the task.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +38,8 @@ def urdf_starter_text(file: Path, base_link: str | None, tip_link: str | None, f
     """The text of a problem file for a URDF, with comments; it solves as it is.
 
     Args:
-        folder: where the problem file is going to stand: it names the URDF from there.
+        file: the URDF; ``base_link`` and ``tip_link`` the ends of the chain, None: found.
+        folder: of the problem file, which names the URDF from there.
 
     Raises:
         InputError: everything wrong with the URDF; several last links without ``tip_link``, which are then listed.
@@ -55,6 +60,7 @@ def _named_from(folder: Path, file: Path) -> str:
 
 
 def _solves(text: str) -> bool:
+    """Whether the problem of a text has a posture that meets its requirements."""
     problem = problem_from_dict(parse_yaml(text).data)
     try:
         return PostureSelector(problem, compiled=False).feasible(_STARTS)
@@ -73,7 +79,11 @@ def _targets(robot: Robot) -> Iterator[StarterTarget]:
 
 
 def _postures(robot: Robot, direction: str) -> tuple[Array, Array, Mask]:
-    """Postures (N, n) drawn at random, their tool points (N, 3) [m], and whether the tool axis lies along there."""
+    """Postures drawn at random, their tool points, and which of them hold the tool axis along the direction.
+
+    Returns (N, n) [rad or m], (N, 3) [m, world frame] and (N,); joints keep a tenth of their range from either limit,
+    "along" is within 20 degrees.
+    """
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     room = _INSIDE * (upper - lower)
     q = np.random.default_rng(0).uniform(lower + room, upper - room, (_DRAWN, robot.n))
@@ -111,6 +121,7 @@ def _section(spec: UrdfRobot, robot: Robot, file: str) -> str:
 
 
 def _why(spec: UrdfRobot, tip: str) -> str:
+    """Why this link is the end of the chain, for a comment."""
     if spec.tip_link:
         return "the last link of the chain: the tool point is its origin, unless tool: says otherwise"
     return "the only last link, or ROS-Industrial's name of the flange; another one: --tip-link"
@@ -129,5 +140,6 @@ def _remarks(robot: Robot) -> Iterator[str]:
 
 
 def _limits(joint: Joint) -> str:
+    """Type and limits of a joint, as the file would have them."""
     lower, upper = joint_text(joint.lower, joint.unit), joint_text(joint.upper, joint.unit)
     return f"{joint.type}, {lower} to {upper}"

@@ -1,6 +1,7 @@
 """YAML text as plain data, with the line of every key, and with nothing in it that could surprise.
 
-Values are read by the core schema of YAML 1.2: ``on``, ``yes`` and ``12:30`` stay texts, ``1e-3`` is a number.
+Values are read by the core schema of YAML 1.2: ``on``, ``yes`` and ``12:30`` stay texts, ``1e-3`` is a number. Keys
+are texts as they are written. Duplicate keys, foreign tags and aliases that unfold to very many entries are refused.
 """
 
 from __future__ import annotations
@@ -24,7 +25,13 @@ _STARTER = "'optimize-posture new planar_2r' prints a problem file to start from
 
 @dataclass(frozen=True)
 class Document:
-    """The data of one problem file; ``lines`` has the line of each key path, ``issues`` what is wrong already."""
+    """The data of one problem file.
+
+    Args:
+        data: as plain types; ``file`` its name, empty where there is none.
+        lines: the line of each key path, from 1.
+        issues: what is wrong already.
+    """
 
     data: Section
     file: str = ""
@@ -69,6 +76,11 @@ def read_yaml(path: str | Path) -> Document:
 
 
 def _read_text(path: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        InputError: it cannot be read, is too large, or is not UTF-8; with the line of the first wrong byte.
+    """
     try:
         found = content(path, MAX_BYTES)
     except InputError as error:
@@ -83,7 +95,14 @@ def _read_text(path: Path) -> str:
 
 
 def parse_yaml(text: str, file: str = "") -> Document:
-    """The document in a text; ``file`` is what messages call it."""
+    """The document in a text; ``file`` is what messages call it.
+
+    >>> parse_yaml("robot: {kind: preset, name: ur10}").data["robot"]["name"]
+    'ur10'
+
+    Raises:
+        InputError: not YAML, empty, nested too deeply, or no mapping at the top.
+    """
     node = _compose(text, file)
     if node is None:
         raise InputError(Issue("the file is empty", file=file, hint=_STARTER))
@@ -101,6 +120,11 @@ def parse_yaml(text: str, file: str = "") -> Document:
 
 
 def _compose(text: str, file: str) -> yaml.Node | None:
+    """The node tree of a text; None of an empty one.
+
+    Raises:
+        InputError: not YAML, or characters that no text file has; with the line.
+    """
     try:
         loader = _Loader(text)
         try:
@@ -119,6 +143,9 @@ def _compose(text: str, file: str) -> yaml.Node | None:
 
 
 def _yaml_issue(error: yaml.MarkedYAMLError, text: str, file: str) -> Issue:
+    """PyYAML's error with the line that it is in, and a hint for the usual mistakes: tabs, a colon too many,
+    indentation, several documents, a text that begins with ``*`` or ``&``.
+    """
     mark = error.problem_mark or error.context_mark
     line = mark.line + 1 if mark else 0
     problem = (error.problem or error.context or "").rstrip(".")
@@ -137,7 +164,11 @@ def _yaml_issue(error: yaml.MarkedYAMLError, text: str, file: str) -> Issue:
 
 
 class _Reader:
-    """Turns composed nodes into plain data and notes lines, duplicate keys and foreign tags on the way."""
+    """Converts composed nodes to plain data and notes lines, duplicate keys and foreign tags on the way.
+
+    Args:
+        file: what messages call the document.
+    """
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -147,7 +178,11 @@ class _Reader:
         self._nodes = 0
 
     def value(self, node: yaml.Node, key: KeyPath) -> Plain:
-        """The plain value of ``node``, which stands at ``key``."""
+        """The plain value of ``node``, which is at ``key``.
+
+        Raises:
+            InputError: aliases that contain themselves or unfold to too many entries.
+        """
         self._nodes += 1
         line = node.start_mark.line + 1
         if self._nodes > _MOST_NODES:
@@ -167,6 +202,7 @@ class _Reader:
             self._open.discard(id(node))
 
     def _mapping(self, node: yaml.MappingNode, key: KeyPath) -> Section:
+        """The entries of a mapping; its own keys take precedence over those that ``<<`` takes over."""
         data: Section = {}
         merged: Section = {}
         for name_node, child in node.value:
@@ -195,12 +231,14 @@ class _Reader:
         return {name: entry for part in reversed(parts) for name, entry in part.items()}
 
     def _name(self, node: yaml.Node, key: KeyPath) -> str:
+        """A key as it is written: a joint may be called 1, on or no."""
         if isinstance(node, yaml.ScalarNode) and node.value:
             return str(node.value)  # as it is written: a joint may be called 1, on or no
         line = node.start_mark.line + 1
         raise InputError(Issue("a key is a text", key, None, "put texts with [ or { in quotes", self.file, line))
 
     def _scalar(self, node: yaml.ScalarNode, key: KeyPath) -> Plain:
+        """The value of a scalar by its tag; integers beyond 300 digits are infinite, as no float can hold them."""
         text: str = node.value
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
         try:
@@ -228,7 +266,7 @@ class _Dumper(yaml.SafeDumper):
     yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
 
     def represent_mapping(self, tag: str, mapping: Plain, flow_style: bool | None = None) -> yaml.MappingNode:
-        """Parameters with their quantities stand one a line: so they are looked for and compared."""
+        """Parameters with their quantities are written one a line: so they are found and compared."""
         node = super().represent_mapping(tag, mapping, flow_style)
         if len(mapping) > _MOST_IN_LINE and all("." in str(name) for name in mapping):
             node.flow_style = False
@@ -236,7 +274,11 @@ class _Dumper(yaml.SafeDumper):
 
 
 def dump_yaml(data: Section) -> str:
-    """The YAML text that ``parse_yaml`` reads back as ``data``; small lists and mappings stand in one line."""
+    """The YAML text that ``parse_yaml`` reads back as ``data``; small lists and mappings are written in one line.
+
+    >>> print(dump_yaml({"robot": {"kind": "preset", "name": "ur10"}}), end="")
+    robot: {kind: preset, name: ur10}
+    """
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
 
 

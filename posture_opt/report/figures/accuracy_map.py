@@ -49,16 +49,21 @@ def plot_bias(found: AccuracyMap) -> Figure:
 
 @styled
 def plot_spread_map(found: AccuracyMap) -> Figure:
-    """The distance from its mean that the tool point keeps with 95 % probability [mm], over the targets."""
+    """The distance from its mean that the tool point keeps with 95 % probability [mm], over the targets.
+
+    Axes are two coordinates of the grid [mm], a panel a layer. Dots are measured rows in the same colours, with the
+    corrections: 95 % of them should be no brighter than their cell.
+    """
     measured = None if found.measured is None else found.measured.corrected
     return _plot(found, found.radius95, "distance from its mean, 95 % probability", measured, arrows=False)
 
 
 def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None, *, arrows: bool) -> Figure:
-    """One of both maps.
+    """One of both maps, or a curve where the targets are on a line.
 
     Args:
         values: (N,) [m], one for each target.
+        label: what the colours are, without the unit.
         measured: (M,) [m], one for each measured row; None where there are none.
         arrows: whether the bias is drawn in the cells.
     """
@@ -85,7 +90,11 @@ def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None,
 
 
 def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
-    """The part of the bias in the plane of the figure, enlarged alike everywhere."""
+    """The part of the bias in the plane of the figure, enlarged alike everywhere.
+
+    Nothing is drawn where the bias is across the figure: its part in the plane is below 5 % of its length. Of many
+    cells, some are chosen so that about twelve arrows fit along the longer side.
+    """
     grid = canvas.grid
     inside = canvas.layers(found.bias @ grid.axes[:2].T)[layer]
     longest = float(np.nanmax(np.linalg.norm(found.bias @ grid.axes[:2].T, axis=1)))
@@ -108,7 +117,12 @@ def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
 
 
 def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer: int) -> None:
-    """Measured rows near this layer, in the colours of the cells."""
+    """Measured rows near this layer, in the colours of the cells.
+
+    Args:
+        lengths: (M,) [m] errors of all measured rows.
+        layer: number of the layer along the third axis of the grid.
+    """
     assert found.measured is not None
     measured, grid = found.measured, canvas.grid
     per_layer = grid.shape[1] * grid.shape[2]

@@ -40,7 +40,10 @@ def axis_name(axis: Array, direction: Array | None = None) -> str:
 
 
 def levelled(plane: Array) -> Array:
-    """(2, 3) another orthonormal basis of a plane (2, 3): along coordinate axes, else with the first horizontal."""
+    """Another orthonormal basis (2, 3) of a plane (2, 3): along coordinate axes, else with the first horizontal.
+
+    Signs are chosen so that the largest entry of the first is positive and the second points upwards.
+    """
     if all(len(line_words(axis)) == 1 for axis in plane):
         return plane
     normal = np.cross(plane[0], plane[1])

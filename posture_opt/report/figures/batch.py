@@ -50,7 +50,12 @@ def plot_batch(problem: ProblemData, found: Batch) -> Figure:
 
 
 def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair) -> None:
-    """One pair of parameters; the ellipse is that of the robots, the estimates' own errors taken off."""
+    """One pair of parameters; the ellipse is that of the robots, the estimates' own errors subtracted.
+
+    Dots are robots with one standard error either way. The ellipse is left out where one of both variances is zero. A
+    dashed ellipse is the covariance that the file states; a plus is the nominal arm. Where both parameters have one
+    unit, both axes have one scale.
+    """
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
     units = ["deg" if found.parameters[k].unit == "rad" else "mm" for k in (i, j)]
@@ -80,7 +85,12 @@ def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair)
 
 
 def _variances(found: Batch, robot: int, names: tuple[str, str]) -> list[float]:
-    """Variances [rad² or m²] of both parameters of a robot, as its calibration states them."""
+    """Variances [rad² or m²] of both parameters of a robot, as its calibration states them.
+
+    Args:
+        robot: number of the robot in the batch.
+        names: of both parameters.
+    """
     calibration = found.calibrations[robot]
     place = {p.name: k for k, p in enumerate(calibration.parameters)}
     return [float(calibration.covariance[place[name], place[name]]) for name in names]

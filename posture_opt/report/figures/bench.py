@@ -32,7 +32,9 @@ def plot_bench(found: Solution) -> Figure:
     """Spread over two coordinates of the placement; hatched: not every feature can be done there.
 
     Colours are the standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates
-    are held as in the answer, as the title says.
+    are held as in the answer, as the title says. The star is the placement of the answer. In a map over x and y the
+    features are drawn where they are then, the worst one ringed. A flat region about the star means that the placement
+    does not matter much.
 
     Args:
         found: with at least two free coordinates of its placement.
@@ -61,7 +63,7 @@ def plot_bench(found: Solution) -> Figure:
 
 
 def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> None:
-    """Colours where all features can be done, hatching elsewhere."""
+    """Colours where all features can be done, hatching elsewhere; NaN in ``bench.sigma`` marks the latter."""
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
 

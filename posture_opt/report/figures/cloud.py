@@ -76,7 +76,10 @@ def plot_simulated(spread: Spread) -> Figure:
 
 
 def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
-    """(2, 3) each: what is looked at."""
+    """The planes that are looked at, (2, 3) each, rows orthonormal in the world frame.
+
+    One for a planar arm, else three: of the axes across and along the direction of the task, or of the world's axes.
+    """
     if len(spread.basis) == 2:
         return [spread.basis]
     frame = np.eye(3)
@@ -86,7 +89,12 @@ def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
 
 
 def _task_marks(axes: Axes, seen: TaskSpread | None, B: Array, scale: float, half: float) -> None:
-    """The direction that counts and the clearance, in a view that shows all that counts."""
+    """The direction that counts and the clearance, in a view that shows all that counts.
+
+    Args:
+        B: (2, 3) axes of the view, world.
+        scale: from m to the unit of the figure; ``half`` half the side of the picture in that unit.
+    """
     if seen is None or not np.allclose(seen.critical.basis @ B.T @ B, seen.critical.basis, atol=1e-9):
         return
     if len(seen.critical.covariance) == 1:
@@ -119,7 +127,13 @@ def plot_cross_section(
 ) -> Figure:
     """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane).
 
-    With the clearance of the hole, the direction that counts where it is one alone, and the other end of a peg.
+    With the clearance of the hole, the direction that counts where it is one alone, and the other end of a peg. The
+    share of dots inside the green line is the probability of success; the diamond is the mean, whose offset no
+    repetition averages out.
+
+    Args:
+        n: number of samples, drawn with ``seed``.
+        origin: what the origin of the axes is, in words.
     """
     B = view_basis(spread, seen)
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
@@ -167,7 +181,11 @@ def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str,
 
 
 def view_basis(spread: Spread, seen: TaskSpread) -> Array:
-    """(2, 3) what is looked at: across the direction where that is a plane, else the plane that shows most."""
+    """What is looked at, (2, 3), rows orthonormal in the world frame.
+
+    Across the direction where that is a plane; a line and the direction where one axis counts; the plane of both
+    longest axes where all count; the plane of a planar arm.
+    """
     critical = seen.critical
     basis: Array
     if len(spread.basis) == 2:
@@ -182,7 +200,10 @@ def view_basis(spread: Spread, seen: TaskSpread) -> Array:
 
 
 def _band(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
-    """The 95 % interval of the one direction that counts, as a band through the plane."""
+    """The 95 % interval of the one direction that counts, as a band through the plane.
+
+    Its half width is ``1.960 σ`` about the bias along that direction; an arrow near the edge shows the direction.
+    """
     along = B @ seen.critical.basis[0]
     centre = float(seen.critical.bias[0]) * scale
     width = coverage_factor(0.95, 1) * seen.critical.sigma_max * scale
@@ -204,7 +225,11 @@ def _strip(along: Array, low: float, high: float, reach: float) -> Array:
 
 
 def clearance_lines(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
-    """The play of the hole about the target: a circle, or two lines where one direction counts."""
+    """The clearance of the hole about the target: a circle, or two lines where one direction counts.
+
+    Nothing without a clearance, or where all directions count. A clearance larger than the picture is named in the
+    legend only.
+    """
     clearance = seen.clearance
     if math.isnan(clearance) or seen.critical.within == "all":
         return

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
 @styled
 def plot_compensation(found: Compensation) -> Figure:
-    """Both errors of every target [mm], in the order of the targets; logarithmic.
+    """Both errors of every target [µm or mm], in the order of the targets; logarithmic.
 
-    Squares: where the joint values as given lead; dots: the expected error of the compensated ones. The RMS is in the
-    legend.
+    Squares: where the joint values as given lead; dots: the expected error of the compensated ones; a line joins both.
+    The RMS is in the legend. A dot near its square is a target whose error is uncertain rather than known:
+    compensation cannot remove it. Errors of zero are drawn at the lower edge.
     """
     from matplotlib.ticker import MaxNLocator
 

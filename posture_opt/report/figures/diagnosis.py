@@ -49,8 +49,9 @@ _CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
 def plot_errors(found: Diagnosis) -> Figure:
     """Lengths of the errors row by row in the order of measuring, and how many stay below which length.
 
-    Errors [mm] are those of rows held out from each fit. The dashed grey line is what the instrument alone would
-    leave.
+    Errors [mm] are those of rows held out from each fit, on a logarithmic axis that both panels share. Lines in the
+    left panel are the RMS of neighbouring rows: a line that rises is a drift. The right panel is the share of the rows
+    below a length. The dashed grey line is the noise that no model can explain.
     """
     figure = new_figure(3.9)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
@@ -136,7 +137,14 @@ def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tupl
 
 
 def _share_of(line: float, baseline: ProjectedBaseline) -> float:
-    """The share that one frequency must explain for its log p-value to be that of the line."""
+    """The share that one frequency must explain for its log p-value to be that of the line.
+
+    Bisected in 40 steps; two degrees of freedom, those of a sine and a cosine.
+
+    Args:
+        line: critical log p-value of the family.
+        baseline: the model without the frequency, for its degrees of freedom.
+    """
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = (low + high) / 2
@@ -146,7 +154,7 @@ def _share_of(line: float, baseline: ProjectedBaseline) -> float:
 
 
 def _mark(axes: Axes, cycles: float, k: int) -> None:
-    """A line with its number, the one beside it lower."""
+    """A dotted line at a named frequency with its number; of neighbouring numbers the next is lower."""
     axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
     axes.annotate(
         f"{cycles:.4g}", (cycles, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points",

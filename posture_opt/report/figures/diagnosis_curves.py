@@ -1,4 +1,7 @@
-"""Each named effect as a curve with the errors behind it, and what is left of the errors over every joint."""
+"""Each named effect as a curve with the errors behind it, and what is left of the errors over every joint.
+
+Curves are partial residuals: the rows' errors with all of the model taken off except the one effect.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +54,7 @@ class Curve:
     Args:
         x: (n,) what it depends on; ``side`` (n,) the side of approach where there are two curves, else 1.
         errors: (n,) what the rest of the model leaves of the errors, along the effect; ``modelled`` (n,) the effect.
+        xlabel: names of the axes with their units; ``ylabel`` likewise.
     """
 
     x: Array
@@ -85,7 +89,11 @@ def plot_curves(found: Diagnosis) -> Figure:
 
 
 def _panel(axes: Axes, curve: Curve) -> None:
-    """One effect; a curve for each side of approach where it has two."""
+    """One effect; a curve for each side of approach where it has two.
+
+    Axes end at quantiles of the rows (0.2 % along x, 1 % along y), so that single rows do not flatten the curve. Rows
+    whose side is not known are left out.
+    """
     dots = chosen_rows(len(curve.x), _DOTS)
     sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
     look = _look(len(curve.x))
@@ -143,7 +151,12 @@ def curve_of(found: Diagnosis, sensitivities: EffectSensitivities, place: int, f
 def _joint_curve(
     sensitivities: EffectSensitivities, joint: int, over: Abscissa, partial: Array, modelled: Array
 ) -> Curve:
-    """Errors of a joint [mrad or µm], in the rows in which it moves the tool point: ``e·c / c·c`` with its column c."""
+    """Errors of a joint [mrad or µm], in the rows in which it moves the tool point: ``e·c / c·c`` with its column c.
+
+    Args:
+        joint: number of the joint; ``over`` what its error depends on.
+        partial: (N, b) whitened errors without the effect; ``modelled`` (N, b) the effect, whitened alike.
+    """
     column = sensitivities.joints[joint]
     square = np.sum(column**2, axis=1)
     far = square > (_LEVER**2) * square.max()
@@ -154,14 +167,14 @@ def _joint_curve(
 
 
 def _shift_curve(over: Abscissa, seen: Array, said: Array) -> Curve:
-    """Errors (N, axes) along the mean shift [mm]."""
+    """Errors (N, axes) along the mean shift [mm]: of effects that move the tool point alike in all rows."""
     mean = said.mean(axis=0)
     along = mean / max(float(np.linalg.norm(mean)), 1e-300)
     return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
 
 
 def _size_curve(seen: Array, said: Array) -> Curve:
-    """Errors (N, axes) along the modelled effect of each row, over its size [mm]."""
+    """Errors (N, axes) along the modelled effect of each row, over its size [mm]; on the diagonal it is true."""
     size = np.linalg.norm(said, axis=1)
     some = size > _LEVER * size.max()
     errors = np.sum(seen[some] * said[some], axis=1) / size[some]
@@ -173,7 +186,8 @@ def _size_curve(seen: Array, said: Array) -> Curve:
 def plot_left(found: Diagnosis) -> Figure:
     """What the model with its effects leaves [mm], along the motion of each joint over its value, and over the rows.
 
-    A mean of neighbours that leaves zero beyond its band is structure that no named effect explains.
+    A mean of neighbours that leaves zero beyond its band is structure that no named effect explains. Rows in which a
+    joint hardly moves the tool point are left out of its panel; joints that did not move have none.
     """
     residuals = found.model.residuals
     tangents = EffectSensitivities(residuals, found.model.x)

@@ -1,4 +1,8 @@
-"""The candidates of a diagnosis: the causes of the model first, with their p-values in it, then the others."""
+"""The candidates of a diagnosis: the causes of the model first, with their p-values in it, then the others.
+
+Evidence is a ratio of log p-values: a candidate at 1 is as improbable by chance as the significance level allows,
+corrected for the number of candidates.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,13 @@ _LETTER = 0.0115  # of the axes: width of a letter
 
 @dataclass(frozen=True, eq=False)
 class ScoredRow:
-    """A candidate with its evidence by itself, and its p-value beside the rest of the model if it is part of that."""
+    """A candidate with its evidence by itself, and its p-value in the model if it is part of that.
+
+    Args:
+        scored: the candidate with its score on the calibrated arm.
+        evidence: log p-value over the critical one of its family.
+        p_value: of dropping it from the final model; None where it is not in it.
+    """
 
     scored: ScoredCandidate
     evidence: float
@@ -52,7 +62,10 @@ def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
 
 
 def critical_log_p(null: NullDistribution, family: str) -> float:
-    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search."""
+    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search.
+
+    Bisected in the null distribution of the largest score, simulated for these postures.
+    """
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
@@ -61,7 +74,10 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
 
 
 def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
-    """What is drawn, from the top: those of the model, wherever they rank, then the best others; how many there are."""
+    """What is drawn, from the top, and how many candidates there are.
+
+    Those of the model come first, wherever they rank, then the best others up to the largest number of rows.
+    """
     rows = [ScoredRow(scored, value, _p_value(scored, found)) for scored, value in evidence(found)]
     own = [row for row in rows if row.p_value is not None]
     others = [row for row in rows if row.p_value is None]
@@ -72,7 +88,9 @@ def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
 def plot_scores(found: Diagnosis) -> Figure:
     """Evidence of each candidate on the calibrated arm alone, with the line of the significance level.
 
-    A cause that the others hide at first ranks low here: so those of the model come first, each with its p-value in it.
+    A cause that the others hide at first ranks low here: so those of the model come first, each with its p-value in
+    it. The axis is the square root of the evidence with its values at the ticks: evidence spans from below 1 to
+    hundreds. Dark bars are in the model, hatched ones have no name in the catalogue.
     """
     rows, count = scored_rows(found)
     figure = new_figure(1.3 + 0.22 * max(len(rows), 4))
@@ -102,13 +120,18 @@ def plot_scores(found: Diagnosis) -> Figure:
 
 
 def _title(own: int, drawn: int, count: int) -> str:
+    """How many candidates are in the model, and how many of the others are drawn."""
     if not own:
         return f"The best {drawn} of {count} candidates" if drawn < count else "All candidates"
     return f"Part of the model: {own}. Below the line: the best {drawn - own} of {count - own} other candidates"
 
 
 def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
-    """A text after its bar, or inside where there is no room."""
+    """A text after its bar, or inside where there is no room.
+
+    Args:
+        k: row; ``share`` of the width of the axes that its bar takes, ``width`` the end of the bar.
+    """
     inside = share + _LETTER * len(text) > 1
     axes.annotate(
         text, (width, k), xytext=(-4 if inside else 4, 0), textcoords="offset points", va="center",
@@ -128,6 +151,7 @@ def _look(row: ScoredRow) -> Look:
 
 
 def _line_words() -> str:
+    """What the dashed line is, for the legend."""
     return f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
 
 

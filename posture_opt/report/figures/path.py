@@ -1,4 +1,7 @@
-"""A path: the spread along it, with what simpler ways give, and the joints over it."""
+"""A path: the spread along it, with the sources that it comes from, and the joints over it.
+
+Both panels share the axis of the way along the path [mm].
+"""
 
 from __future__ import annotations
 
@@ -42,6 +45,10 @@ _LINES = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black"), _DA
 def plot_path(found: Solution) -> Figure:
     """The largest standard deviation in the part that counts, divided by the sources' shares in its variance, and the
     joints, each as its change from the first point on.
+
+    Above: areas are ``share · σ`` of the main sources, the black line is σ [µm or mm], a star its worst point; the
+    dashed line is the lower bound that no motion gets below, so that its distance from the star is what could still be
+    gained. Dotted lines are corners, where another direction counts from there on. Below: joints [deg or mm].
     """
     figure = new_figure(5.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
@@ -55,6 +62,7 @@ def plot_path(found: Solution) -> Figure:
 
 
 def _spread(axes: Axes, found: Solution) -> None:
+    """The upper panel: standard deviation along the path, stacked by source."""
     sigma, way = found.motion.sigma, 1e3 * found.path.lengths
     unit, factor = length_unit(sigma.tolist())
     every = np.unique(np.linspace(0, len(sigma) - 1, min(_MOST, len(sigma))).round().astype(int))
@@ -86,13 +94,18 @@ def _corners(found: Solution) -> list[int]:
 
 
 def _listed(found: Solution, way: Array, values: Array) -> tuple[Array, Array]:
+    """Way and value (k,) of the points that the problem file lists; further ones were inserted between them."""
     return way[found.path.listed], values[found.path.listed]
 
 
 def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
     """Names of the main sources, and their shares (m, N) in the variance along the worst axis of some points.
 
-    A source whose errors cancel others' has a share below zero somewhere and no meaning by itself: it is lumped.
+    A source whose errors cancel others' has a share below zero somewhere and no meaning by itself: it is lumped, as
+    are sources below 2 % of the variance on average. "others" is left out where it is below 0.1 % everywhere.
+
+    Args:
+        points: (N,) numbers of the points whose budget is drawn.
     """
     budgets = [{s.parameter: s.share for s in found.points[k].budget} for k in points.tolist()]
     every = {name: np.array([budget.get(name, 0.0) for budget in budgets]) for name in budgets[0]}
@@ -108,6 +121,7 @@ def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
 
 
 def _joints(axes: Axes, found: Solution) -> None:
+    """The lower panel: each joint less its value at the first point [deg or mm]; a steep line is a fast joint."""
     way, Q = 1e3 * found.path.lengths, found.motion.Q
     for k, (joint, (colour, dashes)) in enumerate(
         zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)

@@ -44,7 +44,8 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
     """The planned tool points [mm], the given ones and the task's, over those of random allowed postures, from each
     side.
 
-    Plans go to the edge of what is allowed: there a small error of an angle moves the tool point most.
+    Plans go to the edge of what is allowed: there a small error of an angle moves the tool point most. One view for an
+    arm that moves in a plane, else from above and from the side; the dashed line is the height that links keep above.
     """
     moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _STILL]
     pairs = [(0, 1), (0, 2)] if len(moving) == 3 else [(moving[0], moving[-1])]
@@ -75,8 +76,9 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
 def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     """Expected standard errors before, with the plan, and with as many random postures.
 
-    Above what the plan is made for, over its value with the plan; below every parameter by itself, logarithmic: of
-    these some may come out worse than with random postures, as the plan is chosen for all of them together.
+    Above what the plan is made for, over its value with the plan; below every parameter by itself [deg or mm],
+    logarithmic: of these some may come out worse than with random postures, as the plan is chosen for all of them
+    together. Hollow squares: before; hollow diamonds: random postures; dots: the plan.
     """
     groups = [("rad", "deg", math.degrees(1.0)), ("m", "mm", 1e3)]
     rows = {
@@ -99,7 +101,10 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
 
 
 def _merits(plan: MeasurementPlan) -> list[tuple[str, float, float]]:
-    """What the plan is judged by: its name, its value before and with random postures, over that with the plan."""
+    """What the plan is judged by: its name, its value before and with random postures, over that with the plan.
+
+    The value before is NaN for the parameters: some of them were not determined at all.
+    """
     found = []
     if plan.purpose == "parameters":
         found.append(("all parameters (geometric mean)", math.nan, plan.gain))
@@ -110,7 +115,10 @@ def _merits(plan: MeasurementPlan) -> list[tuple[str, float, float]]:
 
 
 def _together(axes: Axes, plan: MeasurementPlan, merits: list[tuple[str, float, float]]) -> None:
-    """The merits of the plan as multiples of its own error."""
+    """The merits of the plan as multiples of its own error.
+
+    Values before that are more than three times the largest of the others are in the title instead of the axis.
+    """
     y = np.arange(len(merits), dtype=float)
     before, random = (np.array([merit[k] for merit in merits]) for k in (1, 2))
     _dots(axes, y, before, np.ones(len(merits)), random, len(plan.q))
@@ -132,7 +140,12 @@ def _together(axes: Axes, plan: MeasurementPlan, merits: list[tuple[str, float, 
 
 
 def _dots(axes: Axes, y: Array, before: Array, after: Array, random: Array, count: int) -> None:
-    """The three stages on each line; those below are larger and hollow, so that all are seen where they meet."""
+    """The three stages on each line; those below are larger and hollow, so that all are seen where they meet.
+
+    Args:
+        y: (r,) lines; ``before``, ``after`` and ``random`` (r,) values on them, NaN where there is none.
+        count: of the random postures.
+    """
     three = np.array([before, after, random])
     axes.hlines(y, np.fmin.reduce(three), np.fmax.reduce(three), color=LIGHT, lw=1.5, zorder=1)
     hollow: Look = {"mfc": "none", "mew": 1.8, "ls": "none"}

@@ -20,7 +20,8 @@ _NAMED = 25  # problems that have room for their names
 def plot_posture_batch(found: PostureBatch) -> Figure:
     """Largest standard deviation of each problem that has a solution [µm or mm], the smallest at the top.
 
-    Of several features or a path it is that of the worst one.
+    Of several features or a path it is that of the worst one. Names are shown where there is room for them; problems
+    without a solution are in the report only.
     """
     answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
     unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])

@@ -1,4 +1,7 @@
-"""Scatter of the residuals beside the normal distribution, and of repeated visits about their mean."""
+"""Scatter of the residuals compared with the normal distribution, and of repeated visits about their mean.
+
+Lengths are in mm; ellipses state how many standard deviations they are drawn at.
+"""
 
 from __future__ import annotations
 
@@ -47,9 +50,10 @@ _VISITS = 4000
 
 @styled
 def plot_shape(shown: Shown) -> Figure:
-    """Histograms [mm] with the normal curve and, below, quantiles beside normal ones, axis by axis.
+    """Histograms [mm] with the normal curve and, below, quantiles over normal ones, axis by axis.
 
-    Quantiles on the line: the errors are normal. Ends that bend away from it are longer tails than normal.
+    Quantiles on the line: the errors are normal. Ends that bend away from it are longer tails than normal; a point
+    outside of the grey band happens in 5 % of normal samples at that rank.
     """
     axes_of = shown.axes
     figure = new_figure(5.4)
@@ -78,9 +82,13 @@ def _histogram(axes: Axes, values: Array) -> None:
 
 
 def _quantiles(axes: Axes, values: Array) -> None:
-    """Ordered values over those of as many normal ones, and where 95 % of normal ones lie, each by itself.
+    """Ordered values over those of as many normal ones, and where 95 % of normal ones are, each by itself.
 
-    The k-th of n uniform numbers has a beta distribution with parameters k and n + 1 − k.
+    The k-th of n uniform numbers has a beta distribution with parameters k and n + 1 − k; the k-th value is drawn over
+    the normal quantile of ``(k − 1/2) / n``.
+
+    Args:
+        values: (n,) errors along one axis [mm].
     """
     from scipy.special import betaincinv, ndtri
 
@@ -106,7 +114,8 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
     """Errors of the calibrated model [mm] with the 95 % ellipse for so many samples, and what the instrument adds.
 
     The factor is Hotelling's for an estimated covariance, ``sqrt(2 ν/(ν − 1) F₀.₉₅(2, ν − 1))`` with ν degrees of
-    freedom: larger than 2.448.
+    freedom: larger than 2.448. An ellipse much larger than the circle of the instrument is scatter of the arm or an
+    error that the model does not explain.
     """
     left = found.residual_scatter
     assert left is not None
@@ -138,7 +147,10 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
 
 
 def boundary(ellipse: Ellipsoid, factor: float) -> Array:
-    """(121, 2) the curve at ``factor`` standard deviations of an ellipse."""
+    """The curve (121, 2) at ``factor`` standard deviations of an ellipse, in the unit of the ellipse.
+
+    ``center + factor · A diag(s) (cos φ, sin φ)`` with the axes A and the semi-axes s.
+    """
     angle = np.linspace(0, 2 * np.pi, 121)
     circle = np.array([np.cos(angle), np.sin(angle)])
     return np.asarray(ellipse.center + (factor * ellipse.axes * ellipse.semi_axes @ circle).T)
@@ -148,7 +160,8 @@ def boundary(ellipse: Ellipsoid, factor: float) -> Array:
 def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figure:
     """The postures with most visits one by one; where none has five, all visits about the means of theirs.
 
-    Visits [mm] about their mean, their covariance (dashed) and the scatter that the problem predicts for them.
+    Visits [mm] about their mean, their covariance (dashed) and the scatter that the problem predicts for them. Dots
+    well outside of the red ellipse: the arm scatters more than the file states.
     """
     B = _plane(shown, found)
     groups = sorted(_visits(shown, found), key=len, reverse=True)
@@ -218,12 +231,18 @@ def _about_mean(shown: Shown, rows: Codes, B: Array) -> Array:
 
 
 def _pooled(shown: Shown, groups: list[Codes], B: Array) -> Array:
-    """Offsets from the mean of n visits are too small by √(1 − 1/n); set right, they scatter as visits do."""
+    """Offsets (k, 2) [mm] of all visits from the mean of their posture, in the plane of B (2, 3).
+
+    Offsets from the mean of n visits are too small by √(1 − 1/n); divided by that, they scatter as visits do.
+    """
     return np.concatenate([_about_mean(shown, rows, B) / np.sqrt(1 - 1 / len(rows)) for rows in groups])
 
 
 def _predicted(problem: ProblemData, shown: Shown, rows: Codes, B: Array) -> Ellipsoid | None:
-    """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument."""
+    """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument.
+
+    ``C = mean_k J_k Σ J_kᵀ + σ² I`` over the rows, projected on the plane of B (2, 3); None where it is zero.
+    """
     residuals = shown.residuals.take(rows)
     errors = ErrorSources.of(residuals, problem.sources)
     J = residuals.sigma * residuals.sensitivities(errors.names, shown.x)[:, : len(shown.axes)]

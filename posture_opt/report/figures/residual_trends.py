@@ -1,4 +1,7 @@
-"""Residuals over the joints, over time and other inputs, and by the side that a joint came from."""
+"""Residuals over the joints, over time and other inputs, and by the side that a joint came from.
+
+Lines are means of neighbouring rows with their 95 % band: a line that leaves zero beyond its band is systematic.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +58,10 @@ _BINS = 30
 class Binned:
     """Means of values in bins along x, each with half its 95 % interval by Student's t; NaN where a bin has too few.
 
+    ``t(0.975, n − 1) s / sqrt(n)`` of the n values of a bin with standard deviation s.
+
     Args:
-        x: (b,) middles of the bins; ``mean`` (b,) of the values there; ``band`` (b,) half the interval.
+        x: (b,) means of x in the bins; ``mean`` (b,) of the values there; ``band`` (b,) half the interval.
     """
 
     x: Array
@@ -65,7 +70,10 @@ class Binned:
 
     @classmethod
     def of(cls, x: Array, values: Array, most: int = _MOST) -> Binned:
-        """Of values (n,) at x (n,), in ``most`` bins or fewer; a few different x are bins of their own."""
+        """Of values (n,) at x (n,), in ``most`` bins or fewer; a few different x are bins of their own.
+
+        Bins are equally wide and hold 20 values on average, but there are six at least.
+        """
         from scipy.special import stdtrit
 
         steps, at = np.unique(x, return_inverse=True)
@@ -91,9 +99,11 @@ class Binned:
 
 @styled
 def plot_residuals_over_joints(shown: Shown) -> Figure:
-    """Errors along the motion of each joint [mm] over its value: dots are poses, the line is their mean in bins.
+    """Errors along the motion of each joint [mm] over its value [deg or mm]: dots are poses, the line is their mean in
+    bins.
 
-    Left before, right after calibration. A wave is a gear, a slope a compliance or scale, two levels a backlash.
+    Left before, right after calibration, each side with one scale for all joints. A wave is a gear, a slope a
+    compliance or scale, two levels a backlash.
     """
     robot = shown.robot
     figure = new_figure(1.0 + 1.35 * robot.n)
@@ -116,7 +126,11 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
 
 
 def _panel(axes: Axes, x: Array, along: Array, colour: str, poses: int) -> None:
-    """One joint; ``poses`` were measured in all, and those that the joint hardly moves are not among ``x``."""
+    """One joint; ``poses`` were measured in all, and those that the joint hardly moves are not among ``x``.
+
+    Args:
+        x: (p,) joint values [deg or mm]; ``along`` (p,) errors along the motion of the joint [mm].
+    """
     dots = chosen_rows(len(x), _DOTS)
     look: Look = {"color": colour, "mew": 0, **dots_look(len(dots))}
     some = f"{_DOTS} of {poses}" if poses > _DOTS else str(poses)
@@ -127,7 +141,13 @@ def _panel(axes: Axes, x: Array, along: Array, colour: str, poses: int) -> None:
 
 
 def _along(shown: Shown, errors: Array) -> tuple[list[Array], list[Array]]:
-    """By joint, its value [deg or mm] and the error along its motion [mm], pose by pose."""
+    """By joint, its value [deg or mm] and the error along its motion [mm], pose by pose.
+
+    ``e · c / |c|`` with the column c of the joint; poses in which ``|c|`` is below 5 % of its largest are left out.
+
+    Args:
+        errors: (N, 3) measured minus model [mm].
+    """
     values, along = [], []
     for k, (joint, column) in enumerate(zip(shown.robot.joints, shown.columns, strict=True)):
         lever = np.linalg.norm(column, axis=1)
@@ -142,7 +162,11 @@ def _along(shown: Shown, errors: Array) -> tuple[list[Array], list[Array]]:
 
 @styled
 def plot_residuals_over_inputs(shown: Shown) -> Figure:
-    """Mean errors by axis [mm] over the inputs that the data have, and along each joint's motion by its approach."""
+    """Mean errors by axis [mm] over the inputs that the data have, and along each joint's motion by its approach.
+
+    Left before, right after calibration. The last line of panels is left out where no joint arrived often from both
+    sides; a gap between both marks of a joint that exceeds their bars is backlash.
+    """
     inputs, sided = _inputs(shown), _both_sides(shown)
     lines = len(inputs) + bool(sided)
     figure = new_figure(0.7 + 1.9 * lines)
@@ -163,7 +187,10 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
 
 
 def _inputs(shown: Shown) -> list[tuple[str, Array]]:
-    """What the errors are drawn over: time or, without it, the order of the rows; temperature, payload."""
+    """What the errors are drawn over: time or, without it, the order of the rows; temperature, payload.
+
+    The latter two are left out with fewer than three different values, which make no line.
+    """
     data = shown.data
     order = ("line of the file", data.line.astype(float))
     found = [order if data.time is None else _clock(data.time)]
@@ -197,7 +224,12 @@ def _both_sides(shown: Shown) -> list[int]:
 
 
 def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> None:
-    """Mean and its 95 % interval of the error along the motion of each joint, by the side that it came from."""
+    """Mean and its 95 % interval of the error along the motion of each joint, by the side that it came from.
+
+    Args:
+        errors: (N, 3) measured minus model [mm].
+        joints: numbers of the joints that arrived often from both sides.
+    """
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for side, label, colour, shift in _SIDES:
         means, bars = [], []

@@ -69,10 +69,12 @@ class Shown:
 
     @property
     def robot(self) -> Robot:
+        """The arm that was calibrated."""
         return self.residuals.robot
 
     @property
     def data(self) -> Measurements:
+        """The rows that were kept, in their order."""
         return self.residuals.data
 
     @property
@@ -89,26 +91,44 @@ class Shown:
 
 
 def exaggeration(size: float, extent: float) -> float:
-    """The round factor (1, 2, 5, 10, …) that makes an arrow of ``size`` nearest below a share of ``extent``."""
+    """The round factor (1, 2, 5, 10, …) that makes an arrow of ``size`` nearest below a share of ``extent``.
+
+    Args:
+        size: length of a large error; ``extent`` of the workspace in the same unit. The factor is never below 1.
+
+    >>> exaggeration(1.0, 1000.0)
+    100.0
+    """
     wanted = max(_LONG * extent / size, 1.0) if size > 0 else 1.0
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
 
 
 def dots_look(n: int) -> dict[str, float]:
-    """Size and opacity of n dots: the fewer, the larger, so that each is seen and many make no fog."""
+    """Size and opacity of n dots: the fewer, the larger, so that each is seen and many do not merge."""
     size = float(np.clip(60.0 / max(n, 1) ** 0.5, 3.5, 9.0))
     return {"ms": size, "alpha": 0.75 if n < _MANY else 0.45}
 
 
 def chosen_rows(n: int, most: int) -> Codes:
-    """At most ``most`` of n rows, drawn by lot so that no regular grid hides among them; always the same."""
+    """At most ``most`` of n rows, drawn at random so that no regular grid hides among them; always the same.
+
+    >>> chosen_rows(3, 10).tolist()
+    [0, 1, 2]
+    >>> len(chosen_rows(1000, 10))
+    10
+    """
     return np.arange(n) if n <= most else np.sort(np.random.default_rng(0).choice(n, most, replace=False))
 
 
 @styled
 def plot_residual_vectors(shown: Shown) -> Figure:
-    """Errors as arrows from the model's place to the measured one, before and after on one scale."""
+    """Errors as arrows from the model's place to the measured one, before and after on one scale.
+
+    Axes are coordinates [mm] in the world frame; arrows are enlarged by the factor in the title, a key shows the
+    length of a large one. Arrows that turn together are a wrong frame, arrows that grow with the distance from the
+    base a joint or a length. Of many rows some are drawn at random.
+    """
     views = shown.views
     rows = chosen_rows(len(shown.data), _ARROWS)
     lengths = np.linalg.norm(shown.errors["nominal"], axis=1)
@@ -141,6 +161,13 @@ def plot_residual_vectors(shown: Shown) -> Figure:
 def _arrows(
     axes: Axes, shown: Shown, errors: Array, view: tuple[int, int], rows: Any, factor: float, colour: str
 ) -> Any:
+    """The arrows of one model in one view, with the base; what it returns serves the key of their length.
+
+    Args:
+        errors: (N, 3) measured minus model [mm]; ``rows`` those that are drawn.
+        view: numbers of the axes to the right and upwards.
+        factor: by which arrows are enlarged.
+    """
     x, y = shown.places[rows][:, list(view)].T
     u, v = factor * errors[rows][:, list(view)].T
     base = shown.base[list(view)]
@@ -155,5 +182,6 @@ def _arrows(
 
 
 def _round(value: float) -> float:
+    """The largest of 1, 2, 5, 10, … that does not exceed a value."""
     power = 10.0 ** math.floor(math.log10(value)) if value > 0 else 1.0
     return max(step * power for step in (1, 2, 5) if step * power <= max(value, power) * (1 + 1e-9))

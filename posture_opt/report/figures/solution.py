@@ -1,4 +1,4 @@
-"""What surrounds a solution: the error budget, and the scatter over two joints."""
+"""The error budget of a posture, and the standard deviation over two joints."""
 
 from __future__ import annotations
 
@@ -53,7 +53,12 @@ def plot_longest_axis_budget(spread: Spread) -> Figure:
 def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Figure:
     """Share of every source in the variance ``along`` some axis [%], the largest on top, the small ones lumped.
 
-    Correlated sources share one bar: their shares add up to it, and each alone may be negative.
+    Correlated sources share one bar: their shares add up to it, and each alone may be negative. Halving the source of
+    a share s leaves ``sqrt(1 − 3 s/4)`` of the standard deviation.
+
+    Args:
+        groups: sources with their shares, those that correlate in one group.
+        along: which axis it is, in words.
     """
     arm = spread.tool_point.arm
     shown, rest = main_groups(groups)
@@ -82,7 +87,8 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
 def plot_joint_map(solution: Solution) -> Figure:
     """Largest standard deviation of the part that counts over both joint values; answer and optima marked.
 
-    Of arms with two joints. Where the target lies in a box, a line encloses the postures that reach it.
+    Of arms with two joints. Where the target is in a box, a line encloses the postures that reach it. Colours [µm or
+    mm] do not know the target: the answer is the best of the postures that reach it, not of the figure.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -119,7 +125,13 @@ def _values(joint: Joint) -> Array:
 
 
 def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
-    """σ_max (N, N) [m] and tool points (N, N, 3) [m] over the grid."""
+    """Largest standard deviation (N, N) [m] and tool points (N, N, 3) [m, world frame] over the grid.
+
+    ``sqrt(λ_max(Bᵀ C B))`` with the basis B (3, m) of the part that counts.
+
+    Args:
+        q1: (N, N) values of the first joint [rad or m]; ``q2`` (N, N) of the second.
+    """
     moments = solution.optimisation_problem.tool_point.moments([q1.ravel(), q2.ravel()])
     B = solution.basis
     largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
@@ -128,7 +140,12 @@ def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
 
 
 def _mark(axes: Axes, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:
-    """The answer, other optima, and the edge of the postures that reach a region."""
+    """The answer, other optima, and the edge of the postures that reach a region.
+
+    Args:
+        shown: (N,) values of both joints in the units of the axes; ``factors`` from SI to them.
+        position: (N, N, 3) tool points [m, world frame] over the grid.
+    """
     target = solution.target
     if target.kind == "region":
         B = solution.optimisation_problem.reach.directions

@@ -69,7 +69,9 @@ def plot_reliability(found: SpreadCheck) -> Figure:
 def plot_joint_scatter(found: SpreadCheck) -> Figure:
     """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones.
 
-    Bars that end at an arrow have no upper end that the data determine.
+    Angles in deg in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that
+    the data determine. A stated σ (diamond) outside of the interval contradicts the data. Joints that hardly move the
+    tool point are left out.
     """
     noise = found.noise
     assert noise is not None

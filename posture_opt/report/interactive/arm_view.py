@@ -1,4 +1,7 @@
-"""``ArmView``: an arm in several postures to choose from, with what is asked of its tool point and what is around."""
+"""``ArmView``: an arm in several postures to choose from, with what is asked of its tool point and what is around.
+
+Inside everything is in m and rad; the document for the page has mm and frames as twelve numbers ``R | t``.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,12 @@ _BOUNDED = 800  # corners of an arm are looked at for its extent
 
 @dataclass(frozen=True)
 class Mark:
-    """Words at a joint, at ``base`` or at ``tool``, which are shown in colour."""
+    """Words at a joint, at ``base`` or at ``tool``, which are shown in colour.
+
+    Args:
+        owner: name of the joint, ``base`` or ``tool``.
+        text: one line or more.
+    """
 
     owner: str
     text: str
@@ -56,7 +64,9 @@ class ShownPosture:
         q: (n,) [rad or m].
         facts: pairs of a label and a value.
         spread: of the tool there; None: no region is drawn.
+        target: where the tool point should be; None: nothing is drawn of it.
         shares: of the owners of the sources (a joint, ``base``, ``tool``) in the variance that counts.
+        marks: words at joints.
         value: by which the point is coloured where the view has values.
     """
 
@@ -76,8 +86,10 @@ class ArmView(View):
     """An arm in at least one posture.
 
     Args:
+        robot: whose links, joints and limits are drawn.
+        postures: the first one is shown at first.
         choice: what the postures are, as the label of the list to choose from.
-        scene: what stands around; None: nothing.
+        scene: the obstacles; None: nothing.
         points: whether the tool points are marked, to be clicked; ``line`` whether they are joined in their order.
         values: what colours the points, with its unit.
     """
@@ -119,10 +131,12 @@ class ArmView(View):
 
     @cached_property
     def _arm(self) -> ArmSolids:
+        """The bodies of the arm, each in the frame that it moves with."""
         return ArmSolids(self.robot)
 
     @cached_property
     def _frames(self) -> tuple[Array, ...]:
+        """Of each posture, (n + 2, 4, 4) the frames of base, links and tool, world [m]."""
         return tuple(self._arm.frames(posture.q) for posture in self.postures)
 
     @cached_property
@@ -143,12 +157,14 @@ class ArmView(View):
 
     @cached_property
     def _around(self) -> tuple[Solid, ...]:
+        """Obstacles near the arm, and a floor where none of them is one; a planar arm has no floor."""
         obstacles = () if self.scene is None else obstacles_near(self.scene, self._points)
         floor = None if self._planar else floor_under(self._points, obstacles)
         return obstacles if floor is None else (*obstacles, floor)
 
     @property
     def _planar(self) -> bool:
+        """Whether the arm moves in a plane, as the spread of its first posture says."""
         spread = self.postures[0].spread
         return spread is not None and len(spread.basis) == 2
 
@@ -165,6 +181,12 @@ class ArmView(View):
         return tuple(ErrorRegion.of(spread, factor) for spread in spreads)
 
     def _posture(self, posture: ShownPosture) -> dict[str, Json]:
+        """One posture as plain numbers: frames, region, arrow of the direction, clearance, target that is missed,
+        shares, marks.
+
+        What a posture has not is None. The region is the map of a unit ball, enlarged; ``missed`` is the target [mm]
+        where the tool point is more than 0.1 mm off it.
+        """
         k = self.postures.index(posture)
         region = None
         if posture.spread is not None:
@@ -196,11 +218,13 @@ class ArmView(View):
         return _affine(factor * target.clearance * _turned(target.direction), middle)
 
     def _joint_facts(self, q: Array) -> list[tuple[str, str]]:
+        """Name and value [deg or mm] of each joint at q (n,) [rad or m]."""
         units = [joint_unit(joint.type) for joint in self.robot.joints]
         values = zip(self.robot.joint_names, units, q, strict=True)
         return [(name, f"{fixed(value * factor)} {unit}") for name, (unit, factor), value in values]
 
     def _joint(self, k: int) -> dict[str, Json]:
+        """Name, frame and middle (3,) [mm] of joint k in that frame."""
         joint = self._arm.joints[k]
         return {"name": joint.name, "frame": joint.frame, "middle": (1e3 * joint.middle).round(1).tolist()}
 
@@ -238,10 +262,12 @@ class ArmView(View):
 
 
 def _corners(solid: Solid) -> Array:
+    """The corners (k, 3) [m] of a solid."""
     return solid.faces.reshape(-1, 3)
 
 
 def _bounds(points: Array) -> tuple[Array, Array]:
+    """The corners (3,) and (3,) [m] of the box about points (k, 3), with a margin of 4 % of its longest edge."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.04 * float((high - low).max())
     return low - margin, high + margin
@@ -254,11 +280,15 @@ def _affine(A: Array, t: Array) -> list[float]:
 
 
 def _square(semi_axes: Array) -> Array:
+    """Semi-axes (3, m) as the columns of a (3, 3) matrix; those that are missing are zero."""
     return np.hstack([semi_axes, np.zeros((3, 3 - semi_axes.shape[1]))])
 
 
 def _turned(direction: Array) -> Array:
-    """(3, 3) a rotation that brings z along a unit vector."""
+    """A rotation (3, 3) that brings z along a unit vector (3,).
+
+    The turn about that vector is arbitrary: what is drawn with it is round.
+    """
     side = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     side /= np.linalg.norm(side)
     return np.column_stack([side, np.cross(direction, side), direction])

@@ -27,9 +27,10 @@ _MOST_MARKS = 5  # joints
 
 
 def task_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
-    """The posture (n,) for the task by the reference of a comparison, with its spread.
+    """The posture (n,) [rad or m] for the task by the reference of a comparison, with its spread.
 
-    Without one: the measured posture, of ``measured`` (N, n) [rad or m], that is nearest to their median.
+    Without one: the measured posture, of ``measured`` (N, n) [rad or m], that is nearest to their median, each joint
+    in units of its range. The spread is None where the problem has no uncertainty.
     """
     if comparison is not None and comparison.reference in comparison.answered:
         (station,) = comparison.answered[comparison.reference].stations
@@ -41,7 +42,10 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
 
 
 def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
-    """The most significant correction of each joint, where it exceeds three standard errors."""
+    """The most significant correction of each joint, where it exceeds three standard errors.
+
+    At most five joints are marked, the most significant first; a mark has the parameter and its signed change.
+    """
     marks: dict[str, Mark] = {}
     z = np.nan_to_num(np.abs(found.z))
     for k in np.argsort(-z):
@@ -54,7 +58,10 @@ def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ..
 
 
 def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
-    """A cause at its joint, at the base or the tool; of all geometry together, the most significant corrections."""
+    """A cause at its joint, at the base or the tool; of all geometry together, the most significant corrections.
+
+    Nothing where a cause belongs to no part of the arm.
+    """
     problem = found.extended
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
     named = (cause.target, cause.moved_joint, owner_of(cause.target, problem.arm))

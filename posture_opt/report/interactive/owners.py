@@ -10,7 +10,11 @@ from posture_opt.uncertainty.spread.budget import Share
 
 
 def owner_of(parameter: str, arm: Arm) -> str:
-    """The joint that a source of error belongs to, ``base`` or ``tool``; empty where it belongs to none."""
+    """The joint that a source of error belongs to, ``base`` or ``tool``; empty where it belongs to none.
+
+    Parameters of the geometry belong to the joint of their link, those of effects to the joint that the effect acts
+    on, an unknown side of approach to its joint.
+    """
     robot = arm.robot
     for owner, factors in ((BASE, robot.base), *zip(robot.joint_names, robot.links, strict=True), (TOOL, robot.tool)):
         if any(factor.parameter == parameter for factor in factors):
@@ -22,7 +26,10 @@ def owner_of(parameter: str, arm: Arm) -> str:
 
 
 def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float], ...]:
-    """The shares of all sources of one owner together, the largest first."""
+    """The shares of all sources of one owner together, the largest first.
+
+    Sources without an owner, as of a whole arm, are left out: the shares may add up to less than 1.
+    """
     total: dict[str, float] = {}
     for share in shares:
         owner = owner_of(share.parameter, arm)

@@ -19,13 +19,19 @@ if TYPE_CHECKING:
 
 
 def solution_postures(solutions: Sequence[Solution], names: Sequence[str], stem: str) -> tuple[ShownPosture, ...]:
-    """The postures of some solutions; the keys are ``stem-1``, ``stem-2``, …"""
+    """The postures of some solutions, with tool point, spread, target and shares of the joints.
+
+    Args:
+        names: of the solutions, for the list to choose from.
+        stem: of the keys ``stem-1``, ``stem-2``, …, by which rows of tables name them.
+    """
     return tuple(
         _posture_of(f"{stem}-{k}", name, one) for k, (name, one) in enumerate(zip(names, solutions, strict=True), 1)
     )
 
 
 def _posture_of(key: str, name: str, one: Solution) -> ShownPosture:
+    """One solution as a posture of a view."""
     sigma = length(one.critical.sigma_max)
     facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
     shares = shares_by_owner(one.budget, one.optimisation_problem.arm)
@@ -33,7 +39,10 @@ def _posture_of(key: str, name: str, one: Solution) -> ShownPosture:
 
 
 def spread_view(found: Spread) -> ArmView:
-    """The one posture of a spread."""
+    """The one posture of a spread, with the direction of the task where there is one and the shares of the joints.
+
+    The shares are those of the task's critical axis, else of the longest axis.
+    """
     seen = found.for_task
     facts = [("Tool point", place(found.position))]
     if seen is not None:

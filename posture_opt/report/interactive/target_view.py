@@ -24,7 +24,7 @@ def target_key(point: MapPoint) -> str:
 def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView | None:
     """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are; None where no target has one.
 
-    The target with the smallest size comes first.
+    The target with the smallest size comes first. Each posture has the spread and the target that it was found for.
     """
     unit, factor = length_unit([size for size in sizes if size == size])
     postures = [

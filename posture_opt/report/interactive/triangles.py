@@ -18,7 +18,12 @@ _NECK = 0.74  # where its head begins
 
 @dataclass(frozen=True)
 class Triangles:
-    """Corners (v, 3) [m], and for each triangle (t, 3) which three it has; ``owner`` (t,) which surface it is of."""
+    """Surfaces as one mesh.
+
+    Args:
+        corners: (v, 3) [m]; ``faces`` (t, 3) numbers of the corners of each triangle.
+        owner: (t,) number of the surface that each triangle is of.
+    """
 
     corners: Array
     faces: Codes
@@ -26,7 +31,11 @@ class Triangles:
 
     @classmethod
     def of(cls, surfaces: Sequence[Array]) -> Triangles:
-        """Of surfaces, each of faces (k, 4, 3); no two share a corner. A face with two corners in one is a triangle."""
+        """Of surfaces, each of faces (k, 4, 3) [m]; no two share a corner. A face with two corners in one is a
+        triangle.
+
+        Corners of one surface that agree within 0.1 µm are one, so that the renderer can shade smoothly over edges.
+        """
         corners, faces, owner, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], [np.zeros(0, dtype=int)], 0
         for which, surface in enumerate(surfaces):
             flat = surface.reshape(-1, 3)
@@ -50,7 +59,10 @@ class Triangles:
 
 
 def solids_document(solids: Sequence[Solid]) -> dict[str, Json]:
-    """Solids as one mesh: beside its triangles the frame of each corner, and of which part each triangle is."""
+    """Solids as one mesh: with its triangles the frame of each corner, and of which part each triangle is.
+
+    The page moves the corners with their frames when another posture is chosen.
+    """
     found = Triangles.of([solid.faces for solid in solids])
     frame = np.zeros(len(found.corners), dtype=int)
     frame[found.faces] = np.array([solid.frame for solid in solids])[found.owner][:, None]
@@ -59,7 +71,7 @@ def solids_document(solids: Sequence[Solid]) -> dict[str, Json]:
 
 
 def arrow() -> Triangles:
-    """An arrow of length 1 along z from the origin."""
+    """An arrow of length 1 along z from the origin: a shaft and a cone."""
     neck, tip = np.array([0.0, 0.0, _NECK]), np.array([0.0, 0.0, 1.0])
     return Triangles.of([cylinder_facets(np.zeros(3), neck, _SHAFT), tapered_facets(neck, tip, _HEAD, 0.0)])
 

@@ -1,4 +1,8 @@
-"""What an assessment says of repeats and the instrument: ISO 9283, one tool pose in several postures."""
+"""What an assessment says of repeats and the instrument: ISO 9283, one tool pose in several postures.
+
+Lengths of the tables are in mm with three decimals. Accuracy (AP) is the distance of the mean of a posture's repeats
+from the prediction, repeatability (RP) the scatter about that mean.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,11 @@ MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 
 
 def goals_block(found: Assessment) -> Block:
-    """How far apart the postures of one goal land."""
+    """How far apart the postures of one goal land.
+
+    Rows: the measured distance between postures of one target, and by model how far the predicted vector between them
+    is off; median, 95 % and maximum. An error that does not depend on the posture cancels here.
+    """
     goals = found.goals
     assert goals is not None
     text = (
@@ -37,11 +45,16 @@ def goals_block(found: Assessment) -> Block:
 
 
 def _distance_cells(d: Distances) -> tuple[str, ...]:
+    """Median, 95 % and maximum [mm]."""
     return tuple(fixed(1e3 * value, 3) for value in (d.median, d.p95, d.max))
 
 
 def repeats_block(found: Assessment) -> Block:
-    """Accuracy and repeatability after ISO 9283, and the pooled scatter of visits."""
+    """Accuracy and repeatability after ISO 9283, and the pooled scatter of visits.
+
+    One sentence in place of the block where no position was measured or no posture repeated; without the table where
+    no posture was measured three times.
+    """
     title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
     if repeats is None and found.calibrated.mean is None:
         return Block(title, ("Touched points do not show repeatability: no position was measured.",))
@@ -65,6 +78,7 @@ def repeats_block(found: Assessment) -> Block:
 
 
 def _performance_table(repeats: Repeats) -> Table:
+    """AP by model and RP: median pose, worst pose with its 95 % interval, and its line in the file."""
     rows = [
         (f"AP, {MODELS['nominal']}", *_spread_cells([_interval(p, "nominal") for p in repeats.poses])),
         (f"AP, {MODELS['calibrated']}", *_spread_cells([_interval(p, "calibrated") for p in repeats.poses])),
@@ -74,6 +88,7 @@ def _performance_table(repeats: Repeats) -> Table:
 
 
 def _interval(pose: PosePerformance, what: str) -> tuple[float, tuple[float, float], int]:
+    """AP of a model, or RP [m], of one pose, with its interval and its line in the file."""
     if what == "RP":
         return pose.nominal.repeatability, pose.nominal.repeatability_interval, pose.line
     performance = getattr(pose, what)
@@ -81,6 +96,7 @@ def _interval(pose: PosePerformance, what: str) -> tuple[float, tuple[float, flo
 
 
 def _spread_cells(values: list[tuple[float, tuple[float, float], int]]) -> tuple[str, ...]:
+    """Median, worst, interval of the worst [mm], and its line."""
     worst, (low, high), line = max(values)
     middle = float(np.median([value for value, _, _ in values]))
     return (
@@ -92,6 +108,7 @@ def _spread_cells(values: list[tuple[float, tuple[float, float], int]]) -> tuple
 
 
 def _performance_texts(repeats: Repeats) -> list[str]:
+    """How often poses were repeated, whether ISO 9283 asks for more, and what the orientation does [deg]."""
     repeated = [pose.nominal.n for pose in repeats.poses]
     size = f"{min(repeated)}" if min(repeated) == max(repeated) else f"{min(repeated)} to {max(repeated)}"
     texts = [f"{count(len(repeated), 'pose')} with {size} repeats; the line is that of the first one."]
@@ -111,7 +128,11 @@ def _performance_texts(repeats: Repeats) -> list[str]:
 
 
 def instrument_block(found: Assessment) -> Block:
-    """The third rule: an instrument ten times better than what it judges."""
+    """The third rule: an instrument ten times better than what it is used to assess.
+
+    Compared are the RMS error per coordinate, before and after calibration, and the σ of the instrument. Below that
+    ratio a warning says that part of the error is the instrument's; without a stated σ a hint says what to add.
+    """
     rule = "An instrument should be ten times more accurate than the errors it measures."
     if not found.instrument:
         hint = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."

@@ -26,7 +26,11 @@ _SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the vari
 
 
 def calibration_brief(problem: ProblemData, found: Calibration, seen: Assessment, lead: tuple[str, ...]) -> Report:
-    """The lead of the whole report and a line on each of its parts, on one screen."""
+    """The lead of the whole report and a line on each of its parts, on one screen.
+
+    Lines: measured, thinned, errors, test file, parameters, undetermined, outliers, next. Of these, thinned, test
+    file, undetermined and outliers are left out where there is nothing to say.
+    """
     facts = [
         ("Measured", _measured(problem, found)),
         *([("Thinned", thinned_words(found.large))] if found.large is not None else []),
@@ -80,14 +84,21 @@ def _outliers(found: Calibration) -> str:
 
 
 def stood_elsewhere(found: Calibration) -> bool:
-    """Whether errors on the test file are so large that base or instrument may have been moved."""
+    """Whether errors on the test file are so large that base or instrument may have been moved.
+
+    More than ``ELSEWHERE`` times those of the first file, unless the frames were fitted again.
+    """
     if found.test is None or found.request.refit_frames:
         return False
     return found.test.models["calibrated"].rms > ELSEWHERE * found.calibrated.rms
 
 
 def next_steps(found: Calibration, seen: Assessment) -> tuple[str, ...]:
-    """What the data call for, the most urgent first."""
+    """What the data call for, the most urgent first.
+
+    A frame that was moved comes before a systematic error, this before parameters that are open, and repeats come
+    last. With nothing left to do the step is to plan with ``calibrated.yaml``.
+    """
     steps = []
     if stood_elsewhere(found):
         steps.append("--refit-frames fits base and tool again to the test file: base or instrument may have been moved")

@@ -1,4 +1,7 @@
-"""What a report on a calibration says of the parameters: estimates, how certain they are, what is left open."""
+"""What a report on a calibration says of the parameters: estimates, how certain they are, what is left open.
+
+Angles are in deg and lengths in mm, with as many decimals as the standard error supports.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,12 @@ _FINE = 100  # condition below which estimates lose little to noise (Schröer, A
 
 
 def parameters_block(found: Calibration) -> Block:
-    """Every parameter of the arm: nominal value, estimate and standard error, prior, significance, correlations."""
+    """Every parameter of the arm: nominal value, estimate and standard error, prior, significance, correlations.
+
+    "determined" is yes, no, or "by prior" where only the stated σ determines it; "change / std. error" beyond 1.96 is
+    significant for one parameter. The column of priors is left out where none is stated, and touched points are
+    counted, not listed.
+    """
     shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
     headers = (
         "parameter",
@@ -90,7 +98,11 @@ def determined_words(found: Calibration) -> str:
 
 
 def differing(found: Calibration, most: int) -> str:
-    """The parameters of the arm that surely differ from the file, the surest first; empty where none does."""
+    """The parameters of the arm that differ significantly from the file, the most certain first; empty where none does.
+
+    Args:
+        most: how many are named.
+    """
     sure = [i for i in _judged(found) if found.p_values[i] < _SURE]
     if not sure:
         return ""
@@ -116,12 +128,15 @@ def _deviation(found: Calibration, i: int) -> str:
 
 
 def _judged(found: Calibration) -> list[int]:
-    """Parameters of the arm itself whose deviation can be told from chance."""
+    """Parameters of the arm itself whose deviation can be separated from chance."""
     return [i for i, p in enumerate(found.parameters) if p.group == "geometry" and math.isfinite(found.z[i])]
 
 
 def _far(found: Calibration, shown: list[int]) -> list[str]:
-    """Parameters of the arm that are farther off than parts are made."""
+    """Parameters of the arm that deviate by more than usual manufacturing tolerances, in one sentence.
+
+    A deviation of that size is mostly a wrong zero or length in the file; nothing where there is none.
+    """
     far = []
     for i in shown:
         p = found.parameters[i]
@@ -139,7 +154,10 @@ def _far(found: Calibration, shown: list[int]) -> list[str]:
 
 
 def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
-    """Pairs of estimates that hang together closely, the closest first."""
+    """Pairs of estimates that are strongly correlated, the strongest first.
+
+    Of correlated estimates only a combination is known well: neither value should be used alone.
+    """
     known = [i for i in shown if found.fixed[i]]
     C = found.correlation
     pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATION_SHOWN]
@@ -153,7 +171,11 @@ def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
 
 
 def undetermined_block(found: Calibration) -> Block:
-    """The combinations of parameters that no fit to these data can tell."""
+    """The combinations of parameters that no fit to these data can determine.
+
+    Below them: parameters that only a prior determines, the condition number of the scaled Jacobian and its
+    observability indices. A condition below 100 loses little to noise (Schröer, Albright, Grethlein 1997).
+    """
     known = found.identifiability
     size = f"The data determine {known.rank} combinations of {count(len(found.parameters), 'unknown')}"
     words = [sentence(text) for text in known.words]

@@ -30,8 +30,9 @@ _CHOSEN = "Effects were selected and fitted anew in each round, from the other r
 def errors_block(found: Diagnosis) -> Block:
     """Position errors of the three models, cross-validated, with the noise floor.
 
-    The table has RMS with its 95 % interval, mean, 95 % quantile, largest error, and the share inside the 95 %
-    regions.
+    The table [mm] has RMS with its 95 % interval, mean, 95 % quantile, largest error, and the share inside the 95 %
+    regions. A fourth model is that which is delivered, where it is none of the three. The last row is the noise that
+    no model can explain, left out where it is not known.
     """
     rounds = min(found.request.folds, len(np.unique(found.groups)))
     rows = [
@@ -61,7 +62,14 @@ def models_of(found: Diagnosis) -> dict[str, str]:
 
 
 def _beside(found: Diagnosis, noise: NoiseFloor, rounds: int) -> str:
-    """How far noise, and what it costs to fit many parameters to few numbers, make up what is left."""
+    """How far noise, and what it costs to fit many parameters to few numbers, make up what is left.
+
+    Rows left out are predicted with the errors of a fit to the others: ``noise · sqrt(1 + k / m)`` for k parameters
+    fitted to m numbers. Residual errors near that cannot be reduced by any model.
+
+    Args:
+        noise: the floor; ``rounds`` of the cross-validation.
+    """
     left, floor, said = found.errors["extended"], noise.rms, ""
     fitted = found.model.count
     numbers = len(found.model.residuals.data) * len(found.model.residuals.axes)
@@ -80,7 +88,10 @@ def _beside(found: Diagnosis, noise: NoiseFloor, rounds: int) -> str:
 
 
 def _gain_text(found: Diagnosis) -> str:
-    """The gain of the effects over the calibrated arm with its 95 % interval."""
+    """The gain of the effects over the calibrated arm with its 95 % interval.
+
+    Significant where the lower end is above zero; the effects are selected anew in each round of the cross-validation.
+    """
     gain = found.gain
     span = f"{percent(gain.low)} to {percent(gain.high)} with 95 % confidence"
     if gain.low > 0:
@@ -94,7 +105,11 @@ def _gain_text(found: Diagnosis) -> str:
 
 
 def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
-    """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
+    """Which arm is delivered where it is not the one with all effects, and how well it explains these data.
+
+    Effects that belong to the session (a drift, say) and effects that held-out rows do not need are left out of
+    ``extended.yaml``.
+    """
     delivery, effects = found.delivery, found.model.effects
     if not (delivery.session or delivery.dropped):
         return ()
@@ -127,7 +142,10 @@ def delivered_words(found: Diagnosis) -> str:
 
 
 def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
-    """Whether what is delivered holds on the test file, in a sentence or two; nothing without one."""
+    """Whether what is delivered holds on the test file, in a sentence or two; nothing without one.
+
+    Effects that are not delivered are not tested, and the sentence says why.
+    """
     test = found.test
     if test is None:
         return ()
@@ -152,7 +170,11 @@ def tested_models(found: Diagnosis) -> dict[str, str]:
 
 
 def test_block(found: Diagnosis) -> Block:
-    """Another file, predicted by what this one taught; effect by effect."""
+    """Another file, predicted by what this one taught; effect by effect.
+
+    Errors by model [mm], those inside and outside of the joint ranges of the first file, and a row an effect: its gain
+    here, its gain there, and whether that holds.
+    """
     test = found.test
     assert test is not None
     models = tested_models(found)

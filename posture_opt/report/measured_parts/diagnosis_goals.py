@@ -1,4 +1,8 @@
-"""What the report says of goals that were measured in several postures: which one a model chooses, what is missed."""
+"""What the report says of goals that were measured in several postures: which one a model chooses, what is missed.
+
+They show by measurement what planning with a better model is worth: for each goal, one of its postures is the one that
+the model would have chosen.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,12 @@ def goals_lead(goals: MeasuredGoals | None) -> tuple[str, ...]:
 
 
 def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
-    """Both choices, of the tool sent by each model and of the arm sent as before calibration."""
+    """Both choices, of the tool sent by each model and of the arm sent as before calibration.
+
+    First table: each model chooses the posture and computes the command. Second table: commands of the model before
+    calibration, so that only the choice differs; its first row is a posture chosen at random. Medians over the goals
+    [mm].
+    """
     if goals is None:
         return ()
     part = PARTS[goals.within]
@@ -73,7 +82,10 @@ def _table(head: str, choices: Mapping[str, Choice], clearance: float | None) ->
 
 
 def _left(goals: MeasuredGoals) -> Table:
-    """The table of what is left without corrections, with a row for a posture chosen at random."""
+    """The table of what is left without corrections, with a row for a posture chosen at random.
+
+    A model whose row does not beat that one has no use for choosing postures here.
+    """
     table = _table("chosen with the model", goals.uncorrected, goals.clearance)
     blank = [""] * (len(table.headers) - 4)
     blind = ("any posture", *(_mm(goals.anyhow, q) for q in (0.5, 0.95)), *blank, percent(goals.chance))
@@ -105,6 +117,7 @@ def _worth(goals: MeasuredGoals) -> str:
 
 
 def _told(goals: MeasuredGoals) -> str:
+    """Whether a better model finds the better posture where commands come from the model before calibration."""
     best = goals.uncorrected["extended"]
     if best.better <= goals.chance + goals.margin:
         return "Here it cannot: its choice is no better than a random one."

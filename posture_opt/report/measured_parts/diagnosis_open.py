@@ -1,4 +1,7 @@
-"""What stays open: the unexplained, what no such data can show, and measurements that discriminate between causes."""
+"""What stays open: the unexplained, what no such data can show, and measurements that discriminate between causes.
+
+Each block ends with what to do: postures to repeat, inputs to record, or measurements to add.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +48,9 @@ _IMPOSSIBLE = (
 def left_block(found: Diagnosis) -> Block:
     """Whether anything is left that no cause explains, how certainly, and where.
 
-    Two tests: whether errors of neighbouring rows correlate, and whether the model misses poses by more than they
-    repeat.
+    Two tests: whether errors of neighbouring rows are correlated, and whether the model misses poses by more than they
+    repeat (lack of fit). Lines of tests that find nothing are left out. Several slow effects on one joint are reported
+    as one unnamed shape.
     """
     left = found.adequacy
     title = "Unexplained structure"
@@ -96,7 +100,7 @@ def _to_repeat(plan: RepeatPlan) -> str:
 
 
 def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
-    """What to repeat where only that is missing to tell scatter from structure; nothing elsewhere."""
+    """What to repeat where only that is missing to separate scatter from structure; nothing elsewhere."""
     plans = found.repeat_plans
     if not plans:
         return ()
@@ -118,7 +122,11 @@ def _sums(found: Diagnosis) -> dict[str, list[str]]:
 
 
 def scores_block(found: Diagnosis) -> Block:
-    """The best candidates on the calibrated arm alone."""
+    """The best candidates on the calibrated arm alone.
+
+    Columns: whether it is in the catalogue (else an unnamed curve), share of the sum of squares that it explains,
+    share of it that geometry does not absorb, p-value corrected for the number of candidates.
+    """
     scored = found.search.scored
     text = (
         f"{len(scored)} causes and unnamed curves were fitted one at a time to the residuals of the calibrated arm. "
@@ -140,7 +148,11 @@ def scores_block(found: Diagnosis) -> Block:
 
 
 def absorbed_block(found: Diagnosis) -> Block:
-    """Causes that geometry absorbs in these data, and causes that were not searched for at all."""
+    """Causes that geometry absorbs in these data, and causes that were not searched for at all.
+
+    Absorbed is not absent: in these postures they act like lengths and angles of the arm. Of causes that were not
+    searched for, the missing input and how to record it are named.
+    """
     search = found.search
     hidden = [candidate.what.label for candidate, _ in search.absorbed]
     faint = [j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _FAINT]
@@ -173,7 +185,7 @@ def _list(names: list[str]) -> str:
 
 
 def unknowable_block(found: Diagnosis) -> Block:
-    """What no data of this kind can tell, why, and what would."""
+    """What no data of this kind can determine, why, and what would."""
     limits = unknowable_causes(found.model.residuals)
     rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.hint}.") for x in limits)
     if not rows:
@@ -182,7 +194,11 @@ def unknowable_block(found: Diagnosis) -> Block:
 
 
 def split_block(found: Diagnosis) -> tuple[Block, ...]:
-    """Pairs that further postures discriminate, and these postures; nothing where no effect has a rival."""
+    """Pairs that further postures discriminate, and these postures; nothing where no effect has a rival.
+
+    Where no posture, side or payload at hand helps, the block has the pairs only. The number needed is that which
+    refutes the wrong cause with a probability of 90 %.
+    """
     plan = found.split
     if plan is None:
         return ()
@@ -205,7 +221,10 @@ def split_block(found: Diagnosis) -> tuple[Block, ...]:
 
 
 def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:
-    """Each pair of causes, the angle between them, and how certainly the wrong one is refuted, now and as planned."""
+    """Each pair of causes, the angle between them, and how certainly the wrong one is refuted, now and as planned.
+
+    The angle [deg] is that between the effects on these data with geometry and all other effects projected out.
+    """
     rows = []
     for place, finding in fitted_effects(found):
         for split in plan.pairs.get(place, ()):
@@ -244,7 +263,11 @@ def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
 
 
 def split_csv(found: Diagnosis) -> str:
-    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
+    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any.
+
+    Joints in deg or mm, to two decimals; postures to repeat as they were commanded, to six. Labels name the plan and
+    the number of the posture, rounds repeat the whole list.
+    """
     plan, data = found.split, found.request.data
     parts = [("split", plan.rows, plan.rounds, 2)] if plan is not None and len(plan.rows) else []
     # Postures that are to be repeated are commanded as they were.

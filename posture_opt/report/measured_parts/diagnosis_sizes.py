@@ -27,7 +27,9 @@ def fitted_effects(found: Diagnosis) -> tuple[tuple[int, Finding], ...]:
 
 
 def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
-    """What the fit says of a finding."""
+    """What the fit says of a finding: estimate, covariance of its parameters, and the range of the turn that it
+    causes.
+    """
     model, place = found.model, finding.place
     timed = model.residuals.data.time is not None
     if place is None:
@@ -37,7 +39,7 @@ def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
 
 
 def headline_of(found: Diagnosis, finding: Finding) -> str:
-    """The size of a finding that stands beside its words; empty where no single number says it."""
+    """The size of a finding that is shown with its words; empty where no single number says it."""
     return finding.cause.headline(fitted_sizes(found, finding))
 
 

@@ -39,7 +39,10 @@ def _block_words(large: LargeFile) -> str:
 
 
 def enough_words(large: LargeFile) -> str:
-    """What is uncertain of the fit against what it leaves."""
+    """What is uncertain of the fit against what it leaves.
+
+    Standard errors below a tenth of the residual RMS: more rows would not change the answer.
+    """
     share = large.uncertainty / max(large.left, 1e-300)
     moves = f"The standard errors of the fit move the tool by {mm(large.uncertainty)} mm RMS, {percent(share)} of that"
     if share < 0.1:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 def effects_words(file: OtherFile, gain: Gain, model: str = MODEL_NAMES["extended"]) -> str:
     """Whether effects hold on a test file, against the arm before calibration and the calibrated one.
 
+    One of five sentences: neither calibration nor effects hold; only the effects do not; no gain; a gain; a gain that
+    is not significant with so few rows. Each has the RMS errors [mm].
+
     Args:
         gain: of the arm with effects, in words ``model``, over the calibrated one.
     """

@@ -37,12 +37,17 @@ def planned_block(problem: ProblemData, plan: MeasurementPlan) -> Block:
 
 
 def _purpose(plan: MeasurementPlan) -> str:
+    """The criterion of the plan: D-optimal for the parameters, L-optimal for the task."""
     if plan.purpose == "parameters":
         return "the parameters of the arm: smallest volume of their confidence ellipsoid (D-optimal)"
     return "the task: smallest variance of the tool point at its posture, in the critical direction (L-optimal)"
 
 
 def _measured(plan: MeasurementPlan) -> str:
+    """Axes with the σ of the instrument, targets, rounds and number of postures.
+
+    Scatter of the arm is named where it adds more than 10 % to the σ of the instrument: ``σ sqrt(spread² − 1)``.
+    """
     position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
     turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
     often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
@@ -56,6 +61,7 @@ def _measured(plan: MeasurementPlan) -> str:
 
 
 def _given(plan: MeasurementPlan) -> str:
+    """How many rows were measured already, and how much larger than the instrument's σ their residuals are."""
     assert plan.given is not None
     noisy = ""
     if plan.spread > _NOTED:
@@ -66,6 +72,7 @@ def _given(plan: MeasurementPlan) -> str:
 
 
 def _room(plan: MeasurementPlan) -> str:
+    """What every planned posture keeps clear of, and which share of random postures does."""
     height = plan.workspace.height
     above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
     box = "the tool point in the stated box, " if plan.workspace.bounded else ""

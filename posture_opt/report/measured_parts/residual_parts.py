@@ -18,7 +18,11 @@ _RARE = 0.05  # probability of a share that says something
 
 
 def scatter_block(found: Assessment) -> Block:
-    """The second rule: the second moment of the residuals is their vector uncertainty."""
+    """The second rule: the second moment of the residuals is their vector uncertainty.
+
+    ``C = (1/l) Σ Δx Δxᵀ`` over l rows; the 95 % region has the semi-axes ``k sqrt(eigenvalue)``, where k allows for C
+    being estimated from few poses. Residuals whose mean is not zero add systematic errors to C.
+    """
     left = found.residual_scatter
     if left is None:
         return Block(
@@ -43,13 +47,18 @@ def scatter_block(found: Assessment) -> Block:
 
 
 def _in_plane(found: Assessment, axis: np.ndarray) -> str:
+    """The axis of a region in the measured plane, in words of the world's axes."""
     wide = np.zeros(3)
     wide[list(found.axes)] = axis
     return line_words(wide)
 
 
 def shape_block(found: Assessment) -> Block:
-    """Whether the residuals are normally distributed."""
+    """Whether the residuals are normally distributed.
+
+    Compared is the share of coordinates beyond three standard deviations with 0.27 %. "More frequent" needs a Poisson
+    probability below 5 %: ``P(N ≥ n | λ = 0.0027 · coordinates) = gammainc(n, λ)``.
+    """
     from scipy.special import gammainc
 
     share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)

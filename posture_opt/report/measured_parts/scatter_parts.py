@@ -17,7 +17,11 @@ _NOTHING = 1e-3  # of the upper end of an interval: less than that is zero
 
 
 def joints_block(found: SpreadCheck) -> Block:
-    """σ of each joint and of the instrument, and whether they predict other postures."""
+    """σ of each joint and of the instrument, and whether they predict other postures.
+
+    Estimated by restricted likelihood from differences between repeats, or from the residuals where nothing was
+    repeated. A joint that hardly moves the tool point in these data is "undetermined".
+    """
     noise = found.noise
     assert noise is not None
     source = (
@@ -38,6 +42,13 @@ def joints_block(found: SpreadCheck) -> Block:
 
 
 def _joint_row(name: str, stated: float, values: tuple[float, float, float, float], shown: bool) -> tuple[str, ...]:
+    """Name, stated σ, estimate, standard error and 95 % interval of one joint.
+
+    Args:
+        stated: [rad or m], 0 where the file states none.
+        values: σ, its standard error, lower and upper end of its interval [rad or m].
+        shown: whether the data determine it.
+    """
     sigma, std, low, high = values
     slide = name.endswith(".d")
     given = "" if not stated else stated_length(stated) if slide else stated_angle(stated)
@@ -49,6 +60,7 @@ def _joint_row(name: str, stated: float, values: tuple[float, float, float, floa
 
 
 def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
+    """The same of the instrument, per coordinate; "undetermined" where it cannot be separated from the joints."""
     noise, stated = found.noise, stated_length(found.instrument)
     assert noise is not None
     low, high = noise.instrument_interval
@@ -60,15 +72,21 @@ def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
 
 
 def _small_length(metres: float) -> str:
+    """A length to two digits."""
     return length(metres, 2)
 
 
 def _small_angle(radians: float) -> str:
+    """An angle [rad] in deg: to two digits below 0.01 rad."""
     return angle(radians) if abs(radians) >= 1e-2 else f"{number(math.degrees(radians), 2)} deg"
 
 
 def _prediction_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> str:
-    """Whether σ's learned at some postures predict the ellipses at others."""
+    """Whether σ's learned at some postures predict the ellipses at others.
+
+    The figure of merit is the log-likelihood of a row of postures that the fit had not seen, against one isotropic
+    region for all postures: a gain of g makes a row ``e^g`` times as likely.
+    """
     by = {model.model: model for model in models}
     best = max((by[name] for name in ("joints", "one_sigma") if name in by), key=lambda m: m.gain, default=None)
     if best is None:

@@ -1,4 +1,8 @@
-"""``report.html``: the report as one page that needs nothing beside it and no network."""
+"""``report.html``: the report as one page that needs nothing but itself and no network.
+
+Figures are inside as base64, the interactive view with its library compressed. On a long page only the blocks of the
+short report are open at first.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ class View(ABC):
 
 @dataclass(frozen=True)
 class Page:
-    """What stands on a page.
+    """What is on a page.
 
     Args:
         images: PNG files by the name of the figure; ``captions`` say what they show.
@@ -74,6 +78,7 @@ class Page:
 
     @property
     def _keys(self) -> frozenset[str]:
+        """The keys that rows of tables may have to show something in the view."""
         return frozenset() if self.view is None else self.view.keys
 
     def _shown(self, views: Sequence[str], k: int) -> str:
@@ -89,15 +94,18 @@ class Page:
 
 
 def _kind(item: str | Facts | Table) -> str:
+    """``text``, ``facts`` or ``table``, by which the template chooses."""
     return "text" if isinstance(item, str) else type(item).__name__.lower()
 
 
 def _text(name: str) -> str:
+    """A file of the folder ``templates``."""
     return packaged("posture_opt.report", "templates", name)
 
 
 @cache
 def _template() -> Template:
+    """The template of the page; texts of results are escaped, and a name that it does not get is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

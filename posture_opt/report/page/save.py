@@ -74,7 +74,7 @@ OWN_FILES = ALWAYS | frozenset(
 
 
 def summary_html(summary: Summary) -> str:
-    """A summary as a small table."""
+    """A summary as a small table: a caption and a row a fact, texts escaped."""
     rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in summary.facts)
     return f"<table><caption>{escape(summary.title)}</caption>{rows}</table>"
 
@@ -88,7 +88,10 @@ def report_files(
 ) -> Files:
     """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures.
 
-    The page gets the figures; ``made`` is called with each picture and hands it back.
+    Args:
+        document: plain data; ``page`` the report without its pictures, which are added.
+        figures: drawn; each becomes a PNG of 150 dpi and an SVG.
+        made: called with each picture and returns it, for a progress bar.
     """
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(page.report).encode()}
     images = {figure: made(image(drawn, "png")) for figure, drawn in figures.items()}
@@ -98,9 +101,11 @@ def report_files(
 
 
 def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
-    """Writes files, by name, into ``folder``, all or none; those of an earlier report make room. The paths written.
+    """Writes files, by name, into ``folder``, all or none, and returns their paths.
+
+    Files of an earlier report are removed: they would be of another problem.
 
     Raises:
-        InputError: the folder cannot be written to, or has a file of such a name that is somebody else's.
+        InputError: the folder cannot be written to, or has a file of such a name that is not of this program.
     """
     return write_folder(folder, files, replaces=OWN_FILES)

@@ -1,7 +1,7 @@
-"""One look for all figures: one width and one type size, colours that colour-blind readers tell apart.
+"""One look for all figures: one width and one type size, colours that colour-blind readers can distinguish.
 
-Colours: M. Okabe and K. Ito, "Color Universal Design" (2008). In grey print the three lines of a figure are told by
-their dashes, marks by their shapes.
+Colours: M. Okabe and K. Ito, "Color Universal Design" (2008). In grey print the three lines of a figure are
+distinguished by their dashes, marks by their shapes.
 """
 
 from __future__ import annotations
@@ -97,7 +97,11 @@ def label_of(name: str) -> str:
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all."""
+    """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all.
+
+    Constrained layout places axes and legends while drawing; afterwards the places are fixed, so that PNG, SVG and
+    notebooks show the same picture.
+    """
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -116,7 +120,11 @@ def _settled(figure: Figure) -> Figure:
 
 
 def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
-    """One legend of all axes under them, each entry once, in as many columns as fit."""
+    """One legend of all axes under them, each entry once, in as many columns as fit.
+
+    Args:
+        entries: label -> handle; None: all that is labelled in the figure.
+    """
     entries = legend_entries(figure) if entries is None else entries
     if not entries:
         return
@@ -132,7 +140,11 @@ def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> No
 
 
 def legend_beside(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
-    """The same to the right of axes that are about as wide as high, long entries on several lines."""
+    """One legend to the right of axes that are about as wide as high, long entries on several lines.
+
+    Args:
+        entries: label -> handle; None: all that is labelled in the figure.
+    """
     entries = legend_entries(figure) if entries is None else entries
     labels = [textwrap.fill(label, _ASIDE) for label in entries]
     figure.legend([_handle(h) for h in entries.values()], labels, loc="outside right upper", labelspacing=0.9)
@@ -157,7 +169,10 @@ def legend_entries(figure: Figure) -> dict[str, Any]:
 
 
 def image(figure: Figure, kind: str) -> bytes:
-    """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes."""
+    """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes.
+
+    Dates and versions are left out of the metadata, so that files can be compared between runs.
+    """
     metadata = {"Date": None, "Creator": "posture_opt"} if kind == "svg" else {"Software": "posture_opt"}
     with in_style(), BytesIO() as file:
         figure.savefig(file, format=kind, dpi=DPI, metadata=metadata)

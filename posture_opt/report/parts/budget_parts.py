@@ -52,7 +52,14 @@ def main_groups(groups: Sequence[ShareGroup]) -> tuple[list[ShareGroup], list[Sh
 
 
 def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, float]) -> Table:
-    """Shares of the sources in a variance, cumulated; the small ones lumped."""
+    """Shares of the sources in a variance, cumulated; the small ones lumped.
+
+    One row a source, the largest first: words, name in the file, standard deviation, share [%], sum so far [%]. A
+    group of correlated sources is one row without a standard deviation. Shares below 1 % are lumped.
+
+    Args:
+        sigma: standard deviation [rad or m] by parameter.
+    """
     shown, rest = main_groups(groups)
     rows, total = [], 0.0
     for group in shown:

@@ -15,7 +15,10 @@ _CLOSE = 5e-3  # m: nearer than this, people will want to know how to keep a dis
 
 
 def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
-    """How near the arm comes to what it is checked against, and where; nothing where it is not checked."""
+    """How near the arm comes to what it is checked against, and where; nothing where it is not checked.
+
+    "none" where two bodies overlap. Below 5 mm without a stated minimum a hint says how to keep a distance.
+    """
     if clearance is None:
         return []
     a, b = clearance.between
@@ -55,7 +58,10 @@ def collision_facts(scene: Scene) -> list[Fact]:
 
 
 def clear_words(scene: Scene) -> str:
-    """What postures that an arm is sent to keep clear of."""
+    """What postures that an arm is sent to keep clear of.
+
+    In the middle of a sentence: itself, the obstacles by name, the minimum distance, and an assumed shape.
+    """
     if not scene.active:
         return "nothing is checked for collisions" if scene.switched_off else "the arm has no links that could collide"
     parts = ["the arm clear of itself"] if scene.own else []

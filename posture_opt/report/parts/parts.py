@@ -1,6 +1,7 @@
 """Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity.
 
-A fact is (label, text). Functions take results and return texts; they compute nothing that a result does not hold.
+A fact is (label, text). Functions take results and return texts; they compute nothing that a result does not hold. An
+empty list means that the line is left out.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
 
 
 def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """The effects that the arm is computed with; nothing for a plain arm."""
+    """The effects that the arm is computed with; nothing for a plain arm. Beyond six they are counted."""
     effects = problem.effects
     if not effects:
         return []
@@ -101,7 +102,11 @@ def _inputs(arm: Arm) -> list[str]:
 
 
 def source_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """The standard deviations of the sources; equal ones of one kind together, negligible ones last."""
+    """The standard deviations of the sources; equal ones of one kind together, negligible ones last.
+
+    Angles in deg, lengths in mm. Negligible is below a thousandth of the largest of its kind; beyond eight groups they
+    are counted.
+    """
     arm, sources = problem.arm, problem.sources
     sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
     largest: dict[str, float] = {}
@@ -146,7 +151,11 @@ def frame_notes(robot: Robot) -> list[str]:
 
 
 def sentence(text: str) -> str:
-    """A note with a capital at its start and a full stop at its end; names of joints stay as they are."""
+    """A note with a capital at its start and a full stop at its end; names of joints stay as they are.
+
+    >>> sentence("the arm is checked against itself"), sentence("joint_1 is exact")
+    ('The arm is checked against itself.', 'joint_1 is exact.')
+    """
     text = text.strip()
     first = text.split(" ", 1)[0]
     if first.isalpha():
@@ -155,7 +164,13 @@ def sentence(text: str) -> str:
 
 
 def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
-    """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
+    """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one.
+
+    Values [deg or mm] have so many digits that rounding them moves the tool point by less than a tenth of its σ.
+
+    Args:
+        q: (n,) posture [rad or m].
+    """
     digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
     rows = [
         (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
@@ -165,7 +180,10 @@ def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
 
 
 def nearest_limit(robot: Robot, q: Vector) -> list[tuple[str, str]]:
-    """The joint with the smallest margin to a limit, relative to its range; nothing without limits."""
+    """The joint with the smallest margin to a limit, relative to its range; nothing without limits.
+
+    ``min(q − lower, upper − q) / (upper − lower)`` over the joints with finite limits.
+    """
     ranges = [(joint, value, joint.upper - joint.lower) for joint, value in zip(robot.joints, q, strict=True)]
     shares = [
         (min(value - joint.lower, joint.upper - value) / size, joint, value)
@@ -217,7 +235,7 @@ def _margin(joint: Joint, value: float) -> str:
 
 
 def tool_facts(spread: Spread) -> list[tuple[str, str]]:
-    """Nominal place and orientation of the tool."""
+    """Nominal place [mm] and orientation (roll, pitch, yaw [deg]) of the tool, world frame."""
     angles = ", ".join(fixed(math.degrees(a)) for a in roll_pitch_yaw(spread.quaternion_wxyz))
     return [
         ("Tool point", f"{place(spread.position)} in the world frame"),
@@ -226,7 +244,10 @@ def tool_facts(spread: Spread) -> list[tuple[str, str]]:
 
 
 def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
-    """The angle [rad] between the tool's axis (3,), tool frame, and a unit direction (3,), world frame."""
+    """The angle [rad] between the tool's axis (3,), tool frame, and a unit direction (3,), world frame.
+
+    ``atan2(|a × d|, a · d)`` with the axis turned by the quaternion, ``a + 2 v × (v × a + w a)``.
+    """
     w, v = spread.quaternion_wxyz[0], np.asarray(spread.quaternion_wxyz[1:], dtype=float)
     a, d = np.asarray(tool_axis, dtype=float), np.asarray(direction, dtype=float)
     turned = a + 2 * np.cross(v, np.cross(v, a) + w * a)
@@ -236,7 +257,8 @@ def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
 def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str, str]]:
     """The 95 % region of the tool point, with the factor that it is drawn with.
 
-    Semi-axes from the longest to the shortest; ``among`` are the lengths whose unit is to be used.
+    Semi-axes from the longest to the shortest; ``among`` are the lengths [m] whose unit is to be used. An interval, an
+    ellipse or an ellipsoid by the rank of the covariance; a point where there is no uncertainty.
     """
     ellipse = spread.ellipse
     if not ellipse.rank:
@@ -249,7 +271,11 @@ def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str
 
 
 def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -> tuple[str, str]:
-    """The first-order figure beside the exact one."""
+    """The first-order figure next to the exact one.
+
+    Args:
+        exact: standard deviation [m]; ``linear`` that to first order. A difference below 0.05 % is "equal".
+    """
     if exact <= 0:
         return "First order", "none"
     change = linear / exact - 1
@@ -260,7 +286,11 @@ def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -
 
 
 def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
-    """How far the mean tool point lies off the nominal one: the bias, of second order in the errors."""
+    """How far the mean tool point is off the nominal one: the bias, of second order in the errors.
+
+    "negligible" below 0.1 µm and below a thousandth of the lengths it is listed with; else its length and its vector
+    in the world frame.
+    """
     off = math.sqrt(float(spread.bias @ spread.bias))
     if off < max(_NO_SHIFT, _NEGLIGIBLE * largest_of(among)):
         return "Mean shift", "negligible"
@@ -279,5 +309,5 @@ def sigma_of(problem: ProblemData) -> dict[str, float]:
 
 
 def validity_sentence(spread: Spread) -> str:
-    """Whether the linear ellipse may be trusted."""
+    """Whether the linear ellipse may be used at this posture; numbers with two digits."""
     return sentence(re.sub(r"\d+(\.\d+)?e-\d+", lambda found: number(float(found[0]), 2), spread.validity.text))

@@ -1,4 +1,8 @@
-"""The report on accuracy over a grid of targets: what the corrections take off, what scatters, what was measured."""
+"""The report on accuracy over a grid of targets: what the corrections take off, what scatters, what was measured.
+
+Mean error (bias) and scatter are kept apart throughout: a correction of the joint values removes the first, and
+nothing removes the second. Lengths of one table share a unit, that of their largest (µm or mm).
+"""
 
 from __future__ import annotations
 
@@ -36,7 +40,7 @@ _FEW = 20  # rows: fewer say little about a share of 95 %
 
 
 def accuracy_map_report(found: AccuracyMap) -> Report:
-    """Problem, bias, spread, measured rows."""
+    """Blocks "Problem", "Mean error …", "Spread" and, where measured rows were given, "Measured"."""
     problem = problem_of(found)
     title = problem.name or "Map of accuracy"
     measured = [measured_block(found.measured)] if found.measured is not None else []
@@ -45,7 +49,11 @@ def accuracy_map_report(found: AccuracyMap) -> Report:
 
 
 def lead(found: AccuracyMap) -> tuple[str, ...]:
-    """What is off without corrections, and what scatters with them."""
+    """What is off without corrections, and what scatters with them.
+
+    Two lines, each with the smallest and the largest value over the grid: the length of the mean error and the 95 %
+    radius. A third follows where rows were measured: the share of them in their predicted 95 % regions.
+    """
     spread = f"95 % radius about the mean: {_range(found.radius95)}, depending on the target."
     seen = () if found.measured is None else shares_sentences(found.measured)[-1:]
     if not found.corrected:
@@ -55,6 +63,7 @@ def lead(found: AccuracyMap) -> tuple[str, ...]:
 
 
 def _range(values: Array) -> str:
+    """Smallest to largest of lengths (N,) [m] over the targets; one length where they agree within 0.5 %."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if high <= low * 1.005:
         return length(high)
@@ -63,7 +72,11 @@ def _range(values: Array) -> str:
 
 
 def problem_block(problem: ProblemData, found: AccuracyMap) -> Block:
-    """What was asked, and where."""
+    """What was asked, and where: robot, corrections, task, direction (world), grid, sources of error, notes.
+
+    The short form keeps robot, corrections, grid and notes. "Corrections" counts parameters of the geometry and
+    effects of the file; "none in the file" means that the mean error of the map is that of the nonlinearity only.
+    """
     targets = found.targets
     task = targets.optimisation_problem.task
     known = [f"{count(found.corrections, 'parameter')} of the arm"] * (found.corrections > 0)
@@ -86,7 +99,16 @@ def problem_block(problem: ProblemData, found: AccuracyMap) -> Block:
 
 
 def bias_block(found: AccuracyMap) -> Block:
-    """Where the arm lands on average."""
+    """Where the arm lands on average: ``|E[x] − target|`` over the grid.
+
+    Rows of the table:
+      without the corrections: the posture of the nominal arm, executed by the calibrated one;
+      with its base refitted: the same after the rigid motion of the base that fits the map best. What is left there
+        cannot be removed by measuring the workpiece again.
+
+    The row of the refitted base is left out where the map has too few targets for a fit. Without corrections in the
+    file one sentence replaces the table.
+    """
     if not found.corrected:
         shift = length(float(np.nanmax(found.distance)))
         text = f"Without corrections only the nonlinearity of the kinematics shifts the mean: by at most {shift}."
@@ -105,7 +127,7 @@ def bias_block(found: AccuracyMap) -> Block:
 
 
 def spread_block(found: AccuracyMap) -> Block:
-    """How far the arm scatters about its mean."""
+    """How far the arm scatters about its mean: 95 % radius and longest semi-axis of the 95 % region, over the grid."""
     rows = [("95 % radius", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
     own = []
     if found.own is not None:
@@ -115,10 +137,16 @@ def spread_block(found: AccuracyMap) -> Block:
 
 
 def _longest(found: AccuracyMap) -> Array:
+    """Longest semi-axis (N,) [m] of the 95 % region at each target."""
     return np.asarray(found.semi_axes95[:, -1])
 
 
 def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
+    """Minimum, median and maximum over the targets, and where the maximum is.
+
+    Args:
+        rows: names with lengths (N,) [m] at the N targets of the grid, NaN where there is no posture.
+    """
     unit, factor = length_unit([float(np.nanmax(values)) for _, values in rows])
     points = found.grid.points
     cells = []
@@ -130,7 +158,11 @@ def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
 
 
 def measured_block(measured: MeasuredErrors) -> Block:
-    """Measured rows beside what is predicted for them."""
+    """Measured rows next to what is predicted for them.
+
+    One row for all measurements and one for those in cells of the map, if there are any: how many they are, RMS with
+    and without the corrections, and the length that 95 % of the corrected errors do not exceed.
+    """
     near = measured.near
     rows = [("all rows", measured.uncorrected, measured.corrected)]
     if near.any():
@@ -147,11 +179,16 @@ def measured_block(measured: MeasuredErrors) -> Block:
 
 
 def _p95(lengths: Array) -> float:
+    """The length [m] that 95 % of the lengths (k,) [m] do not exceed."""
     return float(np.quantile(lengths, 0.95))
 
 
 def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
-    """How many rows keep what is predicted."""
+    """How many rows lie within what is predicted: on the map, and for their own postures.
+
+    Nothing where rows and predictions cannot be compared. The second sentence says whether the spread is understated
+    or overstated, as far as the number of rows supports it.
+    """
     if not measured.comparable:
         return ()
     near = int(measured.near.sum())
@@ -168,7 +205,10 @@ def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
 
 
 def _verdict(measured: MeasuredErrors) -> str:
-    """What the share says of the spread, if it is further from 95 % than chance takes it."""
+    """What the share says of the spread, if it is further from 95 % than chance takes it.
+
+    ``|share − 0.95| > 4 sqrt(0.95 · 0.05 / rows)``; empty below the smallest number of rows.
+    """
     rows = len(measured.cell)
     if rows < _FEW:
         return ""
@@ -180,7 +220,10 @@ def _verdict(measured: MeasuredErrors) -> str:
 
 
 def columns(found: AccuracyMap) -> dict[str, list[float]]:
-    """One row a target: place, mean error, 95 % region and radius, and the posture; NaN where there is none."""
+    """One row a target: place, mean error, 95 % region and radius, and the posture; NaN where there is none.
+
+    Lengths are in mm, semi-axes from the longest to the shortest, joints in deg or mm.
+    """
     axes = found.semi_axes95[:, ::-1]
     values = {
         **{f"bias {c} [mm]": found.bias[:, k] for k, c in enumerate("xyz")},
@@ -193,12 +236,13 @@ def columns(found: AccuracyMap) -> dict[str, list[float]]:
 
 
 class AccuracyMapPresenter(Presenter["AccuracyMap"]):
-    """Mean error and scatter over a grid of targets."""
+    """Mean error and scatter over a grid of targets: report, two maps, the postures as a view, and ``map.csv``."""
 
     document = "map"
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
+        """Grid, feasible targets, range of the mean error and of the 95 % radius, number of measured rows."""
         found = self.result
         off = [("Mean error without corrections", _range(found.distance))] if found.corrected else []
         seen = [("Measured rows", str(len(found.measured.cell)))] if found.measured is not None else []
@@ -228,7 +272,9 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
         return target_view(found.targets, found.radius95.tolist(), "95 % within")
 
     def columns(self) -> Columns:
+        """The columns of ``map.csv``, see ``columns``."""
         return columns(self.result)
 
     def files(self) -> Files:
+        """``map.csv``: one row a target, joint values to six decimals of deg or mm."""
         return {"map.csv": map_csv(self.columns(), self.result.targets.optimisation_problem.robot.n).encode()}

@@ -1,4 +1,8 @@
-"""The report on what a model gets wrong: errors by direction, the rules of measuring, whether the rest is scatter."""
+"""The report on what a model gets wrong: errors by direction, the rules of measuring, whether the rest is scatter.
+
+A good calibration leaves errors whose mean is zero everywhere, that depend on no input, and that an instrument of
+sufficient accuracy measured. Each block tests one of these and says whether it holds.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +44,11 @@ _WHOLE = 0.6  # of the whole range: a block as long was not cut along it
 
 
 def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
-    """Every block on what a model gets wrong, the figures with them."""
+    """Every block on what a model gets wrong, the figures with them.
+
+    Only the block on targets reached in several postures depends on the data; all others are always there and say so
+    where the data cannot answer.
+    """
     return (
         directions_block(found),
         *([goals_block(found)] if found.goals is not None else []),
@@ -54,7 +62,12 @@ def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
 
 
 def directions_block(found: Assessment) -> Block:
-    """Bias, RMS, mean, 95 % and maximum by axis and by the task's direction."""
+    """Bias, RMS, mean, 95 % and maximum by axis and by the task's direction.
+
+    A pair of rows for each direction (x, y, z, all measured axes together, along and across the task where it has a
+    direction): the model before and after calibration. In mm, measured minus model, to three decimals, to four where
+    the smallest RMS is below 10 µm.
+    """
     models = {name: getattr(found, name) for name in MODELS}
     smallest = min(d.rms for model in models.values() for d in model.deviations)
     decimals = 3 if smallest >= 1e-5 or smallest <= 0 else 4
@@ -70,6 +83,7 @@ def directions_block(found: Assessment) -> Block:
 
 
 def _direction_name(found: Assessment, name: str) -> str:
+    """Column header of a direction: the axis itself, the total, or along and across the task."""
     if name in ("along", "across"):
         assert found.direction is not None
         return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
@@ -77,11 +91,16 @@ def _direction_name(found: Assessment, name: str) -> str:
 
 
 def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
+    """Bias, RMS, mean, 95 % and maximum [mm] to so many decimals."""
     return tuple(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max))
 
 
 def mean_block(found: Assessment) -> Block:
-    """The first rule: after calibration the mean of the residuals is zero, everywhere."""
+    """The first rule: after calibration the mean of the residuals is zero, everywhere.
+
+    The test is one of all rows and one for every block of the workspace (of the joint values, for touched points).
+    "Passed" needs both; "Failed" says that the parameters of the model do not explain all of the error.
+    """
     rule = "After a good calibration the mean error is zero, over all rows and in every part of the workspace."
     texts = [_mean_text(found, name) for name in MODELS]
     if found.calibrated.zero and found.calibrated.blocks:
@@ -94,6 +113,10 @@ def mean_block(found: Assessment) -> Block:
 
 
 def _mean_text(found: Assessment, name: str) -> str:
+    """What the means over all rows and over the blocks say of one model.
+
+    A mean below a tenth of its standard error on all axes is one that the fit has made zero: then no test is quoted.
+    """
     model: ModelErrors = getattr(found, name)
     blocks = _blocks_text(found, model.blocks) if model.blocks else ""
     if model.mean is None:
@@ -109,6 +132,7 @@ def _mean_text(found: Assessment, name: str) -> str:
 
 
 def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
+    """How many blocks have a mean that differs from zero, and where the largest of these means is."""
     off = [block for block in blocks if not block.zero]
     space = "workspace" if found.calibrated.mean is not None else "joint values"
     if not off:
@@ -121,7 +145,10 @@ def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
 
 
 def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> str:
-    """The sides of a block that are shorter than those of the whole, the shortest three."""
+    """The sides of a block that are shorter than those of the whole, the shortest three.
+
+    A side is left out where the block is nearly as long as the whole range: the data were not divided along it.
+    """
     whole = np.ptp([[b.lower, b.upper] for b in blocks], axis=(0, 1))
     part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
     shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _WHOLE and whole[k] > 0)
@@ -129,6 +156,7 @@ def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> 
 
 
 def _side(axis: tuple[str, str], low: float, high: float) -> str:
+    """The range of a block along one axis: joint angles in deg, coordinates in m."""
     name, unit = axis
     if unit == "rad":
         return f"{name} is {fixed(np.degrees(low), 0)} to {fixed(np.degrees(high), 0)} deg"
@@ -141,7 +169,11 @@ def p_value(p: float) -> str:
 
 
 def inputs_block(found: Assessment) -> Block:
-    """Drift, heat, load and play: what moves the errors that are left."""
+    """Drift, heat, load and backlash: what the errors that are left depend on.
+
+    One sentence for each input with a significant trend, one for all inputs without, and one on the side from which
+    joints arrive. A trend may also come from positions that changed along with the input, which a sentence says.
+    """
     texts = [_trend_text(trend) for trend in found.trends if trend.found]
     if texts:
         texts.append("If the measured positions changed along with an input, they may be the actual cause.")
@@ -159,6 +191,9 @@ def inputs_block(found: Assessment) -> Block:
 
 
 def _trend_text(trend: Trend) -> str:
+    """By how much the mean error changes over the range of an input, with its p-value; time in h, up to two hours in
+    min.
+    """
     words, unit, factor = _INPUTS[trend.name]
     if trend.name == "time" and trend.range[1] - trend.range[0] < _HOURS:
         unit, factor = "min", 1 / 60
@@ -169,20 +204,23 @@ def _trend_text(trend: Trend) -> str:
 
 
 def _answer(found: Assessment) -> str:
+    """RMS error per coordinate before and after calibration."""
     before, after = (length(model.coordinate) for model in (found.nominal, found.calibrated))
     return f"RMS error per coordinate: {before} before calibration, {after} calibrated."
 
 
 class AssessmentPresenter(Presenter[Assessment]):
-    """What a model gets wrong, and whether what remains is scatter."""
+    """What a model gets wrong, and whether what remains is scatter: one line of answer, then a block for each rule."""
 
     document = "assessment"
 
     @property
     def problem(self) -> ProblemData:
+        """The problem whose arm was calibrated."""
         return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:
+        """Rows and poses, errors before and after, share of the rows in the 95 % region of the residuals."""
         found = self.result
         models = {"nominal": found.nominal, "calibrated": found.calibrated}
         errors = [
@@ -201,7 +239,7 @@ class AssessmentPresenter(Presenter[Assessment]):
         return assessment_drawings(self.result)
 
     def columns(self) -> Columns:
-        """Errors of a coordinate by model."""
+        """Standard deviation of an error coordinate [m], a row each for the nominal and the calibrated model."""
         found = self.result
         return {
             "model": ["nominal", "calibrated"],
@@ -210,7 +248,11 @@ class AssessmentPresenter(Presenter[Assessment]):
 
 
 def assessment_drawings(found: Assessment) -> Drawings:
-    """Residuals over everything that they may depend on."""
+    """Residuals over everything that they may depend on.
+
+    Region and distribution need enough poses for a covariance, the figure of repeats needs repeated postures; each is
+    left out otherwise.
+    """
     rows = Shown.of(found.calibration)
     drawings: Drawings = {
         "residual_vectors": partial(plot_residual_vectors, rows),

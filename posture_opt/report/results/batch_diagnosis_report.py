@@ -1,4 +1,8 @@
-"""The report on a diagnosis of several robots of one type: what they have in common, and how they differ."""
+"""The report on a diagnosis of several robots of one type: what they have in common, and how they differ.
+
+Some causes show in a batch only: lengths of one production tool that vary together from robot to robot look like
+independent errors of each robot alone.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,11 @@ if TYPE_CHECKING:
 
 
 def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
-    """The causes that a batch shows, and then the batch itself."""
+    """The causes that a batch shows, and then the report on the batch itself.
+
+    The first line names the causes, or says that there are none. "Uneven" errors, of which repeats are missing, follow
+    with what to measure.
+    """
     batch, problem = batch_report(found.batch), problem_of(found.batch)
     named = "; ".join(finding_words(f, problem) for f in found.effects)
     lead = f"Causes beyond the model: {named}." if named else "The model explains the data of these robots."
@@ -34,6 +42,7 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
 
 
 def _causes(problem: ProblemData, found: BatchDiagnosis) -> Block:
+    """Cause, size and p-value, one row a cause; a sentence where none is found."""
     if not found.effects:
         quiet = "" if found.uneven else ", and no joint is noisier than stated"
         return Block("Causes", (f"No lengths are significantly correlated{quiet}.",))
@@ -46,16 +55,18 @@ def _causes(problem: ProblemData, found: BatchDiagnosis) -> Block:
 
 
 class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
-    """What several robots of one type show together."""
+    """What several robots of one type show together; ``uncertainty.yaml`` is the section for their problem file."""
 
     document = "diagnosis"
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     @property
     def problem(self) -> ProblemData:
+        """The problem that the robots share."""
         return problem_of(self.result.batch)
 
     def summary(self) -> Summary:
+        """Verdict, causes, and the first facts on the batch."""
         named = "; ".join(finding_words(f, self.problem) for f in self.result.effects) or "none"
         facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
         return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
@@ -69,7 +80,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
         return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
 
     def columns(self) -> Columns:
-        """The causes that were found."""
+        """One row a cause: kind of the effect, joint or link that it acts on, p-value."""
         found = self.result.effects
         return {
             "kind": [f.kind for f in found],
@@ -78,7 +89,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
         }
 
     def files(self) -> Files:
-        """The section for the problem file."""
+        """``uncertainty.yaml``: σ's, correlations and the scatter that was found, as a section for the problem file."""
         noises = [f.noise for f in self.result.effects if f.noise is not None]
         of_arm = [noise for noise in noises if noise.of_arm and not of_a_type(noise)]
         return {"uncertainty.yaml": batch_yaml(self.problem, self.result.batch, of_arm).encode()}

@@ -1,4 +1,8 @@
-"""The report on a batch of robots of one type: how they differ, and what that makes of the problem file."""
+"""The report on a batch of robots of one type: how they differ, and what that makes of the problem file.
+
+Each robot is calibrated by itself. Across the batch, mean and standard deviation of each parameter are estimated, less
+the standard errors of the estimates, and the correlations between parameters.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +51,7 @@ def batch_report(found: Batch) -> Report:
 
 
 def _answer(problem: ProblemData, found: Batch) -> str:
+    """The strongest significant correlation with its interval, or that there is none."""
     real = [pair for pair in found.pairs if pair.significant]
     many = count(len(found.robots), "robot")
     if not real:
@@ -58,16 +63,19 @@ def _answer(problem: ProblemData, found: Batch) -> str:
 
 
 def _rho(pair: CorrelatedPair) -> str:
+    """A correlation with its 95 % interval."""
     low, high = pair.interval
     return f"{fixed(pair.correlation)} ({fixed(low)} to {fixed(high)} with 95 % confidence)"
 
 
 def _errors(found: Batch) -> str:
+    """RMS position error [mm] of all robots before and after calibration."""
     before, after = (number(1e3 * s.rms) for s in (found.nominal, found.calibrated))
     return f"Calibrated one by one, their position errors go from {before} mm to {after} mm RMS."
 
 
 def _data_block(problem: ProblemData, found: Batch) -> Block:
+    """The file, the robots with their number of rows, and what looks odd in either."""
     data = found.data
     names = ", ".join(found.robots[:_LISTED]) + (" …" if len(found.robots) > _LISTED else "")
     facts = [
@@ -79,7 +87,11 @@ def _data_block(problem: ProblemData, found: Batch) -> Block:
 
 
 def _errors_block(found: Batch) -> Block:
-    """Errors of the whole batch, and robot by robot."""
+    """Errors of the whole batch, and robot by robot.
+
+    Every row is predicted by a fit to the other groups of rows of its own robot. The second table has a row a robot:
+    rows, RMS [mm] before and after, and how many rows were left out as outliers.
+    """
     how = "Every row is predicted by a calibration of its own robot that was fitted without its group of rows."
     whole = error_table({"before calibration": found.nominal, "calibrated": found.calibrated})
     texts = [_coverage_text(name, found) for name in found.coverage]
@@ -94,6 +106,7 @@ def _errors_block(found: Batch) -> Block:
 
 
 def _coverage_text(name: str, found: Batch) -> str:
+    """Share of all rows in their predicted 95 % region, with an interval over robots, not over rows."""
     share, (low, high) = found.coverage[name]
     who = {"nominal": "before calibration", "calibrated": "after calibration"}[name]
     held = f"{who[:1].upper()}{who[1:]}, {percent(share)} of all rows lie in their predicted 95 % region"
@@ -101,7 +114,14 @@ def _coverage_text(name: str, found: Batch) -> str:
 
 
 def _spread_block(problem: ProblemData, found: Batch) -> Block:
-    """Mean and standard deviation of each parameter across the batch."""
+    """Mean and standard deviation of each parameter across the batch, in deg or mm.
+
+    Columns:
+      mean deviation: from the file, ± one standard error;
+      off nominal: whether it exceeds t(0.975, robots − 1) standard errors, so that the file should be changed;
+      σ across: standard deviation between robots, with its 95 % interval ("below" where the interval begins at zero);
+      stated σ: that of the problem file, empty where it has none.
+    """
     from scipy.special import stdtrit
 
     sure = float(stdtrit(len(found.robots) - 1, 0.975))
@@ -129,7 +149,11 @@ def _spread_block(problem: ProblemData, found: Batch) -> Block:
 
 
 def _pairs_block(found: Batch) -> Block:
-    """Which parameters vary together."""
+    """Which parameters vary together.
+
+    Listed are pairs that are significant, stated in the file, or known to within an interval shorter than 1; the level
+    of 5 % is that of all pairs together. With fewer than ten robots a sentence says that more are needed.
+    """
     title = "Correlations between parameters"
     if not found.pairs:
         return Block(title, ("Only one parameter is determined: there are no correlations.",))
@@ -151,6 +175,7 @@ def _pairs_block(found: Batch) -> Block:
 
 
 def _section_block() -> Block:
+    """What ``uncertainty.yaml`` holds and what it is for."""
     text = (
         "uncertainty.yaml holds this as a section of the problem file: the estimated σ's (where none was found, "
         "those stated) and the significant correlations. With it the program plans for any robot of this type."
@@ -159,7 +184,7 @@ def _section_block() -> Block:
 
 
 def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
-    """Robots, errors and what varies together, in a few lines."""
+    """Robots, errors and what varies together, in a few lines; the last one only for a significant correlation."""
     before, after = (number(1e3 * s.rms) for s in (found.nominal, found.calibrated))
     real = [pair for pair in found.pairs if pair.significant]
     together = [("Correlated", f"{real[0].a} and {real[0].b}, {_rho(real[0])}")] if real else []
@@ -172,7 +197,10 @@ def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
 
 
 def batch_brief(found: Batch) -> Report:
-    """The lead of the whole report and a line on each of its parts, on one screen."""
+    """The lead of the whole report and a line on each of its parts, on one screen.
+
+    "Next" asks for more robots below ten, and else says to plan with the section for the problem file.
+    """
     worst = max(range(len(found.robots)), key=lambda i: found.calibrations[i].calibrated.rms)
     left = found.undetermined
     names = ", ".join(left[:_PAIRS]) + (f" and {len(left) - _PAIRS} more" if len(left) > _PAIRS else "")
@@ -192,7 +220,7 @@ def batch_brief(found: Batch) -> Report:
 
 
 def _varying(found: Batch) -> str:
-    """The parameters that vary from robot to robot, each with its σ."""
+    """The parameters that vary from robot to robot, each with its σ: those whose interval does not reach zero."""
     sizes = []
     for k, p in enumerate(found.parameters):
         unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
@@ -203,18 +231,21 @@ def _varying(found: Batch) -> str:
 
 
 class BatchPresenter(Presenter["Batch"]):
-    """Several robots of one type, calibrated."""
+    """Several robots of one type, calibrated; ``uncertainty.yaml`` holds how they differ."""
 
     document = "calibration"
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     def summary(self) -> Summary:
+        """Robots, errors, determined parameters, correlations."""
         return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))
 
     def report(self) -> Report:
+        """The whole report, a block a question."""
         return batch_report(self.result)
 
     def brief(self) -> Report:
+        """The report on one screen."""
         return batch_brief(self.result)
 
     def drawings(self) -> Drawings:
@@ -223,7 +254,10 @@ class BatchPresenter(Presenter["Batch"]):
         return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
 
     def columns(self) -> Columns:
-        """Mean and standard deviation of each parameter across the batch, SI units."""
+        """Mean and standard deviation of each parameter across the batch, SI units.
+
+        "mean deviation" is from the file, "sigma across" between robots, "sigma stated" that of the file or 0.
+        """
         found = self.result
         return {
             "parameter": found.names,

@@ -1,4 +1,7 @@
-"""The report on a calibration: what the simulation gets wrong, and what the measurements say about the arm."""
+"""The report on a calibration: what the simulation gets wrong, and what the measurements say about the arm.
+
+All errors are of held-out rows: none of them was predicted by a fit that had seen it.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,11 @@ _DOUBTS = 2  # in the lead
 
 
 def calibration_report(shown: CalibrationPresenter) -> Report:
-    """Data, errors before and after, parameters, what is not determined, outliers, test file."""
+    """Data, errors before and after, parameters, what is not determined, outliers, test file.
+
+    The blocks of the assessment, of the check of the spread and of the re-planned posture are among them; the test
+    file has a block where there is one.
+    """
     found = shown.result
     blocks = (
         data_block(shown.problem, found),
@@ -60,7 +67,12 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
 
 
 def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
-    """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread."""
+    """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread.
+
+    Order: contradictions with the file and implausible values, the answer, a test file on which the calibration fails,
+    the first warnings, the comparison of plans, and the coverage of the predicted spread. Warnings of the data are
+    left out where a fitted contradiction explains them.
+    """
     found = shown.result
     explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
     warnings = () if explained else found.request.data.warnings
@@ -79,6 +91,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
 
 
 def _answer(found: Calibration) -> str:
+    """RMS position error [mm] before and after, or that calibration does not help."""
     before, after = (mm(s.rms) for s in (found.nominal, found.calibrated))
     if found.calibrated.rms >= found.nominal.rms:
         return f"Calibration does not help: position errors of {before} mm RMS become {after} mm."
@@ -86,7 +99,11 @@ def _answer(found: Calibration) -> str:
 
 
 def data_block(problem: ProblemData, found: Calibration) -> Block:
-    """The file, its rows, the instrument, and what looks odd."""
+    """The file, its rows, the instrument, and what looks odd.
+
+    Targets are listed where the tool has several, thinning where only a part of a large file was fitted. Warnings that
+    the lead has already are not repeated.
+    """
     data = found.request.data
     facts = [
         ("File", Path(data.file).name or "table"),
@@ -102,7 +119,11 @@ def data_block(problem: ProblemData, found: Calibration) -> Block:
 
 
 def errors_block(problem: ProblemData, found: Calibration) -> Block:
-    """Position errors before and after, cross-validated."""
+    """Position errors before and after, cross-validated: RMS with its 95 % interval, mean, 95 % quantile and maximum
+    [mm].
+
+    "Before" has only the frames fitted that the file leaves free: without them no error could be computed.
+    """
     how = held_out_sentence(found.by, min(found.request.folds, len(np.unique(found.request.data.pose))))
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
@@ -113,7 +134,7 @@ def errors_block(problem: ProblemData, found: Calibration) -> Block:
 
 
 def outliers_block(found: Calibration) -> Block:
-    """Rows that were left out of the fit, with their lines."""
+    """Rows that were left out of the fit, with their lines in the file and by how much each is off [mm]."""
     if not found.outliers:
         return Block("Outliers", ("No row stands out.",))
     sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
@@ -125,7 +146,11 @@ def outliers_block(found: Calibration) -> Block:
 
 
 def test_block(found: Calibration, other: OtherFile) -> Block:
-    """Another file, predicted by what this one taught."""
+    """Another file, predicted by what this one taught.
+
+    Errors by model, then those of rows inside and outside the joint ranges of the fit. Errors many times those of the
+    first file come with the hint to fit base and tool again.
+    """
     names = {name: MODEL_NAMES[name] for name in other.models}
     table = error_table({names[name]: statistics for name, statistics in other.models.items()})
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
@@ -134,13 +159,17 @@ def test_block(found: Calibration, other: OtherFile) -> Block:
 
 
 class CalibrationPresenter(Presenter["Calibration"]):
-    """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
+    """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again.
+
+    ``calibrated.yaml`` is the problem file with the corrections and the covariance of the parameters.
+    """
 
     document = "calibration"
     delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
     def problem(self) -> ProblemData:
+        """The problem whose arm was calibrated."""
         return problem_of(self.result.request)
 
     @property
@@ -150,6 +179,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
         return evaluated
 
     def summary(self) -> Summary:
+        """Rows and outliers, RMS before and after, how many parameters are determined."""
         found = self.result
         facts = (
             ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
@@ -163,9 +193,11 @@ class CalibrationPresenter(Presenter["Calibration"]):
         return Summary(f"Calibration: {self.problem.name}", facts)
 
     def report(self) -> Report:
+        """The whole report, a block a question."""
         return calibration_report(self)
 
     def brief(self) -> Report:
+        """The report on one screen, with what to do next."""
         return calibration_brief(self.problem, self.result, self.evaluation.assessment, calibration_lead(self))
 
     def drawings(self) -> Drawings:
@@ -177,7 +209,11 @@ class CalibrationPresenter(Presenter["Calibration"]):
         }
 
     def view(self) -> ArmView:
-        """The corrections, each at its joint, and the measured rows, coloured by their error after calibration."""
+        """The corrections, each at its joint, and the measured rows, coloured by their error after calibration.
+
+        The first posture is that of the task, with the predicted spread; the others are measured ones, a choice of
+        them where there are many.
+        """
         found, calibrated = self.result, self.evaluation.models["calibrated"]
         data = found.request.data
         before, after = (np.linalg.norm(errors, axis=1) for errors in (found.errors_nominal, found.errors))
@@ -200,7 +236,11 @@ class CalibrationPresenter(Presenter["Calibration"]):
         return ArmView(calibrated.robot, (first, *measured), "Shown", calibrated.scene, points=True, values=values)
 
     def columns(self) -> Columns:
-        """The parameters with their standard errors, SI units."""
+        """The parameters with their standard errors, SI units.
+
+        "determined" is whether data (with the stated priors) determine a parameter by itself; a value that is not
+        determined goes with the others of its combination only.
+        """
         found = self.result
         return {
             "parameter": [p.name for p in found.parameters],

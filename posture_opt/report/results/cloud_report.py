@@ -1,4 +1,8 @@
-"""The report on a Monte Carlo cloud beside the closed form."""
+"""The report on a Monte Carlo cloud next to the closed form.
+
+Each simulated number has its sampling interval: a closed form inside it agrees with the simulation as far as so many
+samples can say.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +35,17 @@ if TYPE_CHECKING:
 
 
 def cloud_report(cloud: Cloud) -> Report:
-    """Problem, posture, cloud beside closed form, covariance."""
+    """Problem, posture, cloud next to closed form, covariance."""
     spread, problem = cloud.spread, problem_of(cloud.spread)
     blocks = (arm_block(problem, spread), posture_block(spread), comparison_block(cloud), covariance_block(cloud))
     return Report(problem.name or "Simulated spread of the tool point", lead(cloud), blocks)
 
 
 def lead(cloud: Cloud) -> tuple[str, ...]:
-    """How many samples lie where the closed form expects them, and how many do what the task asks."""
+    """How many samples lie where the closed form expects them, and how many do what the task asks.
+
+    The second line is left out where no task or no clearance is stated.
+    """
     agree = f"{100 * cloud.coverage95:.2f} % of {cloud.n:,} simulated tool points lie in the predicted 95 % region."
     seen = cloud.spread.for_task
     if seen is None or cloud.success is None or seen.success_probability is None:
@@ -49,12 +56,16 @@ def lead(cloud: Cloud) -> tuple[str, ...]:
 
 
 def _percent(share: float) -> str:
-    """A share that was counted, as finely as thousands of samples tell it."""
+    """A share that was counted, with two decimals: the digits that thousands of samples support."""
     return f"{100 * share:.2f} %"
 
 
 def comparison_block(cloud: Cloud) -> Block:
-    """Standard deviations, mean and coverage of the sample with their sampling intervals."""
+    """Standard deviations, mean and coverage of the sample with their sampling intervals.
+
+    Two tables, of standard deviations and of the mean shift; then the share of tool points in the predicted 95 %
+    region, the probability of success, and whether the linear ellipse may be used at this posture.
+    """
     low, high = cloud.coverage95_interval
     inside = low <= 0.95 <= high
     interval = f"sampling interval {100 * low:.2f} to {100 * high:.2f} %"
@@ -69,6 +80,7 @@ def comparison_block(cloud: Cloud) -> Block:
 
 
 def _verdict(inside: bool, coverage: float) -> str:
+    """What the share in the predicted region says: agreement, or a distribution that is not normal."""
     if inside:
         return "the interval contains 95 %: simulation and closed form agree"
     side = "fewer" if coverage < 0.95 else "more"
@@ -76,7 +88,7 @@ def _verdict(inside: bool, coverage: float) -> str:
 
 
 def _success_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
-    """The counted probability beside those of the closed form."""
+    """The counted probability next to that of the closed form; nothing without a clearance."""
     seen, interval = cloud.spread.for_task, cloud.success_interval
     if seen is None or cloud.success is None or interval is None or seen.success_probability is None:
         return ()
@@ -88,6 +100,10 @@ def _success_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
 
 
 def _axes_table(cloud: Cloud) -> Table:
+    """Standard deviations along the principal axes of the closed form, longest first, then along those of the task.
+
+    Columns: closed form, simulated, the 95 % interval of the latter, and the ratio simulated over closed form.
+    """
     intervals = [[math.sqrt(max(float(v), 0.0)) for v in pair] for pair in cloud.eigenvalue_intervals[::-1]]
     sampled = [math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]]
     closed = [float(v) for v in cloud.spread.ellipse.semi_axes[::-1]]
@@ -103,7 +119,10 @@ def _axes_table(cloud: Cloud) -> Table:
 
 
 def _task_axes(cloud: Cloud) -> tuple[tuple[str, Array], ...]:
-    """The axes of the task that are worth a row: the worst one of the part that counts, and the direction."""
+    """The axes of the task that are worth a row: the worst one of the part that counts, and the direction.
+
+    Nothing where the task counts all directions alike: the principal axes say that already.
+    """
     seen = cloud.spread.for_task
     if seen is None or seen.critical.within == "all":
         return ()
@@ -114,6 +133,12 @@ def _task_axes(cloud: Cloud) -> tuple[tuple[str, Array], ...]:
 
 
 def _task_cells(cloud: Cloud, axis: Array, factor: float) -> tuple[str, str, str, str]:
+    """Closed form, simulated, interval and ratio along one axis.
+
+    Args:
+        axis: (3,) unit vector, world frame; the standard deviation along it is ``sqrt(aᵀ C a)``.
+        factor: from m to the unit of the table.
+    """
     closed, sampled = (deviation(float(axis @ C @ axis), C) for C in (cloud.spread.covariance, cloud.covariance))
     pair = variance_intervals(axis[None], np.array([sampled**2]), cloud.covariance_of_covariance)[0]
     ends = [math.sqrt(max(float(v), 0.0)) for v in pair]
@@ -122,12 +147,18 @@ def _task_cells(cloud: Cloud, axis: Array, factor: float) -> tuple[str, str, str
 
 
 def _beside(sizes: list[float], largest: float, factor: float) -> tuple[str, str, str]:
-    """Closed form, simulated, and the interval of the latter, beside the largest of the table."""
+    """Closed form, simulated, and the interval of the latter, with the digits of the largest of the table.
+
+    Args:
+        sizes: closed form, simulated, lower and upper end [m]; ``largest`` [m] of the table.
+        factor: from m to the unit of the table.
+    """
     closed, sampled, low, high = (number(size * factor, 4, largest * factor) for size in sizes)
     return closed, sampled, f"{low} to {high}"
 
 
 def _mean_table(cloud: Cloud) -> Table:
+    """Shift of the mean from the nominal tool point by axis: closed form, simulated, and its 95 % sampling interval."""
     closed, sampled = [float(v) for v in cloud.spread.bias], [float(v) for v in cloud.bias]
     errors = [coverage_factor(0.95, 1) * float(v) for v in cloud.bias_error]
     unit, factor = length_unit([float(v) for v in cloud.spread.ellipse.semi_axes])
@@ -140,20 +171,21 @@ def _mean_table(cloud: Cloud) -> Table:
 
 
 def covariance_block(cloud: Cloud) -> Block:
-    """Both covariances."""
+    """Both covariances (3, 3), world frame, in mm² or µm²; left out of the short form."""
     tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
     items = ("Simulated:", tables[0], "Closed form:", tables[1])
     return Block("Covariance of the tool point, world frame", items, brief=())
 
 
 def points_csv(cloud: Cloud) -> bytes:
-    """The simulated tool points in mm."""
+    """The simulated tool points (n, 3) in mm, world frame, to a nanometre."""
     text = StringIO()
     np.savetxt(text, 1e3 * cloud.points, fmt="%.6f", delimiter=", ", header="x [mm], y [mm], z [mm]", comments="")
     return text.getvalue().encode()
 
 
 def _summary(cloud: Cloud) -> Summary:
+    """Posture, tool point, standard deviations, their ratios to the closed form, coverage, probability of success."""
     low, high = (100 * share for share in cloud.coverage95_interval)
     posture, point, *_ = spread_facts(cloud.spread)
     sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
@@ -171,13 +203,14 @@ def _summary(cloud: Cloud) -> Summary:
 
 
 class CloudPresenter(Presenter["Cloud"]):
-    """A simulation beside the closed form."""
+    """A simulation next to the closed form; ``cloud.csv`` has the simulated tool points."""
 
     document = "spread"
     delivers: ClassVar[tuple[str, ...]] = ("cloud.csv",)
 
     @property
     def problem(self) -> ProblemData:
+        """The problem whose arm was simulated."""
         return problem_of(self.result.spread)
 
     def summary(self) -> Summary:
@@ -187,7 +220,7 @@ class CloudPresenter(Presenter["Cloud"]):
         return cloud_report(self.result)
 
     def drawings(self) -> Drawings:
-        """The cloud beside the closed form, and the arm."""
+        """The cloud with the closed form's ellipses, and the arm."""
         return {"cloud": partial(plot_cloud, self.result), "arm": partial(plot_spread, self.result.spread)}
 
     def view(self) -> ArmView:
@@ -195,7 +228,7 @@ class CloudPresenter(Presenter["Cloud"]):
         return spread_view(self.result.spread)
 
     def columns(self) -> Columns:
-        """The simulated tool points."""
+        """The simulated tool points [mm], world frame, one row a sample."""
         return {f"{axis} [mm]": 1e3 * self.result.points[:, k] for k, axis in enumerate("xyz")}
 
     def files(self) -> Files:

@@ -1,4 +1,8 @@
-"""The report on compensated targets: how far off they were, what is left, and by how much the joints changed."""
+"""The report on compensated targets: how far off they were, what is left, and by how much the joints changed.
+
+"Off" is the expected error of the joint values as given, by what is known of the arm; "left" what remains of it after
+compensation together with what is uncertain.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,11 @@ def compensation_report(problem: ProblemData, found: Compensation) -> Report:
 
 
 def lead(found: Compensation) -> tuple[str, ...]:
-    """The answer: from how far off to how far off."""
+    """The answer: from how far off to how far off, as RMS over the targets.
+
+    One line instead where the file has no corrections. A sentence is added where what is left is more than 80 % of
+    what was off; then the joint that changes by more than five degrees, and notes.
+    """
     among = [rms(found.off), rms(found.left)]
     before, after = (length(size, among=among) for size in among)
     first = f"Compensated, the tool is expected to miss {_targets(found)} by {after} (RMS) instead of {before}."
@@ -54,6 +62,7 @@ def lead(found: Compensation) -> tuple[str, ...]:
 
 
 def _targets(found: Compensation) -> str:
+    """ "its target" or "the … targets"."""
     return "its target" if len(found) == 1 else f"the {len(found)} targets"
 
 
@@ -69,7 +78,11 @@ def _warning(found: Compensation) -> tuple[str, ...]:
 
 
 def gain_block(problem: ProblemData, found: Compensation) -> Block:
-    """Errors before and after, in position and orientation; what the arm is computed with."""
+    """Errors before and after, in position and orientation; what the arm is computed with.
+
+    Rows: RMS and largest position error (µm or mm), and RMS orientation error [deg] where the targets have one. The
+    facts below name the inputs of the effects and the largest change of each joint over all rows.
+    """
     left = length_unit([rms(found.off), rms(found.left)])
     unit, factor = left
     sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
@@ -121,6 +134,7 @@ def _range(values: Array | None, stated: float) -> str:
 
 
 def _given(found: Compensation) -> str:
+    """Where the joint values of the rows come from, in words."""
     if found.targets.near is None:
         return "none were given: those of the drawn arm count, each row near the one before"
     if found.targets.position is None:
@@ -129,6 +143,7 @@ def _given(found: Compensation) -> str:
 
 
 def _changes(found: Compensation, change: np.ndarray) -> list[str]:
+    """The largest change of each joint over the rows, given as (n,) [rad or m]."""
     return [
         f"{joint.name} {angle(float(v)) if joint.type == 'revolute' else length(float(v))}"
         for joint, v in zip(found.problem.robot.joints, change, strict=True)
@@ -136,7 +151,11 @@ def _changes(found: Compensation, change: np.ndarray) -> list[str]:
 
 
 def rows_block(found: Compensation) -> Block:
-    """The rows with their compensated joint values."""
+    """The rows with their compensated joint values.
+
+    Joints have the digits of the file, deg or mm; "off" and "left" are in the unit of their RMS. Rows beyond the
+    largest number are in ``compensated.csv`` only.
+    """
     unit, factor = length_unit([rms(found.off), rms(found.left)])
     heads = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
     rows = tuple(
@@ -154,12 +173,13 @@ def rows_block(found: Compensation) -> Block:
 
 
 class CompensationPresenter(Presenter["Compensation"]):
-    """Compensated targets."""
+    """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
     document = "compensation"
     delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
 
     def summary(self) -> Summary:
+        """RMS errors as given and compensated, orientation where there is one, and the largest change of a joint."""
         found = self.result
         among = [rms(found.off), rms(found.left)]
         turned: tuple[tuple[str, str], ...] = ()
@@ -174,6 +194,7 @@ class CompensationPresenter(Presenter["Compensation"]):
         return Summary(f"{count(len(found), 'compensated target')}: {found.problem.name}", facts)
 
     def report(self) -> Report:
+        """The whole report."""
         return compensation_report(self.problem, self.result)
 
     def drawings(self) -> Drawings:
@@ -198,7 +219,7 @@ class CompensationPresenter(Presenter["Compensation"]):
         return ArmView(robot, postures, "Target", scene, points=True, values=f"left [{unit}]")
 
     def columns(self) -> Columns:
-        """The joint values and the errors before and after."""
+        """Line of the file, joint values [deg or mm], and the errors [mm] before and after, one row a target."""
         found = self.result
         joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.headers)}
         return {
@@ -209,4 +230,5 @@ class CompensationPresenter(Presenter["Compensation"]):
         }
 
     def files(self) -> Files:
+        """``compensated.csv``: the rows of the targets with the joint values to command."""
         return {"compensated.csv": self.result.to_csv().encode()}

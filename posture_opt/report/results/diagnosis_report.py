@@ -1,4 +1,8 @@
-"""The report on a diagnosis: the causes of the errors, their gain, their rivals, and what stays unexplained."""
+"""The report on a diagnosis: the causes of the errors, their gain, their rivals, and what stays unexplained.
+
+Three models are compared throughout: the arm of the file, the arm with fitted geometry, and the arm with the effects
+that were found. Errors are of held-out rows.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +67,12 @@ _NUMBERS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Te
 def diagnosis_report(
     found: Diagnosis, comparison: Comparison | None = None, goals: MeasuredGoals | None = None
 ) -> Report:
-    """The answer, the causes, their gain, their rivals, what stays unexplained, and the data."""
+    """The answer, the causes, their gain, their rivals, what stays unexplained, and the data.
+
+    Args:
+        comparison: the task planned again by the extended arm, or None without a task.
+        goals: targets that were measured in several postures, or None.
+    """
     blocks = (
         causes_block(found),
         *cyclic_block(found),
@@ -84,7 +93,11 @@ def diagnosis_report(
 
 
 def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals | None) -> tuple[str, ...]:
-    """The causes in one sentence, and what knowing them brings in another."""
+    """The causes in one sentence, and what knowing them brings in another.
+
+    Doubts about data and file come before it. What follows it: postures to repeat, which arm is delivered where it is
+    not the one with all effects, the test file, the comparison of plans. Each is left out where it does not apply.
+    """
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     causes = [f for f in found.effects if f not in geometry and f.determined] or geometry
     vague = [f for f in found.effects if f not in geometry and not f.determined]
@@ -115,11 +128,12 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
 
 
 def _beyond(found: Diagnosis) -> str:
-    """What the errors are compared with, where repeats tell it."""
+    """What the errors are compared with, where repeats say it."""
     return " beyond measurement noise" if noise_floor(found).repeated else ""
 
 
 def _named(found: Diagnosis, finding: Finding) -> str:
+    """A cause in words with its size; without, where the words have the size already or no single number says it."""
     size, words = headline_of(found, finding), finding_words(finding, found.problem)
     return f"{words} ({size})" if size and size not in words else words
 
@@ -132,6 +146,7 @@ def _vague(found: Diagnosis, findings: list[Finding]) -> str:
 
 
 def _improvement(found: Diagnosis) -> str:
+    """RMS error [mm] on held-out rows: before calibration, calibrated, with effects; and the noise floor below them."""
     sizes = {name: found.errors[name].rms for name in MODELS}
     text = f"On rows held out from the fit, the RMS error was {mm(sizes['nominal'])} mm before calibration, "
     text += f"{mm(sizes['calibrated'])} mm calibrated"
@@ -149,11 +164,16 @@ def _counted(n: int) -> str:
 
 
 def _these(n: int) -> str:
+    """ "this effect" or "these … effects"."""
     return "this effect" if n == 1 else f"these {n} effects"
 
 
 def data_block(found: Diagnosis) -> Block:
-    """The file, its rows, the instrument, and what looks odd."""
+    """The file, its rows, the instrument, and what looks odd.
+
+    "Geometry" is how many combinations of parameters the data determine; they are fitted in every model, so that no
+    effect takes the blame for a wrong length.
+    """
     problem, data = problem_of(found), found.request.data
     gone = found.calibration.lines
     facts = [
@@ -169,12 +189,13 @@ def data_block(found: Diagnosis) -> Block:
 
 
 class DiagnosisPresenter(Presenter[Diagnosis]):
-    """A diagnosis with the task planned again by the arm that was found."""
+    """A diagnosis with the task planned again by the arm that was found; ``extended.yaml`` is that arm."""
 
     document = "diagnosis"
     delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
 
     def summary(self) -> Summary:
+        """Verdict, the first causes, and the RMS error by model."""
         found = self.result
         errors = ", ".join(f"{mm(found.errors[name].rms)} mm {words}" for name, words in MODELS.items())
         named = [finding_words(f, self.problem) for f in found.effects]
@@ -187,10 +208,15 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return Summary(f"Diagnosis: {self.problem.name}", facts)
 
     def report(self) -> Report:
+        """The whole report, a block a question."""
         return diagnosis_report(self.result, self.result.comparison, self.result.goals)
 
     def drawings(self) -> Drawings:
-        """Each named effect with the errors behind it; errors by model, scores, and what is left."""
+        """Each named effect with the errors behind it; errors by model, scores, and what is left.
+
+        Curves need a named effect, the periodogram a periodic one, and the last figure a verdict of unexplained
+        structure.
+        """
         found = self.result
         drawings: Drawings = {
             "diagnosis_curves": partial(plot_curves, found),
@@ -208,7 +234,10 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return {**drawn, **comparison_drawings(self.result.comparison)}
 
     def view(self) -> ArmView:
-        """Every cause at the joint that it is of, with its size: all of them, and each by itself."""
+        """Every cause at the joint that it is of, with its size: all of them, and each by itself.
+
+        The posture is that of the task, planned by the extended arm, else one of the measured ones.
+        """
         found, extended = self.result, self.result.extended
         q, spread = task_posture(extended, self.result.comparison, found.request.data.q)
         marks = [cause_marks(found, finding) for finding in found.effects]
@@ -223,7 +252,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)
 
     def columns(self) -> Columns:
-        """The causes that were found."""
+        """One row a cause: kind, joint or link, p-value (corrected for the search), share of the RMS it removes."""
         found = self.result.effects
         return {
             "kind": [f.kind for f in found],
@@ -233,7 +262,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         }
 
     def files(self) -> Files:
-        """The extended arm as a problem file, and what to measure to tell causes apart."""
+        """The extended arm as a problem file, and the measurements that discriminate between causes, if any help."""
         further = split_csv(self.result)
         extended: Files = self.result.extended.files("extended")
         return extended | ({FILE: further.encode()} if further else {})

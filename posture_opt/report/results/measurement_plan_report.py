@@ -1,4 +1,8 @@
-"""The report on what to measure next: the postures, what they are expected to tell, and against what."""
+"""The report on what to measure next: the postures, what can be expected of them, and against what.
+
+Three stages are compared: before (stated σ's and given rows), planned (with the postures of the plan) and random (the
+median of plans of as many random postures under the same requirements).
+"""
 
 from __future__ import annotations
 
@@ -56,7 +60,12 @@ def measurement_plan_report(plan: MeasurementPlan) -> Report:
 
 
 def answer(plan: MeasurementPlan) -> tuple[str, ...]:
-    """What the plan brings, in one or two sentences."""
+    """What the plan brings, in one or two sentences.
+
+    The first says how many random postures the plan is worth; about as many means that planning is not needed for this
+    arm. The second is the expected error at the posture of the task, left out without one. A warning follows where no
+    height of the table is stated.
+    """
     n = len(plan.q)
     chosen = f"{n} planned postures are" if n > 1 else "1 planned posture is"
     what = "for the parameters" if plan.purpose == "parameters" else "for the task"
@@ -81,7 +90,7 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
 
 
 def gain_block(plan: MeasurementPlan) -> Block:
-    """The figures of merit before, after, and with random postures."""
+    """The figures of merit before, after, and with random postures: parameters determined, error at the task [mm]."""
     known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after, plan.random)]
     rows = [("parameters determined", *(str(n) for n in known))]
     if plan.target is not None:
@@ -98,19 +107,26 @@ def gain_block(plan: MeasurementPlan) -> Block:
 
 
 def _larger(gain: float) -> str:
+    """A ratio above 1 in words: percent below 2, times from there on."""
     return f"{percent(gain - 1)} larger" if gain < 2 else f"{number(gain, 2)} times as large"
 
 
 def _stages(plan: MeasurementPlan) -> tuple[ExpectedErrors, ExpectedErrors, ExpectedErrors]:
+    """Before, planned and random, in the order of the columns."""
     return plan.before, plan.after, plan.random
 
 
 def _value(value: float) -> str:
+    """A number, or "unknown" where it is not determined."""
     return _OPEN if math.isnan(value) else number(value)
 
 
 def parameters_block(plan: MeasurementPlan) -> Block:
-    """Expected standard errors of every parameter."""
+    """Expected standard errors of every parameter in deg or mm, at the three stages.
+
+    Parameters that no stage determines, or that are exact already, are left out; what no posture can separate with
+    this instrument is named below the table.
+    """
     rows = []
     for i, p in enumerate(plan.parameters):
         if is_listed(plan, i):
@@ -126,7 +142,11 @@ def parameters_block(plan: MeasurementPlan) -> Block:
 
 
 def observability_block(plan: MeasurementPlan) -> Block:
-    """The observability indices O1 to O5."""
+    """The observability indices O1 to O5 at the three stages; larger is better.
+
+    Of the singular values σ₁ ≥ … ≥ σₗ of the scaled Jacobian of m rows: O1 ``(σ₁ … σₗ)^(1/l) / sqrt(m)``, O2
+    ``σₗ/σ₁``, O3 ``σₗ``, O4 ``σₗ²/σ₁``, O5 ``1 / Σ σ⁻²``.
+    """
     names = plan.after.observability
     rows = tuple((f"{n}, {_SAID[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
     text = (
@@ -137,11 +157,16 @@ def observability_block(plan: MeasurementPlan) -> Block:
 
 
 def _index(value: float) -> str:
+    """An index, 0 below a millionth: some combination is not determined."""
     return number(value) if value > _TINY else "0"
 
 
 def postures_block(plan: MeasurementPlan) -> Block:
-    """The postures in order, with the tool point."""
+    """The postures in order, with the tool point.
+
+    One row a posture: joints [deg or mm] to two decimals and the nominal tool point [mm], world frame. Rows beyond the
+    largest number are in ``plan.csv`` only.
+    """
     units = [joint_unit(joint.type) for joint in plan.robot.joints]
     heads = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
     if len("  ".join([*heads, "no.", *3 * ["-1000.0"]])) > _WIDE:  # they will be broken: between words, then
@@ -158,6 +183,7 @@ def postures_block(plan: MeasurementPlan) -> Block:
 
 
 def _travel(plan: MeasurementPlan) -> list[str]:
+    """Joint travel of the tour, the sides of approach, and moves whose straight line in joint space collides."""
     tour = plan.tour
     if len(plan.q) < 2:
         return []
@@ -188,12 +214,13 @@ def points_csv(plan: MeasurementPlan) -> str:
 
 
 class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
-    """Which postures to measure next."""
+    """Which postures to measure next; ``plan.csv`` has their joint values and empty columns for the readings."""
 
     document = "plan"
     delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
 
     def summary(self) -> Summary:
+        """Purpose, worth in random postures, parameters determined, error at the task, joint travel."""
         plan = self.result
         known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after)]
         worth = f"{plan.equivalent} random ones" if plan.equivalent else f"more than {plan.tried} random ones"
@@ -208,6 +235,7 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
 
     def report(self) -> Report:
+        """The whole report."""
         return measurement_plan_report(self.result)
 
     def drawings(self) -> Drawings:
@@ -228,11 +256,12 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return ArmView(plan.robot, postures, "Posture", scene, points=True, line=True)
 
     def columns(self) -> Columns:
-        """The postures in the order of the visit, and where the tool comes to lie."""
+        """The postures in the order of the visit, joints [deg or mm], and the nominal tool point [mm], world frame."""
         plan = self.result
         joints = [(joint.name, *joint_unit(joint.type)) for joint in plan.robot.joints]
         postures = {f"{name} [{unit}]": plan.q[:, k] * factor for k, (name, unit, factor) in enumerate(joints)}
         return {**postures, **{f"{c} [mm]": 1e3 * plan.points[:, k] for k, c in enumerate("xyz")}}
 
     def files(self) -> Files:
+        """``plan.csv`` for the measurement, ``plan_points.csv`` with the tool points for setting up the instrument."""
         return {"plan.csv": self.result.to_csv().encode(), "plan_points.csv": points_csv(self.result).encode()}

@@ -1,4 +1,7 @@
-"""Measurements in a few lines, for those who work with them in Python."""
+"""Measurements in a few lines, for those who work with them in Python.
+
+There is no page and no figure: a table of measurements is printed as a summary, or converted to a data frame.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class MeasurementsPresenter(SummaryPresenter["Measurements"]):
-    """How many rows of what."""
+    """How many rows of what: a summary, and the rows as a data frame."""
 
     def dataframe(self) -> Any:
         """Every row, with its line in the file as index.
@@ -32,6 +35,7 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         return frame
 
     def summary(self) -> Summary:
+        """Rows and postures, what was measured, how far joints moved; robots, inputs and notes where there are any."""
         data = self.result
         poses = len(np.unique(data.pose))
         repeated = f" of {poses} postures" if poses < len(data) else ", each of another posture"
@@ -46,7 +50,10 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
 
 
 def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
-    """Heads and values as ``read_measurements`` reads them back, in SI units: nothing is rounded."""
+    """Column names and values as ``read_measurements`` reads them back, in SI units: nothing is rounded.
+
+    Columns that the file did not have are left out; an unknown side of approach is NaN.
+    """
     units = data.joint_units or ("rad",) * data.q.shape[1]
     for k, (name, unit) in enumerate(zip(data.joint_names, units, strict=True)):
         yield f"{name} [{unit}]", data.q[:, k]
@@ -81,6 +88,7 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
 
 
 def _measured(data: Measurements) -> str:
+    """The measured axes and whether orientations were measured, or how many points were touched."""
     if data.position is None:
         return f"touches of {len(data.point_names)} points"
     axes = ", ".join(name for name, seen in zip("xyz", data.measured_axes, strict=True) if seen)
@@ -88,7 +96,7 @@ def _measured(data: Measurements) -> str:
 
 
 def _ranges(data: Measurements) -> str:
-    """The largest and the smallest range that a joint was moved over, as far as angles go."""
+    """How many joints moved, and the widest range [deg] that a joint was moved over."""
     spans = np.ptp(data.q, axis=0)
     moved = sum(span > 0 for span in spans)
     return f"{moved} of {len(spans)} moved; the widest range is {math.degrees(float(max(spans))):.0f} deg"

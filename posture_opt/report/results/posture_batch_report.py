@@ -1,4 +1,7 @@
-"""The report on the answers to many problems: a row for each, and why some have none."""
+"""The report on the answers to many problems: a row for each, and why some have none.
+
+The order is that of the given problems, so that rows can be compared between two runs.
+"""
 
 from __future__ import annotations
 
@@ -21,18 +24,23 @@ _MAX_BRIEF_ROWS = 12  # rows on one screen
 
 
 class PostureBatchPresenter(Presenter["PostureBatch"]):
-    """Many problems, one row each."""
+    """Many problems, one row each; ``answers.csv`` has all of them."""
 
     document = "answers"
     delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
 
     def summary(self) -> Summary:
+        """How many are solved, and the answers of least and largest standard deviation."""
         facts = [("Solved", solved_sentence(self.result))]
         if self.result.solved:
             facts += [(which, f"{length(one.sigma_max)} (1 σ): {one.name}") for which, one in extremes(self.result)]
         return Summary(f"Postures for {count(len(self.result.answers), 'problem')}", tuple(facts))
 
     def report(self) -> Report:
+        """First the problems without an answer with their reasons, then the table of answers.
+
+        On one screen both are cut after the first dozen.
+        """
         found = self.result
         ends = [f"{which} standard deviation: {length(one.sigma_max)}, {one.name}." for which, one in extremes(found)]
         title = f"Postures for {count(len(found.answers), 'problem')}"
@@ -49,7 +57,11 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         return {"answers": partial(plot_posture_batch, self.result)}
 
     def columns(self) -> Columns:
-        """A row for every problem, SI units."""
+        """A row for every problem, SI units.
+
+        "code" is the exit code that the problem would have alone: 0 solved, 2 bad input, 3 no solution, 4 too few
+        data, 1 a defect.
+        """
         answers = self.result.answers
         return {
             "problem": [answer.name for answer in answers],
@@ -62,13 +74,14 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         }
 
     def files(self) -> Files:
+        """``answers.csv``: the columns, with quotes where a text has a comma, a quote or a line break."""
         columns = self.columns()
         rows = [columns, *zip(*columns.values(), strict=True)]
         return {"answers.csv": "".join(", ".join(map(_cell, row)) + "\n" for row in rows).encode()}
 
 
 def solved_sentence(found: PostureBatch) -> str:
-    """How many have a solution, and what the others lack."""
+    """How many have a solution, and why the others have none."""
     lacking = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
     codes = [answer.code for answer in found.answers]
     others = [f"{codes.count(code)} {what}" for code, what in lacking.items() if code in codes]
@@ -85,7 +98,7 @@ def extremes(found: PostureBatch) -> list[tuple[str, BatchAnswer]]:
 
 
 def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
-    """Name, what became of it, and its spread."""
+    """Name, status, standard deviation in the unit of the largest, probability of success; "-" where not known."""
     known = [answer.sigma_max for answer in answers if not np.isnan(answer.sigma_max)]
     unit, factor = length_unit(known or [0.0])
     rows = [
@@ -101,6 +114,7 @@ def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
 
 
 def _cell(value: object) -> str:
+    """A value of the file: six digits, empty for NaN, quoted text where it has to be."""
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.6g}"
     text = str(value)

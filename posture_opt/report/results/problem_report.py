@@ -1,4 +1,7 @@
-"""A problem in a few lines, for those who work with it in Python."""
+"""A problem in a few lines, for those who work with it in Python.
+
+Facts are cut after two lines; the whole of a problem is its file.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,10 @@ _LONGEST = 150  # characters of a fact: two lines
 
 
 class ProblemPresenter(SummaryPresenter["Problem"]):
-    """The robot, its scatter and its task."""
+    """The robot, its scatter and its task, as the summary that ``print`` shows."""
 
     def summary(self) -> Summary:
+        """Robot, effects, sources of error, task, target, and obstacles where there are any."""
         problem: Problem = self.result
         facts = [robot_facts(problem)[0], *effect_facts(problem), *source_facts(problem), *_task_facts(problem.task)]
         if problem.cell is not None and problem.cell.obstacles:
@@ -40,6 +44,7 @@ def _task_facts(task: Task | None) -> list[tuple[str, str]]:
 
 
 def _where(task: Task) -> str:
+    """Where the tool point has to be: a path, features, a region, anywhere, or one position [mm], world frame."""
     if task.on_path:
         return "along a path"
     if task.features:

@@ -1,4 +1,8 @@
-"""The report on whether the predicted spread is true, between repeats and over all postures."""
+"""The report on whether the predicted spread is true, between repeats and over all postures.
+
+Coverage tests regions against measured points: 95 % of them should lie in their 95 % regions. Repeats test scatter
+alone, as systematic errors are the same in every repeat.
+"""
 
 from __future__ import annotations
 
@@ -36,18 +40,24 @@ _SCATTER = {
 
 
 def spread_check_blocks(found: SpreadCheck) -> tuple[Block, ...]:
-    """Coverage of the predicted regions, repeats against the prediction, scatter of each joint."""
+    """Coverage of the predicted regions, repeats against the prediction, scatter of each joint where estimated."""
     noise = (joints_block(found),) if found.noise is not None else ()
     return coverage_block(found), repeats_block(found), *noise
 
 
 def spread_check_lead(found: SpreadCheck) -> str:
-    """The line for the top of the report."""
+    """The line for the top of the report: coverage of the spread that is stated, else that of the calibrated arm."""
     return coverage_sentence("nominal" if found.stated else "calibrated", found)
 
 
 def coverage_block(found: SpreadCheck) -> Block:
-    """How much of what was measured the predicted regions hold."""
+    """How much of what was measured the predicted regions hold.
+
+    Columns, a row a model:
+      contains: share of the measured points in their region, with its 95 % interval;
+      if correct: range in which that share would lie if the prediction were true;
+      scale by: factor on all standard deviations that would make it true, with its interval.
+    """
     how = (
         "Each row is compared with the region predicted for its posture by a fit without it: before calibration from "
         "the uncertainty in the file and the instrument; after it from the covariance of the parameters, the residual "
@@ -62,7 +72,7 @@ def coverage_block(found: SpreadCheck) -> Block:
 
 
 def _one_draw(found: SpreadCheck) -> list[str]:
-    """How far errors that stay may move the share of one robot."""
+    """How far errors that stay may move the share of one robot; left out where it is less than a tenth of the rows."""
     low, high = found.coverage["nominal"].expected
     if not found.stated or high - low <= _WIDE:
         return []
@@ -86,6 +96,7 @@ def coverage_sentence(name: str, found: SpreadCheck) -> str:
 
 
 def _verdict(c: Coverage) -> str:
+    """Whether the spread agrees, is understated or overstated, with the factor and its interval."""
     low, high = (number(end, 2) for end in c.factor_interval)
     if c.verdict == "right":
         near = "" if float(low) <= 1 <= float(high) else " to within a tenth"
@@ -96,7 +107,11 @@ def _verdict(c: Coverage) -> str:
 
 
 def _tails(model: str, c: Coverage) -> str:
-    """What a region of the right size says of the shape: long tails leave it too wide in the middle."""
+    """What a region of the right size says of the shape: long tails leave it too wide in the middle.
+
+    Reported where the share in the 50 % region is off by more than 5 % and more than three standard errors, ``3
+    sqrt(0.25 / poses)``.
+    """
     share, chance = c.held(0.5), 3 * math.sqrt(0.25 / c.poses)
     if c.verdict != "right" or abs(share - 0.5) < max(_BENT, chance):
         return ""
@@ -105,6 +120,7 @@ def _tails(model: str, c: Coverage) -> str:
 
 
 def _coverage_cells(c: Coverage) -> tuple[str, ...]:
+    """The numbers of one model: share, interval, share if correct, factor, interval."""
     return (
         percent(c.share),
         f"{percent(c.interval[0])} to {percent(c.interval[1])}",
@@ -115,7 +131,10 @@ def _coverage_cells(c: Coverage) -> tuple[str, ...]:
 
 
 def repeats_block(found: SpreadCheck) -> Block:
-    """Scatter between repeats, beside the residuals and what the file states of scatter."""
+    """Scatter between repeats, next to the residuals and what the file states of scatter.
+
+    Without repeated postures the block says what to measure; without a stated scatter it has no test and no table.
+    """
     title = "Repeats against the predicted scatter"
     if not found.repeat_sigma:
         told = "No posture was repeated: these data cannot separate scatter from systematic errors."
@@ -132,6 +151,10 @@ def repeats_block(found: SpreadCheck) -> Block:
 
 
 def _between_text(found: SpreadCheck) -> str:
+    """Standard deviation between repeats against the residuals.
+
+    Of residuals more than twice as large, the share ``1 − (σ_repeat / rms)²`` of the variance is systematic.
+    """
     size = f"Standard deviation between repeats of one posture: {length(found.repeat_sigma)} per coordinate"
     ratio = found.residual_rms / found.repeat_sigma
     left = f"{size}; the calibrated model has an RMS error of {length(found.residual_rms)} per coordinate."
@@ -142,6 +165,7 @@ def _between_text(found: SpreadCheck) -> str:
 
 
 def _test_texts(test: ScatterTest, by: str) -> list[str]:
+    """What was predicted from which source, measured over predicted standard deviation, and tests one by one."""
     what = {
         "visit": "the scatter in the file and the instrument",
         "joints": "the σ's of joint values in the file, taken as scatter, and the instrument",
@@ -158,6 +182,9 @@ def _test_texts(test: ScatterTest, by: str) -> list[str]:
 
 
 def _poses_table(test: ScatterTest) -> Table:
+    """One row a posture, the least probable first: measured and predicted size [mm], their ratio, p of size and of
+    shape.
+    """
     headers = ("line", "repeats", "measured [mm]", "predicted [mm]", "ratio", "p, size", "p, shape", "as predicted")
     rows = tuple(
         (
@@ -171,10 +198,12 @@ def _poses_table(test: ScatterTest) -> Table:
 
 
 def _short(p: float) -> str:
+    """A p-value of a table."""
     return "< 0.001" if p < 1e-3 else number(p, 2)
 
 
 def _more(test: ScatterTest) -> list[str]:
+    """How many postures the table leaves out."""
     more = test.groups - _LISTED
     return [f"and {more} more; the family-wise level of all tests is 5 %."] if more > 0 else []
 
@@ -186,9 +215,11 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
 
     @property
     def problem(self) -> ProblemData:
+        """The problem whose stated spread is checked."""
         return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:
+        """Coverage by model, scatter between repeats, and the RMS that the calibration leaves."""
         found = self.result
         shares = [(f"In 95 % regions, {MODEL_NAMES[name]}", percent(p)) for name, p in found.coverage95.items()]
         repeats = [("Between repeats", length(found.repeat_sigma))] if found.repeat_sigma else []
@@ -196,6 +227,7 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
         return Summary(f"Check of the predicted spread: {self.problem.name}", facts)
 
     def report(self) -> Report:
+        """One line of answer and the blocks."""
         return Report(
             self.problem.name or "Spread", (spread_check_lead(self.result),), spread_check_blocks(self.result)
         )
@@ -211,6 +243,6 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
 
 
 def spread_check_drawings(found: SpreadCheck) -> Drawings:
-    """Coverage of the predicted regions, and the scatter of the joints."""
+    """Coverage of the predicted regions, and the scatter of the joints where it was estimated."""
     joints: Drawings = {} if found.noise is None else {"truth_joints": partial(plot_joint_scatter, found)}
     return {"truth_coverage": partial(plot_reliability, found), **joints}

@@ -1,4 +1,8 @@
-"""The report on the spread at one posture, in closed form."""
+"""The report on the spread at one posture, in closed form.
+
+Lengths of the whole report share the unit of the largest standard deviation. The exact covariance is the answer; the
+first-order one is shown next to it.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +78,10 @@ def lead(spread: Spread) -> tuple[str, ...]:
 
 
 def arm_block(problem: ProblemData, spread: Spread) -> Block:
-    """The robot, the sources, and the task where there is one."""
+    """The robot, the sources, and the task where there is one.
+
+    The short form has the robot, the distance from the target, inputs of effects, sources and notes.
+    """
     seen = spread.for_task
     task = problem.task
     asked = [] if seen is None or task is None else [
@@ -87,7 +94,7 @@ def arm_block(problem: ProblemData, spread: Spread) -> Block:
 
 
 def posture_block(spread: Spread) -> Block:
-    """Joints and tool."""
+    """Joints and tool: value, limits and margin of each joint, then tool point and orientation in the world frame."""
     facts = (*tool_facts(spread), *lean_facts(spread))
     brief = (("Joints", joint_values(spread.problem, spread.q)), *nearest_limit(spread.robot, spread.q), *facts)
     return Block(
@@ -99,7 +106,12 @@ def posture_block(spread: Spread) -> Block:
 
 
 def spread_block(spread: Spread) -> Block:
-    """Standard deviations along the axes, regions, mean shift, first order beside exact."""
+    """Standard deviations along the axes, regions, mean shift, first order next to exact.
+
+    One row a principal axis of the exact covariance C, longest first: ``sqrt(eigenvalue)`` and the first-order
+    ``sqrt(aᵀ J Σ Jᵀ a)`` along the same axis a. What the task counts comes before the table; whether the linear
+    ellipse may be used comes last.
+    """
     semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
     unit, factor = length_unit(semi_axes)
     first = spread.covariance_first_order
@@ -126,13 +138,17 @@ def spread_block(spread: Spread) -> Block:
 
 
 def covariance_block(spread: Spread) -> Block:
-    """The covariance in mm²."""
+    """The covariance (3, 3), world frame; left out of the short form where a task counts a part of it only."""
     table = covariance_table(spread.covariance)
     return Block("Covariance of the tool point, world frame", (table,), brief=() if spread.for_task else None)
 
 
 def covariance_table(C: Array) -> Table:
-    """A (3, 3) covariance in mm² or µm²."""
+    """A (3, 3) covariance [m²] in mm² or µm².
+
+    Squares of small numbers are smaller still: below a trace of (0.1 mm)² the table is in µm². Entries below 1e-12 of
+    the trace are rounding and shown as 0.
+    """
     # Squares of small numbers are smaller still: below 0.1 mm the table is in µm².
     unit, factor = ("µm", 1e6) if float(np.trace(C)) < 1e-8 else ("mm", 1e3)
     floor = 1e-12 * float(np.trace(C))
@@ -151,7 +167,7 @@ def spread_budget_block(problem: ProblemData, spread: Spread) -> Block:
 
 
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
-    """The posture and the spread of its tool point, in four lines."""
+    """The posture and the spread of its tool point, in four lines; one more where there is a task."""
     seen = spread.for_task
     first, axis = (
         (spread.budget_groups[0], "the longest axis") if seen is None else (seen.budget_groups[0], "the critical axis")
@@ -170,6 +186,7 @@ def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
 
 
 def _critical_words(seen: TaskSpread) -> str:
+    """Standard deviation of the part that the task counts, and which part that is."""
     return f"{critical_size(seen.critical)} {part_words(seen.critical.within, seen.kind)}"
 
 
@@ -179,13 +196,18 @@ class SpreadPresenter(Presenter["Spread"]):
     document = "spread"
 
     def summary(self) -> Summary:
+        """Posture, tool point, standard deviations, largest contribution."""
         return Summary("Spread of the tool point at one posture", spread_facts(self.result))
 
     def report(self) -> Report:
+        """The whole report."""
         return spread_report(self.result)
 
     def drawings(self) -> Drawings:
-        """The arm, a small cloud with the ellipse, the budget of the axis that counts most."""
+        """The arm, a small cloud with the ellipse, the budget of the axis that counts most.
+
+        With a task, the second figure is the cross-section of the ellipse in which the task counts it.
+        """
         found = self.result
         seen, arm = found.for_task, partial(figures_of("arm").plot_spread, found)
         if seen is None:
@@ -206,6 +228,6 @@ class SpreadPresenter(Presenter["Spread"]):
         return view
 
     def columns(self) -> Columns:
-        """The error budget of the longest axis."""
+        """The error budget of the longest axis: parameter and share of the variance (their sum is 1)."""
         shares = self.result.budget
         return {"parameter": [share.parameter for share in shares], "share": [share.share for share in shares]}

@@ -1,4 +1,8 @@
-"""The report on a map of targets: the best place, the worst, and what the file's own position gives away."""
+"""The report on a map of targets: the best place, the worst, and what the file's own position gives away.
+
+Compared are standard deviations of the part that the task counts, in one unit per table. A target without a posture is
+"-" in tables and NaN in columns.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +40,9 @@ def target_map_report(found: TargetMap) -> Report:
 
 
 def lead(found: TargetMap) -> tuple[str, ...]:
-    """The best place, and what it is better than."""
+    """The best place, and what it is better than: the position in the problem, where there is one, and the worst
+    target.
+    """
     best, worst = found.best, found.worst
     part = part_words(found.within, found.optimisation_problem.task.kind)
     answer = f"Best target: {place(best.position)}, standard deviation {part} {length(best.sigma_max)}."
@@ -47,6 +53,10 @@ def lead(found: TargetMap) -> tuple[str, ...]:
 
 
 def _own_sentence(best: MapPoint, own: MapPoint) -> str:
+    """What moving the workpiece from the position in the problem to the best target gains.
+
+    In percent below a ratio of 1.5, else as a factor; no gain below 0.05 %, which the map cannot resolve.
+    """
     if not own.feasible:
         return "The position in the problem has no feasible posture."
     scatter = f"Position in the problem: {length(own.sigma_max)}"
@@ -58,7 +68,7 @@ def _own_sentence(best: MapPoint, own: MapPoint) -> str:
 
 
 def problem_block(problem: ProblemData, found: TargetMap) -> Block:
-    """What was asked, and where."""
+    """What was asked, and where: robot, task, direction (world), criterion, grid, collision checks, sources, notes."""
     task = found.optimisation_problem.task
     rows = [
         *robot_facts(problem),
@@ -77,7 +87,7 @@ def problem_block(problem: ProblemData, found: TargetMap) -> Block:
 
 
 def grid_words(grid: Grid) -> str:
-    """How many targets, and what they cover."""
+    """How many targets, and what they cover: size, the range along each axis [mm], and the origin of a turned grid."""
     u, v, w = map(len, grid.values)
     texts = []
     for axis, values in zip(grid.axes, grid.values, strict=True):
@@ -90,7 +100,7 @@ def grid_words(grid: Grid) -> str:
 
 
 def places_block(found: TargetMap) -> Block:
-    """Best, worst and own place with their postures."""
+    """Best, worst and own place with their postures; the own one where it has a posture."""
     map_points = {"best target": found.best, "worst target": found.worst}
     if found.own is not None and found.own.feasible:
         map_points = {"best target": found.best, "position in the problem": found.own, "worst target": found.worst}
@@ -99,7 +109,10 @@ def places_block(found: TargetMap) -> Block:
 
 
 def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
-    """Target, spread and posture of some places."""
+    """Target, spread and posture of some places.
+
+    Columns: x, y, z [mm] in the world frame, standard deviation in the unit of the largest, joints [deg or mm].
+    """
     joints = found.optimisation_problem.robot.joints
     unit, factor = length_unit([map_point.sigma_max for map_point in map_points.values()])
     headers = ["", *(f"{c} [mm]" for c in "xyz"), f"std. dev. [{unit}]"]
@@ -122,7 +135,10 @@ def map_block(found: TargetMap) -> Block:
 
 
 def served_sentence(found: TargetMap) -> str:
-    """How many targets have a posture, and what keeps the others from one."""
+    """How many targets have a posture, and what keeps the others from one.
+
+    Either no posture reaches the target with the required orientation, or each that does violates a requirement.
+    """
     statuses = [map_point.status for map_point in found.map_points]
     text = f"{statuses.count('feasible')} of {count(len(statuses), 'target')} have a feasible posture"
     if statuses.count("feasible") == 1:
@@ -137,7 +153,7 @@ def served_sentence(found: TargetMap) -> str:
 
 
 def neighbours_sentence(found: TargetMap) -> str:
-    """What the targets learnt from each other."""
+    """How many targets were solved again from postures of their neighbours, and by how much that improved them."""
     solves = found.solves
     text = f"Neighbouring postures were tried at every target, and {count(solves.again, 'target')} solved again: "
     gain = f"by up to {percent(solves.most)}" if solves.most >= _SAME else "by less than 0.05 %"
@@ -146,7 +162,10 @@ def neighbours_sentence(found: TargetMap) -> str:
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:
-    """The numbers of a map that has few columns and one layer."""
+    """The numbers of a map that has one layer, at most 11 columns and 17 rows; larger ones are shown as a figure only.
+
+    Rows run from the largest coordinate of the second axis to the smallest, as in the figure.
+    """
     layers, rows, columns = found.grid.shape
     if layers > 1 or columns > 11 or rows > 17:
         return ()
@@ -162,7 +181,10 @@ def _small_table(found: TargetMap) -> tuple[Table, ...]:
 
 
 def columns(found: TargetMap) -> dict[str, list[float]]:
-    """One row a target: place, whether there is a posture, its spread, and the posture; NaN where there is none."""
+    """One row a target: place, whether there is a posture, its spread, and the posture; NaN where there is none.
+
+    Lengths are in mm, joints in deg or mm; "success" is there where the task has a clearance.
+    """
     part, points = PARTS[found.within], found.map_points
     success = {"success": [s.success_probability for s in points]} if not math.isnan(found.target.clearance) else {}
     return {
@@ -176,24 +198,25 @@ def columns(found: TargetMap) -> dict[str, list[float]]:
 
 
 def place_columns(found: TargetMap) -> dict[str, list[float]]:
-    """Where the targets are, and 1 where there is a posture, else 0."""
+    """Where the targets are [mm, world frame], and 1 where there is a posture, else 0."""
     points = {f"{c} [mm]": [1e3 * s.position[k] + 0.0 for s in found.map_points] for k, c in enumerate("xyz")}
     return {**points, "feasible": [int(s.feasible) for s in found.map_points]}
 
 
 def posture_columns(found: TargetMap) -> dict[str, list[float]]:
-    """The posture at every target."""
+    """The posture at every target, a column a joint [deg or mm]."""
     joints = [(joint.name, *joint_unit(joint.type)) for joint in found.optimisation_problem.robot.joints]
     return {f"{name} [{u}]": [s.q[k] * factor for s in found.map_points] for k, (name, u, factor) in enumerate(joints)}
 
 
 class TargetMapPresenter(Presenter["TargetMap"]):
-    """The best posture over a grid of targets."""
+    """The best posture over a grid of targets; ``map.csv`` has a row a target."""
 
     document = "map"
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
+        """Grid, feasible targets, the best target with its posture, the worst."""
         found, best = self.result, self.result.best
         part = part_words(found.within, found.optimisation_problem.task.kind)
         facts = (
@@ -206,10 +229,11 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
 
     def report(self) -> Report:
+        """The whole report."""
         return target_map_report(self.result)
 
     def drawings(self) -> Drawings:
-        """The map."""
+        """The map: standard deviation by colour, hatched where there is no posture."""
         return {"map": partial(plot_target_map, self.result)}
 
     def view(self) -> ArmView | None:
@@ -217,7 +241,9 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         return target_view(self.result, [point.sigma_max for point in self.result.map_points], "standard deviation")
 
     def columns(self) -> Columns:
+        """The columns of ``map.csv``, see ``columns``."""
         return columns(self.result)
 
     def files(self) -> Files:
+        """``map.csv``: one row a target, places to 0.1 µm, joints to six decimals."""
         return {"map.csv": map_csv(self.columns(), self.result.optimisation_problem.robot.n).encode()}

@@ -37,6 +37,9 @@ def draw_in_plane(
 ) -> Figure:
     """The arm seen along the normal of its plane.
 
+    Axes are coordinates of the plane [mm]. The arm is true to scale; ellipse and clearance of the hole are enlarged by
+    the factor in the legend, both alike.
+
     Args:
         geometry: of a planar arm.
         basis: (2, 3) the axes of the plane, world.
@@ -65,7 +68,12 @@ def draw_in_plane(
 
 
 def _bodies(axes: Axes, geometry: ArmGeometry, ghosts: Sequence[Solid], B: Array) -> list[Array]:
-    """Draws the outlines of all solids; the points that must be seen: those of the arm, and of whole obstacles."""
+    """Draws the outlines of all solids; the points that must be seen: those of the arm, and of whole obstacles.
+
+    Args:
+        B: (2, 3) axes of the plane times 1000: from m to mm of the picture. What is thinner than a thousandth of
+            the arm is drawn as a line.
+    """
     seen, size = [], 1e3 * geometry.extent
     labels: set[str] = set()
     for solid in _sides(ghosts):
@@ -112,7 +120,11 @@ def _narrow(outline: Array) -> float:
 
 
 def hull(points: Array) -> Array:
-    """(k, 2) the corners of the convex hull of points (n, 2), counter-clockwise (A. M. Andrew, 1979)."""
+    """The corners (k, 2) of the convex hull of points (n, 2), counter-clockwise (A. M. Andrew, 1979).
+
+    >>> hull(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]])).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    """
     ordered = np.unique(points.round(9), axis=0)
     if len(ordered) < 3:
         return ordered
@@ -154,7 +166,11 @@ def _target(axes: Axes, target: TargetGeometry, geometry: ArmGeometry, B: Array)
 
 
 def _hole(axes: Axes, target: TargetGeometry, geometry: ArmGeometry, B: Array, point: Array) -> Array:
-    """The walls of the hole on both sides of the direction, as far apart as the ellipse is enlarged."""
+    """The walls of the hole on both sides of the direction, as far apart as the ellipse is enlarged.
+
+    Args:
+        point: (2,) the target [mm] in the plane. Returns the ends of both walls (4, 2) [mm].
+    """
     assert target.clearance is not None
     factor, along = geometry.region.factor, B @ target.direction / 1e3
     aside = 1e3 * factor * target.clearance * np.array([-along[1], along[0]])
@@ -179,6 +195,7 @@ def _direction(axes: Axes, along: Array, tool: Array, extent: float) -> list[Arr
 
 
 def _limits(figure: Figure, axes: Axes, points: Array) -> None:
+    """Sets limits about points (k, 2) [mm] with a margin of 6 %, and the height of the figure that suits them."""
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 * max(float((high - low).max()), 1.0)
     # As high as it must be for its width: no white bands above and below an arm that lies flat.

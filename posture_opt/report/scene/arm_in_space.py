@@ -1,4 +1,7 @@
-"""An arm in space: the shaded picture with its marks, and a label with a leader line at everything that matters."""
+"""An arm in space: the shaded picture with its marks, and a label with a leader line at everything that matters.
+
+The picture is orthographic and true to scale, except for region and clearance, which are enlarged by one factor.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,13 @@ _LEFT = 0.09  # of the width: so far the arm stands left of the middle, to leave
 
 @dataclass(frozen=True, eq=False)
 class SceneMark:
-    """What is drawn over the picture: a line (k, 3) or point (1, 3) [m], its look, and what it is called, if so."""
+    """What is drawn over the picture.
+
+    Args:
+        points: a line (k, 3) or a point (1, 3) [m], world frame.
+        look: of the line, as matplotlib has it.
+        text: of its label; empty where it has none.
+    """
 
     points: Array
     look: Look
@@ -57,10 +66,14 @@ def draw_in_space(
     ghosts: Sequence[Solid] = (),
     way: Array | None = None,
 ) -> Figure:
-    """The arm, the region about its tool point, the target and what stands around.
+    """The arm, the region about its tool point, the target and the obstacles.
+
+    Drawn in this order: the shaded picture, marks over it, the title, the column of joint values, axes and scale in
+    the emptier corner, and labels where they cover nothing.
 
     Args:
-        title: which arm it is; ``posture`` its joints with their values, told in a column beside it.
+        geometry: of the posture.
+        title: which arm it is; ``posture`` its joints with their values, listed in a column next to it.
         ghosts: other postures, drawn faintly; ``way`` (k, 3) the tool's path [m].
     """
     marks = [*_target_marks(geometry), *_direction_marks(geometry), *_tool_marks(geometry), *_way_marks(way)]
@@ -92,7 +105,10 @@ def label_boxes(figure: Figure) -> list[PlacedLabel]:
 
 
 def _framed(geometry: ArmGeometry, marks: Sequence[SceneMark], ghosts: Sequence[Solid]) -> tuple[Camera, float]:
-    """The view, and the height of the figure that suits it [inch]."""
+    """The view, and the height of the figure that suits it [inch].
+
+    In the picture are the arm, the region, all marks, and obstacles that are smaller than the arm.
+    """
     whole = [o.faces for o in geometry.obstacles if np.ptp(o.faces.reshape(-1, 3), axis=0).max() < geometry.extent]
     seen = [geometry.points, geometry.region.surface().reshape(-1, 3), *(mark.points for mark in marks)]
     seen += [faces.reshape(-1, 3) for faces in whole] + [ghost.faces.reshape(-1, 3) for ghost in ghosts]
@@ -106,12 +122,16 @@ def _framed(geometry: ArmGeometry, marks: Sequence[SceneMark], ghosts: Sequence[
 
 
 def _tool_marks(geometry: ArmGeometry) -> list[SceneMark]:
+    """The nominal tool point."""
     look = {"marker": "o", "color": "black", "mec": "white", "ms": 6, "zorder": 5}
     return [SceneMark(geometry.tool_point[None], look, "tool point")]
 
 
 def _direction_marks(geometry: ArmGeometry) -> list[SceneMark]:
-    """The play of the hole about the target, enlarged as the region is, so that both can be compared."""
+    """The clearance of the hole about the target, enlarged as the region is, so that both can be compared.
+
+    Left out where it would be larger than 30 % of the arm.
+    """
     target, factor = geometry.target, geometry.region.factor
     if target is None or not target.clearance or factor * target.clearance > _RING * geometry.extent:
         return []
@@ -128,6 +148,7 @@ def _direction_marks(geometry: ArmGeometry) -> list[SceneMark]:
 
 
 def _target_marks(geometry: ArmGeometry) -> list[SceneMark]:
+    """The box for the target, or a target that the tool point does not reach; nothing where it does."""
     target = geometry.target
     if target is None:
         return []
@@ -144,12 +165,14 @@ def _target_marks(geometry: ArmGeometry) -> list[SceneMark]:
 
 
 def _way_marks(way: Array | None) -> list[SceneMark]:
+    """The path (k, 3) [m] of the tool point."""
     return (
         [] if way is None else [SceneMark(way, {"color": VERMILLION, "lw": 1.6, "zorder": 3}, "path of the tool point")]
     )
 
 
 def _arrow(axes: Axes, camera: Camera, geometry: ArmGeometry) -> None:
+    """The direction of the task at the tool point, of 30 % of the arm's extent."""
     if geometry.direction is None:
         return
     ends = geometry.tool_point + ARROW * geometry.extent * np.outer([0.0, 1.0], geometry.direction)
@@ -159,7 +182,10 @@ def _arrow(axes: Axes, camera: Camera, geometry: ArmGeometry) -> None:
 
 
 def _named(geometry: ArmGeometry, scene: SceneImage, marks: Sequence[SceneMark]) -> list[tuple[str, Array]]:
-    """Every text with the point (2,) of the picture that it names [m]."""
+    """Every text with the point (2,) of the picture that it names [m].
+
+    The label of the region leads to its side that is farthest from the arm.
+    """
     camera = scene.camera
     named = [(mark.text, camera.project(mark.anchor[None])[0, :2]) for mark in marks if mark.text]
     rim = camera.project(geometry.region.surface(24).reshape(-1, 3))[:, :2]
@@ -176,6 +202,13 @@ def _named(geometry: ArmGeometry, scene: SceneImage, marks: Sequence[SceneMark])
 def _labels(
     figure: Figure, axes: Axes, named: Sequence[tuple[str, Array]], taken: Mask, camera: Camera, height: float
 ) -> None:
+    """Places the labels and draws them with their leader lines.
+
+    Args:
+        named: texts with the points (2,) [m] that they name.
+        taken: (H, W) where nothing may be covered.
+        height: of the figure [inch].
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     renderer: Any = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
@@ -213,7 +246,11 @@ def _column(axes: Axes, posture: Sequence[tuple[str, str]], taken: Mask, height:
 
 
 def _cover(taken: Mask, marks: Sequence[SceneMark], camera: Camera, geometry: ArmGeometry) -> None:
-    """Takes the places of lines and of the arrow, so that no label is put on them."""
+    """Marks the places of lines and of the arrow as taken, so that no label is put on them.
+
+    Args:
+        taken: (H, W), changed in place.
+    """
     lines = [mark.points for mark in marks if len(mark.points) > 1]
     if geometry.direction is not None:
         lines.append(
@@ -227,7 +264,10 @@ def _cover(taken: Mask, marks: Sequence[SceneMark], camera: Camera, geometry: Ar
 
 
 def _corner(axes: Axes, camera: Camera, geometry: ArmGeometry, taken: Mask, height: float) -> None:
-    """The axes of the world and the scale, in the lower corner that is emptier; marked as taken."""
+    """The axes of the world and the scale, in the lower corner that is emptier; marked as taken.
+
+    An axis that points nearly at the viewer has no letter; the scale is a round length, about a fifth of the arm.
+    """
     rows, columns = (_CORNER[::-1] / [height, WIDTH] * taken.shape).astype(int)
     left = taken[:rows, :columns].sum() <= taken[:rows, -columns:].sum()
     taken[:rows, slice(0, columns) if left else slice(-columns, None)] = True

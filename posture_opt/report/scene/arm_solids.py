@@ -55,7 +55,12 @@ class Solid:
 
 @dataclass(frozen=True)
 class JointAxis:
-    """Where a joint acts: the middle of its body (3,) [m] and its unit axis (3,); ``radius`` of that body [m]."""
+    """Where a joint acts.
+
+    Args:
+        frame: the frame of the arm that it is given in, as of a `Solid`.
+        middle: (3,) of its body [m]; ``axis`` (3,) unit vector; ``radius`` of the body [m].
+    """
 
     name: str
     type: Literal["revolute", "prismatic"]
@@ -72,9 +77,10 @@ class JointAxis:
 
 @dataclass(frozen=True)
 class Link:
-    """A cone between two balls (3,) [m] in the frame of what carries it; ``joint`` as of a `Capsule`.
+    """A cone between two balls in the frame that it moves with; ``joint`` as of a `Capsule`.
 
     Args:
+        start, end: (3,) middles of the balls [m].
         start_radius, end_radius: of the balls [m]; equal for a capsule.
     """
 
@@ -136,7 +142,7 @@ class ArmSolids:
         return at[joint] if joint in at else self.robot.joint_names.index(joint) + 1
 
     def _block(self) -> Solid:
-        """What the arm stands on, under the origin of its base."""
+        """The base block, under the origin of the base."""
         side, height = (factor * self.radius for factor in _BLOCK)
         u, v = np.diag([side, side, 0.0])[:2]
         top, bottom = np.zeros(3), np.array([0.0, 0.0, -height])
@@ -146,7 +152,10 @@ class ArmSolids:
         return Solid(BASE, "base", 0, np.concatenate([*ends, *sides]))
 
     def _joint(self, k: int) -> JointAxis:
-        """Distances from the axis to the links beside it do not change as the joint turns: any posture shows them."""
+        """Joint k, its body where the links before and behind it come nearest to its axis.
+
+        Distances from the axis to the links next to it do not change as the joint turns: any posture shows them.
+        """
         joint, frames = self.robot.joints[k], self.frames(np.zeros(self.robot.n))
         front = next(i for i, factor in enumerate(self.robot.links[k]) if factor.joint is not None)
         factors = self.robot.links[k][:front]
@@ -178,11 +187,12 @@ class ArmSolids:
 
 
 def _even(capsule: Capsule) -> Link:
+    """A capsule as a link with both balls alike."""
     return Link(capsule.joint, *_ends(capsule), capsule.radius, capsule.radius)
 
 
 def _tapered(capsules: Sequence[Capsule], radius: float) -> list[Link]:
-    """Links that get thinner with the way from the base."""
+    """Links that get thinner with the way from the base: from 1.25 to 0.55 of ``radius`` [m]."""
     way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
     radii = radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER)
     return [

@@ -1,4 +1,8 @@
-"""Where the viewer stands: an orthographic camera, and the one from which most of an arm is seen."""
+"""The viewer: an orthographic camera, and the one from which most of an arm is seen.
+
+Views from all sides and three heights are scored; the weights are a choice of taste, their order of importance is: arm
+hidden near its tool point, size of the outline and arm behind obstacles, direction of the task seen end on.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +77,11 @@ class Camera:
 
 
 def best_camera(geometry: ArmGeometry) -> Camera:
-    """The view in which the arm's outline is largest, its tool point free and the direction of the task not end on."""
+    """The view in which the arm's outline is largest, its tool point free and the direction of the task not end on.
+
+    Weighted sum over 72 views of the area of the outline, the hidden share about the tool point, the share behind
+    obstacles, ``cos²`` of the angle between direction and view, and penalties for views along an axis of the world.
+    """
     points = _thinned(geometry.points)
     obstacles = np.concatenate([np.zeros((0, 3)), *(_thinned(o.faces.reshape(-1, 3)) for o in geometry.obstacles)])
     views = [Camera.at(a, e) for e, a in product(_ELEVATIONS.tolist(), _AZIMUTHS.tolist())]
@@ -113,7 +121,11 @@ def _hidden(view: Camera, geometry: ArmGeometry, points: Array) -> float:
 
 
 def _behind(view: Camera, points: Array, obstacles: Array, geometry: ArmGeometry) -> float:
-    """Share of the arm's points that obstacles hide."""
+    """Share of the arm's points that obstacles hide.
+
+    Args:
+        points: (k, 3) of the arm, ``obstacles`` (m, 3) of the obstacles [m]; compared in cells of the picture.
+    """
     if not len(obstacles):
         return 0.0
     side = 3 * geometry.extent / _CELLS

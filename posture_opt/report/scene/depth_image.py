@@ -34,7 +34,10 @@ class DepthImage:
 
     @classmethod
     def of(cls, faces: Array, camera: Camera, shape: tuple[int, int]) -> DepthImage:
-        """Faces (k, 4, 3), world [m], in a picture of (H, W) points."""
+        """Faces (k, 4, 3), world [m], in a picture of (H, W) points.
+
+        A face is two triangles. Triangles with boxes of one size are drawn together, in parts that fit into memory.
+        """
         height, width = shape
         depth = np.full(height * width, -np.inf)
         face = np.full(height * width, -1, dtype=np.int64)

@@ -1,4 +1,7 @@
-"""Labels beside what they name, with leader lines: none on another, on the arm, or out of the picture."""
+"""Labels next to what they name, with leader lines: none on another, on the arm, or out of the picture.
+
+Greedy: the widest label is placed first, each at the cheapest of 24 directions and nine distances.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,11 @@ _ON_LABEL, _ON_ARM, _CROSSING, _OVER_ARM = 1e4, 600.0, 400.0, 0.6  # costs besid
 
 @dataclass(frozen=True)
 class Label:
-    """A text and the point (2,) that it names, in points from the lower left of the picture; with its size (2,)."""
+    """A text and the point that it names.
+
+    Args:
+        anchor: (2,) from the lower left of the picture [pt]; ``size`` (2,) of the text [pt].
+    """
 
     text: str
     anchor: Array
@@ -77,7 +84,12 @@ def _candidates(label: Label, size: Array) -> list[PlacedLabel]:
 def _best(
     options: list[PlacedLabel], others: list[PlacedLabel], anchors: list[Array], taken: Mask, area: Array, size: Array
 ) -> PlacedLabel:
-    """The cheapest option; those that are too far or too much on the arm already are looked at no closer."""
+    """The cheapest option; those that are too far or too much on the arm already are not scored further.
+
+    Args:
+        others: labels that have their place; ``anchors`` (2,) of all others [pt].
+        taken: (H, W) where the picture shows what must be seen; ``area`` its cumulative sums.
+    """
     first = [_distance(option) + _ON_ARM * _covered(option.box, area, size) for option in options]
     best, least = options[0], math.inf
     for k in np.argsort(first, kind="stable").tolist():
@@ -95,7 +107,10 @@ def _distance(option: PlacedLabel) -> float:
 
 
 def _cost(option: PlacedLabel, others: list[PlacedLabel], anchors: list[Array], taken: Mask, size: Array) -> float:
-    """What speaks against an option beside its distance and what it covers of the arm."""
+    """The cost of an option without its distance and what it covers of the arm [pt].
+
+    Overlap with labels and anchors weighs most, then crossings of leader lines, then their length over the arm.
+    """
     cost = sum(_ON_LABEL * overlap(option.box, other.box, _PAD) for other in others)
     cost += sum(_ON_LABEL * _inside(anchor, option.box) for anchor in anchors)
     lines = [(other.label.anchor, other.end) for other in others]
@@ -107,7 +122,11 @@ def _cost(option: PlacedLabel, others: list[PlacedLabel], anchors: list[Array], 
 
 
 def overlap(a: tuple[float, ...], b: tuple[float, ...], pad: float = 0.0) -> float:
-    """The share of the smaller of two boxes (left, low, right, high) that lies in the other, each ``pad`` wider."""
+    """The share of the smaller of two boxes (left, low, right, high) that is in the other, each ``pad`` wider.
+
+    >>> overlap((0.0, 0.0, 2.0, 2.0), (1.0, 1.0, 3.0, 3.0))
+    0.25
+    """
     wide = min(a[2], b[2]) - max(a[0], b[0]) + 2 * pad
     high = min(a[3], b[3]) - max(a[1], b[1]) + 2 * pad
     smaller = min((box[2] - box[0]) * (box[3] - box[1]) for box in (a, b))
@@ -115,6 +134,7 @@ def overlap(a: tuple[float, ...], b: tuple[float, ...], pad: float = 0.0) -> flo
 
 
 def _inside(point: Array, box: tuple[float, ...]) -> bool:
+    """Whether a point (2,) is in a box, or nearly so [pt]."""
     return bool(box[0] - _PAD < point[0] < box[2] + _PAD and box[1] - _PAD < point[1] < box[3] + _PAD)
 
 
@@ -136,6 +156,7 @@ def _length_over(line: tuple[Array, Array], taken: Mask, size: Array) -> float:
 
 
 def _cross(a: tuple[Array, Array], b: tuple[Array, Array]) -> bool:
+    """Whether two segments cross: the ends of each are on different sides of the other."""
     return bool(turn_of(*a, b[0]) * turn_of(*a, b[1]) < 0 and turn_of(*b, a[0]) * turn_of(*b, a[1]) < 0)
 
 

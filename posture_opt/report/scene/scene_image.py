@@ -1,4 +1,8 @@
-"""The arm and what stands around it as a shaded picture with outlines, as in a technical illustration."""
+"""The arm and the obstacles as a shaded picture with outlines, as in a technical illustration.
+
+Floor, postures of a motion, obstacles, arm and region are drawn one after the other; depth buffers decide what of each
+is seen. The picture is rendered at twice its size and averaged.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +55,9 @@ class SceneImage:
     """A picture of a posture, (H, W) points at 96 dpi over the full width of figures.
 
     Args:
-        ghosts: bodies that are drawn faintly behind all else: other postures of a motion.
+        geometry: what is drawn; ``camera`` from where.
         height: of the picture [inch].
+        ghosts: bodies that are drawn faintly behind all else: other postures of a motion.
     """
 
     geometry: ArmGeometry
@@ -62,7 +67,11 @@ class SceneImage:
 
     @cached_property
     def pixels(self) -> Array:
-        """(H, W, 3) red, green, blue, 0 to 1, the first row at the bottom."""
+        """The picture (H, W, 3) as red, green, blue from 0 to 1, the first row at the bottom.
+
+        An obstacle before the arm is drawn half transparent, so that no posture is hidden; what is behind the upper
+        side of an obstacle stays hidden. Of the region, what the arm hides is fainter.
+        """
         colour = np.ones((*self._shape, 3))
         self._draw_floor(colour)
         ghosts = DepthImage.of(_faces(self.ghosts), self.camera, self._shape)
@@ -90,7 +99,10 @@ class SceneImage:
         return np.asarray(there[::_FINE, ::_FINE])
 
     def obstacle_anchors(self) -> list[tuple[str, Array]]:
-        """Each obstacle that is seen with a point (2,) of the picture in it, away from the arm [m]."""
+        """Each obstacle that is seen with a point (2,) of the picture in it, away from the arm [m].
+
+        An obstacle that is the floor is labelled near the lower edge.
+        """
         there = (self._blocks.face >= 0) & (self._arm.face < 0) & (self._region.face < 0)
         owner = np.repeat(np.arange(len(self._around)), [len(o.faces) for o in self._around])
         right, up = self._screen
@@ -107,18 +119,22 @@ class SceneImage:
 
     @property
     def _shape(self) -> tuple[int, int]:
+        """Rows and columns of the buffers, twice those of the picture."""
         return _FINE * round(self.height * _DPI), _FINE * round(WIDTH * _DPI)
 
     @cached_property
     def _arm(self) -> DepthImage:
+        """What is seen of the arm alone."""
         return DepthImage.of(_faces(self.geometry.solids), self.camera, self._shape)
 
     @cached_property
     def _blocks(self) -> DepthImage:
+        """What is seen of the obstacles alone."""
         return DepthImage.of(_faces(self._around), self.camera, self._shape)
 
     @cached_property
     def _ellipsoid(self) -> Solid:
+        """The enlarged 95 % region as a body."""
         return Solid("region", "region", -1, self.geometry.region.faces(24))
 
     @cached_property
@@ -133,6 +149,7 @@ class SceneImage:
 
     @cached_property
     def _region(self) -> DepthImage:
+        """What is seen of the region alone."""
         return DepthImage.of(self._ellipsoid.faces, self.camera, self._shape)
 
     @cached_property
@@ -171,7 +188,11 @@ class SceneImage:
         return world
 
     def _draw_floor(self, colour: Array) -> None:
-        """The floor with lines that fade away from what stands on it, and the shadow of the arm."""
+        """The floor with lines that fade away from the arm, and the shadow of the arm.
+
+        Args:
+            colour: (H, W, 3), changed in place.
+        """
         there = np.isfinite(self._floor_depth)
         if not there.any():
             return
@@ -185,7 +206,12 @@ class SceneImage:
         colour[there] = _rgb(FLOOR) * shade[:, None]
 
     def _lay(self, colour: Array, image: DepthImage, solids: Sequence[Solid], opacity: float | Array) -> None:
-        """Draws what an image shows of solids over what is there, lit and with outlines; opacity a number or (H, W)."""
+        """Draws what an image shows of solids over what is there, lit and with outlines.
+
+        Args:
+            colour: (H, W, 3), changed in place: ``(1 − α) colour + α painted``.
+            opacity: α, a number or (H, W).
+        """
         there = image.face >= 0
         if not there.any():
             return
@@ -216,17 +242,23 @@ class SceneImage:
 
     @cached_property
     def _from_above(self) -> tuple[Camera, DepthImage]:
+        """The arm seen from straight above, for its shadow."""
         camera = Camera.at(0.0, math.pi / 2).framing(self.geometry.points, 1.0, (0.01, 0.01))
         return camera, DepthImage.of(_faces(self.geometry.solids), camera, (_ABOVE, _ABOVE))
 
 
 def grid_step(extent: float) -> float:
-    """The round distance of the lines on the floor [m], about a fifth of the arm's extent."""
+    """The round distance of the lines on the floor [m], about a fifth of the arm's extent.
+
+    >>> grid_step(1.2)
+    0.2
+    """
     power = 10.0 ** math.floor(math.log10(extent / 5))
     return max(step * power for step in (1, 2, 5) if step * power <= extent / 5 * (1 + 1e-9))
 
 
 def _faces(solids: Sequence[Solid]) -> Array:
+    """All faces (k, 4, 3) [m] of some solids."""
     return np.concatenate([np.zeros((0, 4, 3)), *(solid.faces for solid in solids)])
 
 

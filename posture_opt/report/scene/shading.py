@@ -14,9 +14,12 @@ _SAME = 7  # digits [m]: corners that agree in them are one
 
 
 def brightness(image: DepthImage, faces: Array, camera: Camera) -> Array:
-    """(m,) from 0 where no light falls to 1, at the points of an image where something is seen, row by row.
+    """Brightness (m,) from 0 where no light falls to 1, at the points of an image where something is seen, row by row.
 
-    ``faces`` (k, 4, 3) [m] are those that the image shows.
+    ``max(n · l, 0)`` with the unit normal n, towards the viewer, and the light l from the upper left (Lambert).
+
+    Args:
+        faces: (k, 4, 3) [m] that the image shows.
     """
     there = image.face >= 0
     corners = corner_normals(faces)[image.face[there]]
@@ -29,7 +32,10 @@ def brightness(image: DepthImage, faces: Array, camera: Camera) -> Array:
 
 
 def corner_normals(faces: Array) -> Array:
-    """(k, 4, 3) at each corner the mean of the unit normals of the faces (k, 4, 3) that meet there without an edge."""
+    """At each corner (k, 4, 3) the mean of the unit normals of the faces (k, 4, 3) that meet there without an edge.
+
+    Faces count as smooth up to an angle with the cosine 0.7, about 46 degrees.
+    """
     flat = np.cross(faces[:, 3] - faces[:, 1], faces[:, 2] - faces[:, 0])
     flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
     _, place = np.unique(faces.reshape(-1, 3).round(_SAME), axis=0, return_inverse=True)

@@ -18,9 +18,11 @@ _NAMED = 3  # sections that the last line names
 def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report | None = None) -> Report:
     """The report in at most ``SCREEN`` lines of ``width`` columns: its title, its lead, and what fits of its blocks.
 
+    Too long, its last long table is cut first, then blocks are left out from the end; title and lead stay whole.
+
     Args:
         brief: what to show in place of the report as far as it fits; None: its blocks in brief.
-        saved: what ``--out`` writes beside the report, for the last line.
+        saved: what ``--out`` writes next to the report, for the last line.
     """
     kept = [_Shown(block.short) for block in (brief or report).blocks if block.short.items]
     while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
@@ -93,4 +95,5 @@ def _lowered(title: str) -> str:
 
 
 def _lines(report: Report, width: int) -> int:
+    """Lines of a report at a width."""
     return render(report, width).rstrip("\n").count("\n") + 1

@@ -19,7 +19,10 @@ def terminal_width() -> int:
 
 
 def render(report: Report, width: int = WIDTH) -> str:
-    """A report as text, every line at most ``width`` columns wide: title and answer first, without a gap."""
+    """A report as text, every line at most ``width`` columns wide: title and answer first, without a gap.
+
+    A block is its title, a line of dashes, and its items; a blank line is between blocks.
+    """
     head = [*textwrap.wrap(report.title or "Report", width), *(paragraph(text, width) for text in report.lead)]
     return "\n\n".join(["\n".join(head), *(_block(block, width) for block in report.blocks)]) + "\n"
 
@@ -36,6 +39,7 @@ def paragraph(text: str, width: int = WIDTH) -> str:
 
 
 def _block(block: Block, width: int) -> str:
+    """A block as text: sentences and facts follow each other closely, a table has a blank line on both sides."""
     texts = [_item(item, width) for item in block.items]
     # Sentences and facts stand close together, a table keeps a blank line on both sides.
     body = texts[0] if texts else ""
@@ -49,12 +53,14 @@ def _block(block: Block, width: int) -> str:
 
 
 def _item(item: Item, width: int) -> str:
+    """A sentence, facts or a table as text."""
     if isinstance(item, str):
         return paragraph(item, width)
     return _facts(item, width) if isinstance(item, Facts) else fitted_table(item, width)
 
 
 def _facts(facts: Facts, width: int) -> str:
+    """Facts as two columns, labels and wrapped texts."""
     column = max((len(label) for label, _ in facts.rows), default=0) + 2
     lines = []
     for label, value in facts.rows:

@@ -13,8 +13,10 @@ _LINES = 3  # of a row: cells that wrap more often are hard to read
 
 
 def fitted_table(table: Table, width: int) -> str:
-    """The table in the first of these shapes that fits: as it is, wrapped between words, with rows as columns, or
-    its columns in groups, each behind the words of the rows.
+    """The table in the first of these shapes that fits ``width`` columns.
+
+    As it is; wrapped between words, unless a row gets more than three lines; with rows as columns; its columns in
+    groups, each behind the words of the rows.
     """
     grid = _grid(table)
     if _width(grid) <= width:

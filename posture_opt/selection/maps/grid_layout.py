@@ -1,4 +1,8 @@
-"""Which targets a map covers: ``GridRequest`` says what is asked for, ``grid_of`` chooses what it leaves open."""
+"""Which targets a map covers: ``GridRequest`` says what is asked for, ``grid_of`` chooses what it leaves open.
+
+By default the plane is that of a planar arm, else across the direction of the task, and the box is the task's region,
+else 30 % of the reach about its position, else the workspace. Cells are square, 17 along the longer side.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +51,7 @@ class GridRequest:
             raise InputError(issues)
 
     def _count_issues(self) -> list[Issue]:
+        """Counts that make no grid: not two or three of them, one target alone, or more than `MOST`."""
         if self.counts is None:
             return []
         text, key, hint = (
@@ -64,6 +69,7 @@ class GridRequest:
         return []
 
     def _corner_issues(self) -> list[Issue]:
+        """Corners that make no box: one of them missing, not finite, exchanged, or both the same."""
         if (self.low is None) != (self.high is None):
             missing = "--min" if self.low is None else "--max"
             return [Issue("a box has two corners", (missing,), hint="give --min and --max")]
@@ -88,11 +94,13 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
     """The grid that suits a task.
 
     Args:
+        request: counts, corners and plane, each or none.
+        target: with the direction of the task (world); ``reach`` of the arm.
         points: (M, 3) tool points in the world, all over the workspace [m].
         middle: (3,) what the grid is laid about where neither corners nor a region say [m]; default: the target's.
 
     Raises:
-        InputError: a request that makes no grid, or that does not lie in the plane of this arm.
+        InputError: a request that makes no grid, or that is not in the plane of this arm.
     """
     request.check()
     axes = _frame(request, target, reach)
@@ -118,11 +126,18 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
 
 
 def _values(low: float, high: float, count: int) -> Array:
+    """Values (count,) [m] from ``low`` to ``high``; the middle where there is one."""
     return np.asarray((np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])) + 0.0)
 
 
 def _frame(request: GridRequest, target: TaskTarget, reach: Reach) -> Array:
-    """(3, 3) e1, e2 in the plane of the figure and e3 across it, one a row."""
+    """The axes (3, 3) of the grid, one a row: e1, e2 in the plane of the figure and e3 across it.
+
+    Axes of the world where the plane has them; otherwise those of the arm's plane or of the task.
+
+    Raises:
+        InputError: a plane that this arm cannot leave its own for.
+    """
     if reach.normals.shape[1] == 1:
         normal = reach.normals[:, 0]
         frame = _of_world(normal)
@@ -152,6 +167,7 @@ def _flat_axis(request: GridRequest) -> int | None:
 
 
 def _of_plane(plane: str) -> Array:
+    """The axes (3, 3) of a plane of the world, ``xy``, ``xz`` or ``yz``, and the one across it."""
     order = ["xyz".index(c) for c in plane]
     return np.asarray(np.eye(3)[[*order, 3 - sum(order)]])
 
@@ -176,18 +192,27 @@ def _box(request: GridRequest, target: TaskTarget, reach: Reach, points: Array) 
 
 
 def _rounded(length: float) -> float:
+    """A length [m] rounded to a round step, one at least."""
     step = _step(length)
     return step * max(round(length / step), 1)
 
 
 def _step(length: float) -> float:
-    """A round step that is a small part of a length: 50 mm of 0.35 m."""
+    """A round step that is a small part of a length [m]: half of its power of ten.
+
+    >>> _step(0.35)
+    0.05
+    """
     power = 10.0 ** math.floor(math.log10(max(length, 1e-3)))
     return 0.5 * power
 
 
 def _counts(request: GridRequest, axes: Array, widths: Array) -> tuple[int, int, int]:
-    """How many values of u, v, w."""
+    """How many values of u, v, w: those that were asked for, in the order of the axes, else suitable ones.
+
+    Raises:
+        InputError: several values along an axis in which the box has no width.
+    """
     if request.counts is None:
         return _suitable(widths)
     whole = (

@@ -56,7 +56,10 @@ def clear_candidates(
 
 
 def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
-    """Indices of the candidates with a posture that comes nearer to something than the margin of the scene."""
+    """Indices of the candidates with a posture that comes nearer to something than the margin of the scene.
+
+    Distances are computed in chunks of 256 postures by the workers; none without an active scene.
+    """
     held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
     if not held or not scene.active:
         return []
@@ -72,7 +75,11 @@ def _clear(scene: Scene, Q: Array) -> list[bool]:
 
 
 def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
-    """The pairs of targets that are both chosen, numbered by their places among the chosen ones."""
+    """The pairs of targets that are both chosen, numbered by their places among the chosen ones.
+
+    >>> [(a.tolist(), b.tolist()) for a, b in among([(np.array([0, 4]), np.array([4, 2]))], [4, 2])]
+    [([0], [1])]
+    """
     most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
     place = np.full(max(most, *chosen) + 1, -1)
     place[list(chosen)] = np.arange(len(chosen))

@@ -47,8 +47,11 @@ class NeighbourExchange:
     """Targets with the engines that solve them; ``candidates`` are the best ones known, replaced in place.
 
     Args:
+        engines: N, one for each of ``targets``; many share one.
         neighbourhood: which targets try each other's postures, and how a posture is carried from one to another.
+        workers: who works on the chunks; the answer does not depend on it.
         seed: of perturbed starts, together with round and target.
+        candidates: N, the best known.
         tried: the postures of neighbours that the solver began with at each target.
         lost: those of them that ended at a worse optimum.
         bends: how far carried postures fell short of their optimum, over the squared distance: what others may
@@ -74,7 +77,9 @@ class NeighbourExchange:
             rounds += 1
 
     def excess(self) -> Array:
-        """(N,) by what share the objective of each target lies above what its neighbours let expect; −inf for none."""
+        """By what share the objective of each target is above what its neighbours predict, (N,); −inf where nothing
+        does.
+        """
         best = [(c.best.objective * c.scale) if c.best is not None else math.nan for c in self.candidates]
         return self.neighbourhood.excess(np.array(best))
 
@@ -189,7 +194,9 @@ class NeighbourExchange:
         return ~(np.max(np.abs(Q - moved), axis=1, initial=0.0) < SAME_START)
 
     def _beside(self, k: int, starts: Sequence[tuple[int, Array]], **more: Any) -> NeighbourStarts:
-        """What target k needs to try postures of its neighbours."""
+        """What target k needs to try postures of its neighbours, with the squared distance of each over that of the
+        reach.
+        """
         reach = self.engines[k].optimisation_problem.reach.radius
         squares = [(self.neighbourhood.distance(j, k) / reach) ** 2 for j, _ in starts]
         return NeighbourStarts(self.targets[k], self.candidates[k], np.array([q for _, q in starts]), squares, **more)

@@ -1,7 +1,8 @@
-"""``Neighbourhood``: which targets of a map learn from which, and which of them stand out.
+"""``Neighbourhood``: which targets of a map learn from which, and which of them are outliers.
 
-Beside the neighbours on the grid these are targets that joint 1 turns (or shifts) onto each other. Where the task's
-direction lies along its axis, the whole arm turns with the target and a posture at one azimuth serves at every other.
+In addition to the neighbours on the grid these are targets that joint 1 turns (or shifts) onto each other. Where the
+task's direction is along its axis, the whole arm turns with the target and a posture at one azimuth serves at every
+other.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """What joint 1 does to the whole arm: a turn about, or a shift along, a line that stands still in the world.
+    """What joint 1 does to the whole arm: a turn about, or a shift along, a line that is fixed in the world.
 
     Args:
         axis: (3,) unit vector, world. frame: (3, 2) two unit vectors across it. point: (3,) on it [m].

@@ -73,7 +73,7 @@ class Grid:
         return tuple(pairs)
 
     def cells(self, points: Array) -> Codes:
-        """(N,) the target in whose cell each point (N, 3) [m] lies, world; -1 outside of all cells.
+        """The target (N,) in whose cell each point (N, 3) [m] is, world; -1 outside of all cells.
 
         Across the figure's plane a cell is as thick as the distance of its layers; of a single layer, as its longer
         side.
@@ -202,6 +202,9 @@ def map_points_of(
     problem: OptimisationProblem, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
 ) -> list[MapPoint]:
     """Moments of all postures in one evaluation, and what the task makes of them.
+
+    ``σ² = λ_max(Bᵀ C B)`` with the basis B (3, m) of the part that counts; the 95 % radius is about the target, with
+    the bias where it exceeds 1 % of σ.
 
     Args:
         targets: N points; ``candidates`` what was found at each.

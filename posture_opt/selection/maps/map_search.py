@@ -1,9 +1,9 @@
 """The best postures of many targets at once: random starts for all of them in batches, then what neighbours know.
 
-Targets that lie side by side mostly have the same best branch of the inverse kinematics, and targets that joint 1 turns
+Targets next to each other mostly have the same best branch of the inverse kinematics, and targets that joint 1 turns
 onto each other have the same branches. So each target tries the postures of both: a better posture spreads over the
-map, a missing one is found beside a known one, and of equally good ones all targets take the same. What still stands
-out from its neighbours is searched again with many more starts.
+map, a missing one is found next to a known one, and of equally good ones all targets take the same. Targets that are
+still worse than their neighbours predict are searched again with many more starts.
 """
 
 from __future__ import annotations
@@ -55,10 +55,15 @@ def best_candidates(
 ) -> tuple[list[MapCandidate], NeighbourSolves]:
     """The best candidate of every target (N of them, points), each with the engine that solves it.
 
+    Steps: random starts for all targets; more starts at the edge of the reach and for a share of the others; exchange
+    of postures between neighbours; many starts for outliers, and exchange again; agreement on equal postures.
+
     Args:
+        engines: N, one for each target; many share one.
         neighbourhood: which targets try each other's postures.
         workers: who works on the chunks; the answer does not depend on it.
         seed: of the random starts.
+        progress: called with (done, total) steps.
     """
     candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
 
@@ -95,12 +100,15 @@ def best_candidates(
 
 
 def steps_of(count: int) -> int:
-    """In how many steps the progress of a map is told: one a target, and a third more for all that follows."""
+    """In how many steps the progress of a map is reported: one a target, and a third more for all that follows."""
     return count + count // 3
 
 
 def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
-    """Targets that are worse than their neighbours let expect, the worst first, as many as are still worth a search."""
+    """Targets that are worse than their neighbours predict, the worst first, as many as are still worth a search.
+
+    At most 3 % of the targets in all, half of what is left of them in each round.
+    """
     excess = exchange.excess()
     left = math.ceil(MAX_OUTLIER_SHARE * len(excess)) - len(searched)
     odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > OUTLIER_EXCESS and int(k) not in searched]
@@ -110,6 +118,7 @@ def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
 def _statistics(
     alone: Sequence[CandidatePosture | None], exchange: NeighbourExchange, searched: set[int]
 ) -> NeighbourSolves:
+    """What the exchange brought: ``1 − σ_new / σ_old`` of targets solved again, and how many were found."""
     now = [candidate.best for candidate in exchange.candidates]
     gains = [1 - new.sigma / old.sigma for old, new in zip(alone, now, strict=True) if old and new and old.sigma > 0]
     better = [gain for gain in gains if gain > BETTER]

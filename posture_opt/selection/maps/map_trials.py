@@ -39,7 +39,7 @@ class NeighbourStarts:
 
     Args:
         target, candidate: with the best posture known there.
-        starts: (M, n) postures of neighbours, joint 1 moved.
+        starts: (M, n) postures of neighbours [rad or m], joint 1 moved.
         squares: (M,) of the distance that each is led over, as a part of the reach.
         tried: postures of neighbours that the solver began with before; or, for `take_over`, those that ended at a
             worse optimum.
@@ -111,7 +111,10 @@ def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRo
 
 
 def gain(posture: CandidatePosture, known: CandidatePosture) -> float:
-    """By what share of the objective a posture is better than the known one; negative where it is worse."""
+    """By what share of the objective a posture is better than the known one; negative where it is worse.
+
+    ``(f_known − f) / |f_known|``; both objectives have one scale.
+    """
     return (known.objective - posture.objective) / max(abs(known.objective), 1e-9)
 
 

@@ -37,7 +37,9 @@ class TargetMap(Result):
     """The best posture and its spread at every target of a grid.
 
     Args:
-        map_points: N, one for each of ``grid.points``.
+        problem: what was asked; ``optimisation_problem`` of the first target with a posture.
+        target: of the problem, with the direction of the task (world).
+        grid: the targets; ``map_points`` N, one for each of ``grid.points``.
         own: the position in the problem file, where it has one.
         solves: what targets learnt from each other.
         seconds: wall time.
@@ -130,13 +132,18 @@ def map_targets(
 ) -> TargetMap:
     """The best posture of the task, and its spread, at every target of a grid.
 
-    The grid lies in the plane of a planar arm, else across the direction of the task; it covers the task's region,
-    else the surroundings of its position, else the workspace at the height of the best target.
+    The grid is in the plane of a planar arm, else across the direction of the task; it covers the task's region, else
+    the surroundings of its position, else the workspace at the height of the best target.
+
+    >>> from posture_opt.problem.load import load_problem
+    >>> found = map_targets(load_problem("insert_planar_2r"), counts=(3, 3), seed=0, compiled=False)
+    >>> len(found.map_points), found.best.sigma_max <= found.worst.sigma_max
+    (9, True)
 
     Args:
         problem: with a task and uncertain parameters.
         counts: (2,) targets along the sides of the plane, or (3,) along x, y, z.
-        low, high: (3,) corners of the box that the targets lie in [m], world.
+        low, high: (3,) corners of the box that the targets are in [m], world.
         plane: ``xy``, ``xz`` or ``yz``.
         seed: of the random starts; default: the problem's. The answer does not depend on ``workers``.
         workers: processes to share the targets.
@@ -192,7 +199,7 @@ def _points(
     candidates: Sequence[MapCandidate],
     progress: Progress | None,
 ) -> list[MapPoint]:
-    """A map point for every target, computed by the workers."""
+    """A map point for every target, computed by the workers in chunks of targets."""
     found: dict[int, MapPoint] = {}
 
     def item(chunk: Sequence[int]) -> tuple[list[TaskTarget], list[MapCandidate]]:

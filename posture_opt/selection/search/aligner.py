@@ -19,10 +19,15 @@ ALIGNMENT_TRIALS = 96  # random postures: where one in twenty arrives aligned, a
 
 @dataclass(frozen=True)
 class Aligner:
-    """The arm and the tool axis that is asked of it; ``compiled`` as of the selector.
+    """The arm and the tool axis that is asked of it.
 
     Six joints can point a tool anywhere at most targets, and a planar or five-joint arm at some or none: what a file
     asks for in one line is then decided by trying.
+
+    Args:
+        arm: n joints; ``task`` with its tool axis and tilt.
+        reach: which directions the tool point moves in, and what freedom the axis has.
+        compiled: None compiles where a C compiler is found; False never; True or an error.
     """
 
     arm: Arm
@@ -31,7 +36,12 @@ class Aligner:
     compiled: bool | None
 
     def at(self, target: TaskTarget) -> Alignment:
-        """Whether the tool axis is asked for, and what the arm can give at such a target."""
+        """Whether the tool axis is asked for, and what the arm can give at such a target.
+
+        ``free``: not constrained; ``exact``: two rows hold it; ``loose``: it is held within a slack, for arms with too
+        few joints to hold it exactly. Where no random posture arrives aligned, an arm whose axis could get near is
+        ``loose``.
+        """
         reach = self.reach
         if self.task.axis_request == "free" or reach.axis_rank == 0:
             return "free"
@@ -54,4 +64,5 @@ class Aligner:
 
     @cached_property
     def _trial(self) -> InverseKinematics:
+        """The inverse kinematics of position and axis."""
         return InverseKinematics(self.arm, self.task.tool_axis, self.reach.directions, self.compiled)

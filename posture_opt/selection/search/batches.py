@@ -1,4 +1,8 @@
-"""How long to search: until the best optimum has been found again, and again."""
+"""How long to search: until the best optimum has been found again, and again.
+
+Agreement of independent batches is the stopping rule of an answer, agreement of local searches that of a repeated
+solve (a cell of a map, a station of a path).
+"""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
     By more than 5° or 10 mm in a joint, whole turns apart; the joints ``ignored`` make no difference.
 
     Args:
-        Q: (k, n) postures [rad or m], best first: the first of a cluster stands for it.
-        size: (k,) how many searches each row stands for; default one.
+        Q: (k, n) postures [rad or m], best first: the first of a cluster represents it.
+        size: (k,) how many searches each row represents; default one.
     """
     joints = [k for k in range(robot.n) if k not in ignored]
     Q = Q[:, joints]

@@ -73,19 +73,22 @@ class ElasticProblem:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """The requirements beside target, tool axis and limits: terms and obstacles."""
+        """The requirements without target, tool axis and limits: terms and obstacles."""
         return self.requirements[3:]
 
     def lacking(self, Q: Array, parameters: Array) -> Array:
-        """(N, G) what each requirement lacks at postures (N, n).
+        """What each requirement lacks, (N, G), at postures Q (N, n) [rad or m].
 
         Distance from the target [m], angle of the axis beyond the tilt [rad], the largest excess of a joint [rad, or
-        the arm's size], the largest violation of a row [unit].
+        the arm's size], the largest violation of a row [unit]; zero where it is met.
+
+        Args:
+            parameters: (p,) of the target.
         """
         return np.asarray(self._lacking(Q, parameters))
 
     def cost(self, lacking: Array) -> Array:
-        """(…,) what (…, G) cost together, each in its own scale."""
+        """The cost (…,) of what requirements lack, (…, G): ``Σ_k lacking_k / scale_k``."""
         return np.asarray(lacking @ (1.0 / self._scales))
 
     def least(self, parameters: Array, given: Collection[str], starts: Array) -> Compromise | None:

@@ -190,7 +190,7 @@ class Engine(DerivedAgain):
         Only where it could change the answer: a search that ended without an optimum below the best one that is known.
 
         Args:
-            count: (N,) how many searches each of them stands for.
+            count: (N,) how many searches each of them represents.
         """
         counts = np.ones(len(found.q), dtype=int) if count is None else count
         ends = self.candidates(found.q, target, found.optimal.tolist(), counts.tolist())

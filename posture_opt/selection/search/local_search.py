@@ -119,7 +119,8 @@ class LocalOptima:
 
 
 class LocalSearch:
-    """The local search of one nonlinear program: Newton's step, a step back onto the target, and halving by the merit.
+    """The local search of one nonlinear program: Newton's step, a step back onto the target, and shortening by the
+    merit.
 
     Args:
         nlp: n variables, m rows.
@@ -174,7 +175,12 @@ class LocalSearch:
     def _run_interpreted(
         self, q: Array, y: Array, parameters: Array, request: Array, steps: int, result: Array
     ) -> None:
-        """The same loop without a compiler, all rows a step at a time; the answers agree to rounding."""
+        """The same loop without a compiler, all rows a step at a time; the answers agree to rounding.
+
+        Args:
+            q: (N, n), ``y`` (N, m + n) and ``result`` (N, 5) are overwritten: objective, violation, stationarity,
+                gain, steps.
+        """
         (newton, restored), (lower, upper) = self._batches, self._nlp.variable_bounds
         rows = np.arange(len(q))
         x, given = q.copy(), y.copy()

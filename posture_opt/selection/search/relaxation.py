@@ -1,4 +1,7 @@
-"""``Relaxation``: a change that would make a task possible, and the requirements that are missed without it."""
+"""``Relaxation``: a change that would make a task possible, and the requirements that are missed without it.
+
+Numbers in its sentences are rounded to the side that suffices: following the advice makes the task possible.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class Reason:
     Args:
         requirement: its name: ``target``, ``tool_axis``, ``JOINT.limits``, or that of a term or obstacle.
         message: a sentence for reports.
-        amount: by how much it fails [unit].
+        amount: by how much it fails, in ``unit``: m, rad, or that of the term.
     """
 
     requirement: str
@@ -65,7 +68,10 @@ def relaxation(
 ) -> Relaxation:
     """The relaxation of the requirements ``names`` that a compromise shows to suffice.
 
-    Numbers in its words are rounded to the side that does.
+    Args:
+        elastic: the problem that the compromise solves, for the order of its requirements.
+        names: of what is relaxed together; the changes are joined by "and".
+        way: the posture (n,) [rad or m] and what it lacks.
     """
     posture = Posture(problem.robot, way.q)
     lacking = dict(zip(elastic.requirements, map(float, way.lacking), strict=True))
@@ -78,6 +84,8 @@ def relaxation(
 def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
     """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it; None where it
     can.
+
+    The message has the distance [mm] and the shift of the target (3,), world frame, onto that plane.
     """
     if not reach.misses(target.lower, target.upper):
         return None
@@ -121,7 +129,7 @@ class _RelaxationWords:
         return change, Reason(TARGET, message, distance, "m")
 
     def _condition(self) -> str:
-        """What holds at the nearest point, beside the limits of the joints."""
+        """What holds at the nearest point, in addition to the limits of the joints."""
         axis = ["the tool axis along the direction"] if self.problem.axis_rows else []
         further = [name for name in self.elastic.further if name != SELF_CLEARANCE_ROW]
         conditions = [*axis, *(["all further requirements met"] if further else [])]
@@ -169,7 +177,7 @@ class _RelaxationWords:
         return parts
 
     def _further(self, name: str) -> tuple[str, Reason]:
-        """The row of a term or obstacle that lacks most."""
+        """The row of a term or obstacle that lacks most, ``max(lower − value, value − upper)``."""
         rows = [row for row in self.problem.nlp.rows if row.requirement == name]
         nlp = self.problem.nlp
         at = ca.Function("at", [nlp.x, nlp.p], [ca.vertcat(row.expression, row.lower, row.upper) for row in rows])
@@ -227,7 +235,11 @@ def _up(value: float, digits: int) -> float:
 
 
 def enough(bound: float, unit: str, least: bool) -> str:
-    """A bound that is met with it, rounded to the side that does: down for a least value, up for a largest one."""
+    """A bound that is met with it, rounded to the side that suffices: down for a least value, up for a largest one.
+
+    >>> enough(0.0123456, "m", True), enough(0.0123456, "m", False)
+    ('12.34 mm', '12.35 mm')
+    """
     size = {"rad": math.degrees(1.0), "m": 1e3, "probability": 1e2}.get(unit, 1.0)
     digits = 3 - math.floor(math.log10(max(abs(bound) * size, 1e-12)))  # four of them
     rounded = (math.floor if least else math.ceil)(bound * size * 10**digits) / 10**digits
@@ -235,7 +247,11 @@ def enough(bound: float, unit: str, least: bool) -> str:
 
 
 def shown(value: float, unit: str) -> str:
-    """A quantity [SI] with the unit that reports use: deg, mm, %."""
+    """A quantity [SI] with the unit that reports use: deg, mm, %.
+
+    >>> shown(0.0125, "m"), shown(0.5, "probability")
+    ('12.5 mm', '50 %')
+    """
     if unit == "rad":
         return f"{math.degrees(value):.4g} deg"
     if unit == "probability":
@@ -244,5 +260,9 @@ def shown(value: float, unit: str) -> str:
 
 
 def millimetres(vector: Array) -> str:
-    """A vector [m] in mm, to a tenth."""
+    """A vector [m] in mm, to a tenth.
+
+    >>> millimetres(np.array([0.1, -0.02, 0.0]))
+    '(100.0, -20.0, 0.0) mm'
+    """
     return "(" + ", ".join(f"{round(v * 1e3, 1) + 0.0:.1f}" for v in vector) + ") mm"

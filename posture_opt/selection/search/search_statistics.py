@@ -1,4 +1,4 @@
-"""``SearchStatistics``: what a search did, and the systematic sweep that is made beside its random starts."""
+"""``SearchStatistics``: what a search did, and the systematic sweep that is made in addition to its random starts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class SearchStatistics:
         polished: local searches; ``converged`` of the distinct optima kept are so by first-order conditions.
         distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
         sampled: those of these that meet all further requirements too.
-        sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
+        sweep: a systematic sweep in addition to the random starts, or None; ``sweep_sigma`` its best [m].
         batches: independent searches of as many starts; ``recurred`` of them found the best optimum.
         seconds: wall time.
     """
@@ -124,7 +124,8 @@ class SearchStatistics:
 def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep | None:
     """The sweep that the problem allows: over both joint angles, or over the spin of the tool; else None.
 
-    It looks at the whole of what is free, so that random starts can be held against it in every run.
+    It covers the whole of what is free, so that random starts can be compared with it in every run: 91 x 91 postures
+    of an arm with two joints, or 120 spins of the tool with eight starts each where one degree of freedom is left.
     """
     robot, problem = engine.robot, engine.optimisation_problem
     if robot.n <= 2 and target.kind != "point":
@@ -140,8 +141,9 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
 
 
 def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array:
-    """(k, n) postures that reach the target with the tool's spin held at each of many angles, every branch sought
-    anew.
+    """Postures (k, n) that reach the target with the tool's spin held at each of many angles, every branch sought anew.
+
+    At the spin φ the spin vector is ``cos φ b₁ + sin φ b₂`` with the unit vectors b across the wanted axis.
     """
     angles = np.repeat(np.arange(_SPINS) * 2 * np.pi / _SPINS, _SEEDS)
     spin = np.cos(angles)[:, None] * target.axis_basis[:, 0] + np.sin(angles)[:, None] * target.axis_basis[:, 1]
