@@ -10,14 +10,17 @@ import shutil
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.errors import listed as in_words
 from posture_opt.interrupts import undisturbed
 from posture_opt.manifest import MANIFEST, Manifest
-from posture_opt.numerics import Json
 from posture_opt.staging import PREFIX, clear_leftovers, exchanged, settle, staging, write_through
+
+if TYPE_CHECKING:
+    from posture_opt.numerics import Json
 
 
 def json_text(document: Mapping[str, Json]) -> str:

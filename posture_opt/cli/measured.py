@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 import posture_opt as po
-from posture_opt.calibration.estimation.error_statistics import By
 from posture_opt.cli import deferred
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
@@ -25,6 +24,7 @@ from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.files import content, is_file
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.estimation.error_statistics import By
     from posture_opt.problem.problem import Problem
     from posture_opt.result import Result
 

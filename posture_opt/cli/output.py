@@ -15,10 +15,10 @@ import click
 
 from posture_opt.cli.options import Common
 from posture_opt.cli.progress import progress_bar
-from posture_opt.numerics import Json
 from posture_opt.output import json_text, writable_folder, write_file
 
 if TYPE_CHECKING:
+    from posture_opt.numerics import Json
     from posture_opt.result import Result
 
 OUT = ("--out",)

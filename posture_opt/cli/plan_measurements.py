@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,7 +21,9 @@ from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import InputError, Issue
-from posture_opt.experiments.measurement_plan import Purpose
+
+if TYPE_CHECKING:
+    from posture_opt.experiments.measurement_plan import Purpose
 
 Corner = tuple[float, ...]
 Box = tuple[Corner, Corner]

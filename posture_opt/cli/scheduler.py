@@ -15,12 +15,12 @@ import click
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.files import located
-from posture_opt.numerics import Json
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
 
 if TYPE_CHECKING:
+    from posture_opt.numerics import Json
     from posture_opt.problem.problem import Problem
 
 

@@ -11,12 +11,14 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, overload
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
-from posture_opt.numerics import Json
 from posture_opt.workers.workers import Part, R, S, T, Workers
+
+if TYPE_CHECKING:
+    from posture_opt.numerics import Json
 
 _FILE_FORMAT = "posture_opt checkpoint 1"
 """Name and version of the format, in the first line of a file."""
