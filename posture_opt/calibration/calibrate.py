@@ -8,9 +8,9 @@ from itertools import count
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frame_chart import Chart
+from posture_opt.calibration.assumptions.frame_coordinates import Chart
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames, held_length
-from posture_opt.calibration.assumptions.stated_knowledge import consistent_problem
+from posture_opt.calibration.assumptions.refuted_statements import consistent_problem
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted_errors
 from posture_opt.calibration.data_checks import (
@@ -32,7 +32,7 @@ from posture_opt.calibration.estimation.fit_setup import (
 )
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.other_file import OtherFile, predict_other_file
+from posture_opt.calibration.second_file import OtherFile, predict_other_file
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin

@@ -22,7 +22,7 @@ from posture_opt.calibration.estimation.identifiability import (
 )
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.other_file import OtherFile
+from posture_opt.calibration.second_file import OtherFile
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.registration import registered
@@ -30,7 +30,7 @@ from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.assumptions.stated_knowledge import Contradiction
+    from posture_opt.calibration.assumptions.refuted_statements import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
     from posture_opt.calibration.large_file import LargeFile
     from posture_opt.model.effects import Effect

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 import posture_opt as po
-from posture_opt.cli.named import PROBLEM
+from posture_opt.cli.named_values import PROBLEM
 from posture_opt.cli.options import Common, common_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import print_rate, progress_bar

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from posture_opt.compensation.arrivals import Arrivals, arrivals_of
+from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of
 from posture_opt.compensation.compensation import Compensation, joint_column
 from posture_opt.compensation.expected_miss import expected_miss
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
@@ -15,7 +15,7 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
-from posture_opt.model.stretched import stretched
+from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot

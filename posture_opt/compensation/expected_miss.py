@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.compensation.arrivals import Arrivals
+from posture_opt.compensation.arrival_sides import Arrivals
 from posture_opt.compensation.nearest_postures import Poses, pose_misses
 from posture_opt.compensation.targets import Targets
 from posture_opt.model.arm import Arm

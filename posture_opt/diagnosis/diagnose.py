@@ -22,7 +22,7 @@ from posture_opt.diagnosis.causes.causes import (
     geometry_finding,
     noise_finding,
 )
-from posture_opt.diagnosis.causes.delivery import Delivery, deliver_arm
+from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome

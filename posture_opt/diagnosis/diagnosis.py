@@ -21,7 +21,7 @@ from posture_opt.diagnosis.causes.causes import (
     tool_shifts,
     unknowable_causes,
 )
-from posture_opt.diagnosis.causes.delivery import Delivery
+from posture_opt.diagnosis.causes.delivered_effects import Delivery
 from posture_opt.diagnosis.causes.extended_arm import extended_arm
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.other_file import OtherFile
+from posture_opt.calibration.second_file import OtherFile
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.errors import InputError
 from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, range_items

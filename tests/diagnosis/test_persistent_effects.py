@@ -13,7 +13,7 @@ from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.diagnosis.causes.causes import _estimates_of
-from posture_opt.diagnosis.causes.delivery import Delivery, deliver_arm
+from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift

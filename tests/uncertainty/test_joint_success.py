@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from posture_opt.uncertainty.regions.clearance import success_probability
-from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all, within_circle
+from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all, within_circle
 from tests.helpers.variants import conformance
 
 

@@ -14,7 +14,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import nearest_semidefinite, persistent_sources, places_in_robot
 from posture_opt.calibration.estimation.residuals import gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
-from posture_opt.diagnosis.causes.delivery import Delivery, covariance_at_shapes
+from posture_opt.diagnosis.causes.delivered_effects import Delivery, covariance_at_shapes
 from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData

@@ -22,7 +22,8 @@ from posture_opt.report.figures.target_map import (
     new_panels,
     plot_line,
 )
-from posture_opt.report.page.style import COLOUR_MAP, styled
+from posture_opt.report.page.colours import COLOUR_MAP
+from posture_opt.report.page.style import styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,18 +14,9 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.axis_names import axis_name, levelled
+from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    legend_below,
-    legend_beside,
-    styled,
-)
+from posture_opt.report.page.style import legend_below, legend_beside, styled
 from posture_opt.report.text.units_text import length, length_unit, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
 from posture_opt.uncertainty.simulation.cloud import cloud_of
@@ -241,10 +232,19 @@ def clearance_lines(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: 
         inside = r < half * (abs(along).sum())
         for sign in (1, -1):
             line = np.array([sign * r * along - 3 * half * side, sign * r * along + 3 * half * side])
-            axes.plot(*line.T, "--", color=GREEN, zorder=3, label=_seen(label, inside) if sign == 1 else None)
+            axes.plot(
+                *line.T, "--", color=CLEARANCE_COLOUR, zorder=3, label=_seen(label, inside) if sign == 1 else None
+            )
         return
     angle = np.linspace(0, 2 * math.pi, 181)
-    axes.plot(r * np.cos(angle), r * np.sin(angle), "--", color=GREEN, zorder=3, label=_seen(label, r < 1.41 * half))
+    axes.plot(
+        r * np.cos(angle),
+        r * np.sin(angle),
+        "--",
+        color=CLEARANCE_COLOUR,
+        zorder=3,
+        label=_seen(label, r < 1.41 * half),
+    )
     axes.axhline(0, color=GREY, lw=0.6, zorder=0)
     axes.axvline(0, color=GREY, lw=0.6, zorder=0)
 

@@ -10,18 +10,9 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
+from posture_opt.report.page.colours import BLUE, GREEN, MODEL_COLOURS, ORANGE, PURPLE
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    MODEL_COLOURS,
-    MODEL_DASHES,
-    ORANGE,
-    PURPLE,
-    legend_below,
-    legend_beside,
-    styled,
-)
+from posture_opt.report.page.style import MODEL_DASHES, legend_below, legend_beside, styled
 from posture_opt.report.parts.comparison_parts import distinct_columns
 from posture_opt.report.text.units_text import length, length_unit
 from posture_opt.report.text.words import MODEL_NAMES

@@ -16,16 +16,9 @@ from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.measured_parts.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
+from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    MODEL_COLOURS,
-    MODEL_DASHES,
-    legend_below,
-    styled,
-)
+from posture_opt.report.page.style import MODEL_DASHES, legend_below, styled
 from posture_opt.units import number
 
 if TYPE_CHECKING:

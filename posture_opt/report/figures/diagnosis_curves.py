@@ -17,18 +17,9 @@ from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
+from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    Look,
-    legend_below,
-    styled,
-)
+from posture_opt.report.page.style import Look, legend_below, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

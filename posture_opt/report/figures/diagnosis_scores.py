@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
+from posture_opt.report.page.colours import GREY, PURPLE
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import GREY, PURPLE, Look, legend_below, styled
+from posture_opt.report.page.style import Look, legend_below, styled
 from posture_opt.report.text.words import p_words
 
 if TYPE_CHECKING:

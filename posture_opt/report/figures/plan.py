@@ -10,18 +10,9 @@ import numpy as np
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
 from posture_opt.report.measured_parts.plan_parts import is_listed
+from posture_opt.report.page.colours import BLUE, GREY, LIGHT, LIMIT_COLOUR, ORANGE
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    GREY,
-    LIGHT,
-    ORANGE,
-    VERMILLION,
-    Look,
-    legend_below,
-    legend_beside,
-    styled,
-)
+from posture_opt.report.page.style import Look, legend_below, legend_beside, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +55,7 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
             star: Look = {"color": ORANGE, "mec": "black", "ms": 16, "ls": "none", "zorder": 4}
             axes.plot(*(1e3 * point[:, at]).T, "*", label="the task's posture", **star)
         if plan.workspace.height > -math.inf and pair[1] == 2:
-            axes.axhline(1e3 * plan.workspace.height, color=VERMILLION, ls="--", lw=1.2, zorder=2, label="kept above")
+            axes.axhline(1e3 * plan.workspace.height, color=LIMIT_COLOUR, ls="--", lw=1.2, zorder=2, label="kept above")
         names = [f"{'xyz'[k]} [mm]" for k in pair]
         axes.set(xlabel=names[0], ylabel=names[1], aspect="equal")
         axes.locator_params(nbins=6)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, stacked_rows
+from posture_opt.report.page.colours import MODEL_COLOURS
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import MODEL_COLOURS, styled
+from posture_opt.report.page.style import styled
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number
 

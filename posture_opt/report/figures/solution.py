@@ -10,17 +10,9 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.axis_names import critical_axis, with_letter
+from posture_opt.report.page.colours import BLUE, COLOUR_MAP, GREY, LIGHT, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    COLOUR_MAP,
-    GREY,
-    LIGHT,
-    ORANGE,
-    VERMILLION,
-    legend_beside,
-    styled,
-)
+from posture_opt.report.page.style import legend_beside, styled
 from posture_opt.report.parts.budget_parts import group_words, main_groups, others_words
 from posture_opt.report.text.units_text import joint_unit, length_unit, percent
 from posture_opt.report.text.words import PARTS

@@ -15,18 +15,9 @@ from numpy.typing import NDArray
 
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
+from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import (
-    BLUE,
-    COLOUR_MAP,
-    LIGHT,
-    ORANGE,
-    VERMILLION,
-    WIDTH,
-    Look,
-    legend_below,
-    styled,
-)
+from posture_opt.report.page.style import WIDTH, Look, legend_below, styled
 from posture_opt.report.text.units_text import length_unit
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.robot.robot import Robot

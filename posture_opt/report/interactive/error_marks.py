@@ -8,7 +8,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.arm_view import Mark
-from posture_opt.report.interactive.owners import owner_of
+from posture_opt.report.interactive.source_owners import owner_of
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of
 from posture_opt.report.text.units_text import quantity
 from posture_opt.robot.shape import BASE, TOOL

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
-from posture_opt.report.interactive.owners import shares_by_owner
+from posture_opt.report.interactive.source_owners import shares_by_owner
 from posture_opt.report.scene.arm_geometry import TargetGeometry
 from posture_opt.report.text.units_text import length, place
 from posture_opt.report.text.words import PARTS

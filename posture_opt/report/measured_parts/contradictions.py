@@ -15,7 +15,7 @@ from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.units import number, plus_minus, shown
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.assumptions.stated_knowledge import Contradiction
+    from posture_opt.calibration.assumptions.refuted_statements import Contradiction
     from posture_opt.calibration.calibration import Calibration
 
 _DIMENSIONS = {"m": "length", "rad": "angle"}

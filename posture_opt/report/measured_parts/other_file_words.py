@@ -13,7 +13,7 @@ from posture_opt.report.text.words import MODEL_NAMES
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from posture_opt.calibration.other_file import OtherFile
+    from posture_opt.calibration.second_file import OtherFile
     from posture_opt.diagnosis.causes.sessions import Gain
 
 

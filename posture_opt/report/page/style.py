@@ -1,7 +1,6 @@
 """One look for all figures: one width and one type size, colours that colour-blind readers can distinguish.
 
-Colours: M. Okabe and K. Ito, "Color Universal Design" (2008). In grey print the three lines of a figure are
-distinguished by their dashes, marks by their shapes.
+The colours themselves are in :mod:`posture_opt.report.page.colours`.
 """
 
 from __future__ import annotations
@@ -14,27 +13,19 @@ from functools import wraps
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ParamSpec
 
+from posture_opt.report.page.colours import GREY
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 P = ParamSpec("P")
 
-ORANGE = "#E69F00"
-GREEN = "#009E73"
-BLUE = "#0072B2"
-VERMILLION = "#D55E00"
-PURPLE = "#CC79A7"
-GREY = "#767676"
-LIGHT = "#D9D9D9"
-MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "delivered": PURPLE}
-"""Of named models, the same in every figure."""
 Look = dict[str, Any]
 """Keyword arguments of matplotlib: colours, widths, marks."""
 MODEL_DASHES: Look = {
     "nominal": (0, (4, 1.5)), "calibrated": "-", "extended": (0, (1, 1)), "delivered": (0, (5, 1, 1, 1))
 }  # fmt: skip
 """Of named models, for whoever sees no colours."""
-COLOUR_MAP = "cividis"  # even in lightness, the same to colour-blind eyes
 
 DPI = 150
 WIDTH = 8.0

@@ -37,7 +37,7 @@ from posture_opt.report.text.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.other_file import OtherFile
+    from posture_opt.calibration.second_file import OtherFile
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.evaluation import Evaluation
 

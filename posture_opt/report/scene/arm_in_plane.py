@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array, turn_of
+from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, Look, legend_below
+from posture_opt.report.page.style import WIDTH, Look, legend_below
 from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.text.units_text import stated_length
 from posture_opt.report.text.words import line_words
@@ -179,7 +180,7 @@ def _hole(axes: Axes, target: TargetGeometry, geometry: ArmGeometry, B: Array, p
     text = f"hole: clearance {stated_length(target.clearance)}{enlarged}"
     walls = [np.array([point + sign * aside, point + sign * aside + deep]) for sign in (1, -1)]
     for k, wall in enumerate(walls):
-        axes.plot(*wall.T, "--", color=GREEN, lw=2.2, zorder=4, label=None if k else text)
+        axes.plot(*wall.T, "--", color=CLEARANCE_COLOUR, lw=2.2, zorder=4, label=None if k else text)
     return np.vstack(walls)
 
 

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.numerics import Array, Mask
+from posture_opt.report.page.colours import CLEARANCE_COLOUR, GREY, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import FONT, GREEN, GREY, VERMILLION, WIDTH, Look
+from posture_opt.report.page.style import FONT, WIDTH, Look
 from posture_opt.report.scene.arm_in_plane import APART, ARROW
 from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.scene.camera import Camera, best_camera
@@ -143,7 +144,11 @@ def _direction_marks(geometry: ArmGeometry) -> list[SceneMark]:
     center = target.lower if target.kind == "point" else geometry.tool_point
     text = f"hole, its clearance of {stated_length(target.clearance)}\nenlarged {factor:g}\N{MULTIPLICATION SIGN} too"
     return [
-        SceneMark(center + factor * target.clearance * ring, {"color": GREEN, "lw": 2, "ls": "--", "zorder": 4}, text)
+        SceneMark(
+            center + factor * target.clearance * ring,
+            {"color": CLEARANCE_COLOUR, "lw": 2, "ls": "--", "zorder": 4},
+            text,
+        )
     ]
 
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.report.page.style import BLUE, ORANGE, WIDTH
+from posture_opt.report.page.colours import BLUE, ORANGE
+from posture_opt.report.page.style import WIDTH
 from posture_opt.report.scene.arm_solids import Solid, is_level
 from posture_opt.report.scene.camera import Camera
 from posture_opt.report.scene.depth_image import DepthImage

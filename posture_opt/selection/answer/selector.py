@@ -18,7 +18,7 @@ from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
-from posture_opt.selection.search.aligner import Aligner
+from posture_opt.selection.search.axis_alignment import Aligner
 from posture_opt.selection.search.batches import until_found_often, until_recurrence
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart

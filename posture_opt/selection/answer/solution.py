@@ -35,9 +35,9 @@ from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
-from posture_opt.uncertainty.spread.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.orientation import Orientation
 from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, propagate
+from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]

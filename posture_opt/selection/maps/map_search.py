@@ -21,6 +21,7 @@ from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import NeighbourSolves
 from posture_opt.selection.maps.map_rounds import worked_on
+from posture_opt.selection.maps.map_solved_again import outlying_targets, targets_to_search_again
 from posture_opt.selection.maps.map_starts import best_among, better_of, freedom, out_of_plane
 from posture_opt.selection.maps.map_trials import BETTER
 from posture_opt.selection.program.task_target import TaskTarget
@@ -28,18 +29,13 @@ from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.workers import Workers
 
 FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
-FINE_EFFORT: Effort = (
-    24,
-    24,
-    24,
-)  # of every target of a larger one, where neighbours know more of each other: of seven arms
+FINE_EFFORT: Effort = (24, 24, 24)
+# Of every target of a larger one, where neighbours know more of each other: of seven arms
 # at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
 SMALL_MAP_TARGETS = 256  # targets: up to here a map is small
 SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
 THIRD_EFFORT: Effort = (96, 288, 288)  # of those that stand out
 SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
-OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
-MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
 Effort = tuple[int, int, int]
 """Random starts of a target where 0, 1, or more ways are left free."""
 
@@ -81,13 +77,13 @@ def best_candidates(
         if progress is not None:
             progress(done, steps_of(len(targets)))
     share = SEARCHED_AGAIN_SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
-    for k, candidate in explored(_to_search_more(candidates, neighbourhood, share, seed), SECOND_EFFORT):
+    for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), SECOND_EFFORT):
         candidates[k] = candidate
     alone = [candidate.best for candidate in candidates]
     exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
     exchange.spread({k for k, best in enumerate(alone) if best is not None})
     searched: set[int] = set()
-    while odd := _standing_out(exchange, searched):
+    while odd := outlying_targets(exchange, searched):
         searched |= set(odd)
         better = set()
         for k, candidate in explored(odd, THIRD_EFFORT):
@@ -104,17 +100,6 @@ def steps_of(count: int) -> int:
     return count + count // 3
 
 
-def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
-    """Targets that are worse than their neighbours predict, the worst first, as many as are still worth a search.
-
-    At most 3 % of the targets in all, half of what is left of them in each round.
-    """
-    excess = exchange.excess()
-    left = math.ceil(MAX_OUTLIER_SHARE * len(excess)) - len(searched)
-    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > OUTLIER_EXCESS and int(k) not in searched]
-    return odd[: min(max(left, 0), math.ceil(left / 2))]
-
-
 def _statistics(
     alone: Sequence[CandidatePosture | None], exchange: NeighbourExchange, searched: set[int]
 ) -> NeighbourSolves:
@@ -125,24 +110,6 @@ def _statistics(
     again = {k for k in exchange.tried if alone[k] is not None} | searched
     found = sum(new is not None for new in now) - sum(old is not None for old in alone)
     return NeighbourSolves(len(again), len(better), max(better, default=0.0), found)
-
-
-def _to_search_more(
-    candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, share: float, seed: int
-) -> list[int]:
-    """A share of the targets, from which rare branches spread; and all that few random starts arrive at.
-
-    These are where reach begins or ends, and where no start met the requirements. Where no start reached any target,
-    all of them.
-    """
-    reached = np.array([candidate.status != "not reached" for candidate in candidates])
-    if not reached.any():
-        return list(range(len(candidates)))
-    chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < share)
-    chosen |= np.array([candidate.status == "requirement not met" for candidate in candidates])
-    for here, there in neighbourhood.on_grid:
-        chosen[here[reached[here] != reached[there]]] = True
-    return [int(k) for k in np.flatnonzero(chosen)]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_clear import clear_candidates
+from posture_opt.selection.maps.map_collisions import clear_candidates
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_rounds import worked_on

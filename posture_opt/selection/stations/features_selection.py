@@ -32,8 +32,8 @@ from posture_opt.selection.stations.placement_search import (
 )
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Combine
-from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
 
 _COMPARED_OPTIMA = 3  # optima of the probability that are compared by them, errors that stay included
 _EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into

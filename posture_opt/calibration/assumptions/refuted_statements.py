@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frame_chart import Chart
+from posture_opt.calibration.assumptions.frame_coordinates import Chart
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.calibration.assumptions.kinematic_coupling import fitted_ratio, full_coupling
