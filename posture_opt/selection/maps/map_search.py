@@ -36,9 +36,9 @@ FINE_EFFORT: Effort = (
 # at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
 SMALL_MAP_TARGETS = 256  # targets: up to here a map is small
 SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
-THIRD_EFFORT: Effort = (96, 288, 288)  # of those that stand out
+THIRD_EFFORT: Effort = (96, 288, 288)  # of outliers
 SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
-OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
+OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours predict is an outlier
 MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
 Effort = tuple[int, int, int]
 """Random starts of a target where 0, 1, or more ways are left free."""
@@ -87,7 +87,7 @@ def best_candidates(
     exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
     exchange.spread({k for k, best in enumerate(alone) if best is not None})
     searched: set[int] = set()
-    while odd := _standing_out(exchange, searched):
+    while odd := _outliers(exchange, searched):
         searched |= set(odd)
         better = set()
         for k, candidate in explored(odd, THIRD_EFFORT):
@@ -104,7 +104,7 @@ def steps_of(count: int) -> int:
     return count + count // 3
 
 
-def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
+def _outliers(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
     """Targets that are worse than their neighbours predict, the worst first, as many as are still worth a search.
 
     At most 3 % of the targets in all, half of what is left of them in each round.
