@@ -139,7 +139,7 @@ def robot_of_problem_file(options: RobotOptions) -> Problem:
 
     Raises:
         InputError: everything wrong with the file.
-        UsageError: a scatter beside that of the file.
+        UsageError: a scatter in addition to that of the file.
     """
     assert options.robot is not None
     source = load_problem(options.robot)

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn, TextIO
 
-_REQUESTS = ("SIGTERM", "SIGHUP")
-_INTERRUPTED = 130  # what a shell reports of a program that ^C ended
+_ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
+_INTERRUPT_EXIT_CODE = 130  # what a shell reports of a program that ^C ended
 
 
 class Ended(KeyboardInterrupt):
@@ -44,7 +44,7 @@ def ended_by_signals() -> Iterator[None]:
     def end(number: int, frame: FrameType | None) -> NoReturn:
         raise Ended(number)
 
-    numbers = [getattr(signal, name) for name in _REQUESTS if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in _ENDING_SIGNALS if hasattr(signal, name)]
     former = {number: signal.getsignal(number) for number in numbers}
     heard = [number for number in numbers if former[number] == signal.SIG_DFL]
     for number in heard:
@@ -58,7 +58,7 @@ def ended_by_signals() -> Iterator[None]:
 
 def exit_code_of(interrupt: KeyboardInterrupt) -> int:
     """What a shell reports of a program that a signal ended: 128 + its number; 130 of Ctrl-C."""
-    return 128 + interrupt.number if isinstance(interrupt, Ended) else _INTERRUPTED
+    return 128 + interrupt.number if isinstance(interrupt, Ended) else _INTERRUPT_EXIT_CODE
 
 
 def open_standard_streams() -> None:

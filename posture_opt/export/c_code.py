@@ -80,12 +80,12 @@ def check_text(robot: Robot, checked: Sequence[CheckedFunction]) -> str:
     """
     low, high = drawn_between(robot)
     Q = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
-    lines = [_HEAD, *(f'#include "{each.name}.h"' for each in checked), "", *_array("q", Q), _COMPARE]
+    lines = [_CHECK_HEADER, *(f'#include "{each.name}.h"' for each in checked), "", *_array("q", Q), _COMPARE_FUNCTION]
     calls: list[str] = []
     for each in checked:
         lines += _declared(each, Q)
         calls += _calls(each, robot.n)
-    return "\n".join([*lines, "", "int main(void) {", "  int wrong = 0;", *calls, _END])
+    return "\n".join([*lines, "", "int main(void) {", "  int wrong = 0;", *calls, _CHECK_FOOTER])
 
 
 def _declared(each: CheckedFunction, Q: Array) -> Iterator[str]:
@@ -132,7 +132,7 @@ def _array(name: str, values: Array) -> Iterator[str]:
     yield "};"
 
 
-_HEAD = """/* Written by posture_opt: holds the functions against its own numbers.
+_CHECK_HEADER = """/* Written by posture_opt: holds the functions against its own numbers.
  *
  *   cc -O3 -std=c99 *.c -o check -lm && ./check
  */
@@ -140,7 +140,7 @@ _HEAD = """/* Written by posture_opt: holds the functions against its own number
 #include <stdio.h>"""
 
 
-_COMPARE = f"""
+_COMPARE_FUNCTION = f"""
 /* 0 where the largest difference is below {TOLERANCE:g} of the largest number. */
 static int compare(const char* function, const char* output, const double* found, const double* expected, int count) {{
   double largest = 0.0, apart = 0.0;
@@ -156,7 +156,7 @@ static int compare(const char* function, const char* output, const double* found
 """
 
 
-_END = """  puts(wrong ? "wrong" : "right");
+_CHECK_FOOTER = """  puts(wrong ? "wrong" : "right");
   return wrong;
 }
 """

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 
-_LEFT_OUT = "the effects of the arm are no parameters of its geometry and are left out"
+_EFFECTS_NOTE = "the effects of the arm are no parameters of its geometry and are left out"
 
 
 class DhTable(ExportFormat):
@@ -30,5 +30,5 @@ class DhTable(ExportFormat):
             added = corrections.get(name, 0.0)
             values = (factor.nominal, added, problem.robot.parameters[name].nominal)
             lines.append(", ".join([name, unit, *(f"{value * size + 0.0:.15g}" for value in values)]))
-        notes = (_LEFT_OUT,) if problem.arm.effects else ()
+        notes = (_EFFECTS_NOTE,) if problem.arm.effects else ()
         return Exported({f"{self.stem}.csv": "\n".join([*lines, ""])}, notes)

@@ -15,9 +15,9 @@ import numpy as np
 from posture_opt.export.program_format import ProgramFormat
 from posture_opt.export.robot_program import RobotProgram
 
-_FULL = 1.0  # rad/s or m/s of the joint that moves most, at 100 % of the speed
-_LEAST = 0.1  # s between two points of a trajectory
-_FIRST = 5.0  # s to the first one, from wherever the arm stands
+_FULL_JOINT_SPEED = 1.0  # rad/s or m/s of the joint that moves most, at 100 % of the speed
+_MIN_INTERVAL_S = 0.1  # s between two points of a trajectory
+_FIRST_STOP_S = 5.0  # s to the first one, from wherever the arm is
 
 
 class JointState(ProgramFormat):
@@ -52,10 +52,10 @@ class JointState(ProgramFormat):
     def _times(program: RobotProgram) -> list[tuple[float, ...]]:
         """When the arm is to arrive at each stop and, where it waits, when it leaves it [s]."""
         found: list[tuple[float, ...]] = []
-        clock = _FIRST
+        clock = _FIRST_STOP_S
         steps = [float(np.abs(b - a).max()) for a, b in itertools.pairwise(program.q)]
         for step in [0.0, *steps]:
-            clock += max(step / (_FULL * program.speed / 100), _LEAST) if found else 0.0
+            clock += max(step / (_FULL_JOINT_SPEED * program.speed / 100), _MIN_INTERVAL_S) if found else 0.0
             found.append((clock, clock + program.wait) if program.wait else (clock,))
             clock = found[-1][-1]
         return found

@@ -14,7 +14,7 @@ from posture_opt.export.program_format import ProgramFormat, seconds
 from posture_opt.export.robot_program import RobotProgram
 
 _AXES = (*(f"A{k}" for k in range(1, 7)), *(f"E{k}" for k in range(1, 7)))
-_LONGEST = 24  # characters of a name in KRL
+_MAX_NAME_LENGTH = 24  # characters of a name in KRL
 
 
 class Krl(ProgramFormat):
@@ -33,8 +33,8 @@ class Krl(ProgramFormat):
             InputError: a name of more than 24 characters.
         """
         name = self.stem
-        if len(name) > _LONGEST:
-            raise InputError(Issue(f"KRL has names of at most {_LONGEST} characters", ("--name",), name))
+        if len(name) > _MAX_NAME_LENGTH:
+            raise InputError(Issue(f"KRL has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
         head = [f"; {line}" for line in program.head]
         data = ["&ACCESS RVP", f"DEFDAT {name}", *head]
         moves = ["&ACCESS RVP", f"DEF {name}()", *head, "BAS(#INITMOV, 0)"]

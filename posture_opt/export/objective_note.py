@@ -8,7 +8,9 @@ from posture_opt.selection.answer.task_objective import task_objective
 from posture_opt.selection.problem_data import ProblemData
 
 _NO_TASK = "the problem has no task: there is no objective to export"
-_SEVERAL = "the task has several targets, so no single objective is exported: write one for one of them with --position"
+_SEVERAL_TARGETS = (
+    "the task has several targets, so no single objective is exported: write one for one of them with --position"
+)
 
 
 def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
@@ -20,5 +22,5 @@ def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] 
     if problem.task is None:
         return None, (_NO_TASK,)
     if problem.task.features or problem.task.on_path:
-        return None, (_SEVERAL,)
+        return None, (_SEVERAL_TARGETS,)
     return task_objective(problem), ()

@@ -14,7 +14,7 @@ from posture_opt.export.objective_note import objective_or_note
 from posture_opt.model.python_source import python_source
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
-_HEAD = '''"""{title}
+_MODULE_HEADER = '''"""{title}
 
 Written by posture_opt {version}; needs NumPy alone. q is an array (..., n) of joint values [rad or m]: {joints}.
 
@@ -87,14 +87,14 @@ class PythonCode(ExportFormat):
         function, said = spread_expressions(problem)
         parts = [python_source(function, "_spread"), _SPREAD.format(**_safe(said))]
         objective, notes = objective_or_note(problem)
-        told = dict(said)
+        described = dict(said)
         if objective is not None:
             # The Hessian apart, because it takes three times as long as both others.
             parts += [python_source(objective[0], "_objective", (0, 1)), python_source(objective[0], "_hessian", (2,))]
             parts += [_OBJECTIVE.format(**_safe(objective[1]))]
-            told |= {key: text for key, text in objective[1].items() if key != "q"}
-        lines = [f"{key}(q): {text}" for key, text in _safe(told).items() if key != "q"]
-        head = _HEAD.format(
+            described |= {key: text for key, text in objective[1].items() if key != "q"}
+        lines = [f"{key}(q): {text}" for key, text in _safe(described).items() if key != "q"]
+        head = _MODULE_HEADER.format(
             title=_safe({"": problem.name or "Spread of a tool point"})[""],
             version=__version__,
             joints=_safe({"": ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)})[""],

@@ -2,7 +2,7 @@
 
 A ``jointtarget`` is ``[robax, extax]``: six robot axes and six external ones, in degrees or mm, 9E9 for one that is not
 there. ``VelSet`` scales all programmed speeds; ``fine`` stops at the point; ``WaitTime \\InPos`` waits until the arm
-stands.
+is at rest.
 Source: ABB, "Technical reference manual, RAPID Instructions, Functions and Data types".
 """
 
@@ -14,8 +14,8 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, seconds
 from posture_opt.export.robot_program import RobotProgram
 
-_LONGEST = 32  # characters of a name in RAPID
-_ABSENT = "9E9"
+_MAX_NAME_LENGTH = 32  # characters of a name in RAPID
+_ABSENT_AXIS = "9E9"
 
 
 class Rapid(ProgramFormat):
@@ -32,12 +32,12 @@ class Rapid(ProgramFormat):
             InputError: a name of more than 28 characters.
         """
         name = self.stem
-        if len(name) > _LONGEST - 4:
-            raise InputError(Issue(f"RAPID has names of at most {_LONGEST} characters", ("--name",), name))
+        if len(name) > _MAX_NAME_LENGTH - 4:
+            raise InputError(Issue(f"RAPID has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
         data, moves = [], [f"    VelSet {program.speed:g}, 5000;"]
         for k, (values, label) in enumerate(zip(program.degrees, program.labels, strict=True), start=1):
             robot = [*values, *["0"] * 6][: max(6, min(len(values), 6))]
-            external = [*values[6:], *[_ABSENT] * 6][:6]
+            external = [*values[6:], *[_ABSENT_AXIS] * 6][:6]
             target = f"[[{', '.join(robot)}], [{', '.join(external)}]]"
             data.append(f"  CONST jointtarget {name}_p{k} := {target};")
             moves += [f"    ! {label}"] if label else []

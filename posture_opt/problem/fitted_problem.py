@@ -25,8 +25,10 @@ from posture_opt.robot.robot import Factor
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 
-_LEAST = 1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
-_KEPT = ("scatter", "repeatability", "weights", "measurement")
+_MIN_EIGENVALUE = (
+    1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
+)
+_KEPT_KEYS = ("scatter", "repeatability", "weights", "measurement")
 
 
 def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
@@ -78,9 +80,9 @@ def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
     sigma |= others
     texts = {name: _text(s, parameters[name]) for name, s in sigma.items()}
     pairs = [[a, b, r] for (a, b), r in _definite(list(sigma), rho).items()]
-    kept = {key: former[key] for key in _KEPT if former.get(key) is not None}
+    kept = {key: former[key] for key in _KEPT_KEYS if former.get(key) is not None}
     if "repeatability" in kept and set(sigma) & set(joint_errors(problem.robot)):
-        # Beside a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
+        # With a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
         kept = {"scatter": _scatter(problem)} | {key: kept[key] for key in kept if key == "measurement"}
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
@@ -94,11 +96,11 @@ def batch_effects(
         correlation: entries ``[a, b, ρ]`` of the new section ``uncertainty``.
         named: noise that the diagnosis of the batch found; it is joined with what the file states of the same name.
     """
-    told = {frozenset(pair[:2]) for pair in correlation}
+    correlated = {frozenset(pair[:2]) for pair in correlation}
     section: dict[str, tuple[CatalogueEntry, Section]] = {
         effect.name: (effect, entry)
         for effect, entry in zip(problem.effects, problem.to_dict().get("effects") or [], strict=True)
-        if not (of_a_type(effect) and {frozenset(pair[:2]) for pair in effect.correlation} & told)
+        if not (of_a_type(effect) and {frozenset(pair[:2]) for pair in effect.correlation} & correlated)
     }
     for noise in named:
         stated = section[noise.name][0] if noise.name in section else None
@@ -179,7 +181,7 @@ def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple
     share = 1.0
     while True:
         rounded = {pair: round(share * r, 3) for pair, r in rho.items()}
-        if _smallest(names, rounded) >= _LEAST:
+        if _smallest(names, rounded) >= _MIN_EIGENVALUE:
             return rounded
         share *= 0.98
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.selection.problem_data import ProblemData
 
-_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+_FRAME_PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def quantity(value: float, factor: Factor) -> str:
@@ -63,7 +63,7 @@ def rounded(sigma: float, factor: Factor) -> tuple[float, str]:
 
 def frame_texts(parameters: Mapping[str, Factor], frame: str) -> dict[str, list[str]]:
     """A frame, ``base`` or ``tool``, as numbers: ``xyz`` in mm and ``rpy`` in deg, as the file has them."""
-    factors = [parameters[f"{frame}.{part}"] for part in _POSE]
+    factors = [parameters[f"{frame}.{part}"] for part in _FRAME_PARTS]
     texts = [quantity(factor.nominal, factor) for factor in factors]
     return {"xyz": texts[:3], "rpy": texts[3:]}
 

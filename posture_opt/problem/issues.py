@@ -19,7 +19,7 @@ from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.schema import bound_at, example_at, known_keys, nodes_at, read_sections, size_at
 from posture_opt.selection.registered_tasks import registered_tasks
 
-_SAID: dict[str, str] = {
+_MESSAGE_OF_TYPE: dict[str, str] = {
     # pydantic's type of error -> what is wrong, in its context
     "finite_number": "{value} is not a finite number",
     "greater_than": "must be greater than {gt}, not {value}",
@@ -32,8 +32,8 @@ _SAID: dict[str, str] = {
     "too_short": "{actual_length} entries, at least {min_length} expected",
     "multiple_of": "must be a multiple of {multiple_of}, not {value}",
 }
-_EXPECTED: dict[str, str] = {
-    # the start of pydantic's type of error -> what should stand there
+_EXPECTED_OF_TYPE: dict[str, str] = {
+    # the start of pydantic's type of error -> what is expected there
     "float": "a number",
     "int": "a whole number",
     "bool": "true or false",
@@ -179,9 +179,9 @@ def _issue(error: _Placed, data: Plain) -> Issue:
     if kind == "value_error":
         fault = context["error"]
         return (fault if isinstance(fault, BadValueError) else BadValueError(str(fault))).issue(key, value)
-    if kind in _SAID:
+    if kind in _MESSAGE_OF_TYPE:
         bounds = {name: bound_at(key, data, bound) for name, bound in context.items()}
-        message = _SAID[kind].format(value=as_given(value), **bounds)
+        message = _MESSAGE_OF_TYPE[kind].format(value=as_given(value), **bounds)
         return Issue(message, key, value, _such_as(key, data))
     return _type_issue(key, kind, value, data, error.details["msg"])
 
@@ -227,7 +227,7 @@ def _quoted(words: Plain) -> list[str]:
 
 def _type_issue(key: KeyPath, kind: str, value: Plain, data: Plain, fallback: str) -> Issue:
     """A value of the wrong type: what it is, what is expected, and an example; an unquoted text in quotes."""
-    expected = next((word for start, word in _EXPECTED.items() if kind.startswith(start)), "")
+    expected = next((word for start, word in _EXPECTED_OF_TYPE.items() if kind.startswith(start)), "")
     if not expected:
         message = fallback.removeprefix("Input ").replace("valid ", "")
         return Issue(f"{message} (here {as_given(value)})", key, value)

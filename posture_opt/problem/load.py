@@ -14,8 +14,8 @@ from posture_opt.problem.plain_data import Plain, plain, text_issues
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 
-_DEFAULT = "insert_planar_2r"
-_OFFERED = 4  # names that begin like what was written
+_DEFAULT_PROBLEM = "insert_planar_2r"
+_MAX_SUGGESTIONS = 4  # names that begin like what was written
 
 
 def load_problem(path: str | PathLike[str]) -> Problem:
@@ -53,7 +53,7 @@ def _near_builtin(name: str) -> str:
     if nearest_file(Path(name)):
         return ""
     begun = [known for known in builtin_names() if known.startswith(name)]
-    near = begun[:_OFFERED] or [nearest(name, builtin_names())]
+    near = begun[:_MAX_SUGGESTIONS] or [nearest(name, builtin_names())]
     if near[0]:
         return f"did you mean the built-in {either(near)}?"
     bare = Path(name).name == name and not Path(name).suffix
@@ -78,5 +78,5 @@ def builtin_problem(task: str) -> Problem:
         InputError: no such task; the nearest is offered.
     """
     own = f"{task}_planar_2r"
-    problem = load_builtin(own if own in builtin_names() else _DEFAULT)
+    problem = load_builtin(own if own in builtin_names() else _DEFAULT_PROBLEM)
     return problem if problem.task and problem.task.kind == task else problem.with_task(task)

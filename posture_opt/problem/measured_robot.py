@@ -18,8 +18,8 @@ from posture_opt.robot.preset import preset_text
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
-_COUNTED = re.compile(r"^\s*(?P<stem>[A-Za-z]+[ _-]?)(?P<number>\d+)\s*\[")
-_TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}"
+_COUNTED_COLUMN = re.compile(r"^\s*(?P<stem>[A-Za-z]+[ _-]?)(?P<number>\d+)\s*\[")
+_EXAMPLE_TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}"
 
 
 def problem_of_measured_robot(
@@ -95,16 +95,16 @@ def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
         "A base or tool that is free is found from the data. Where one is known, write {xyz: [..], rpy: [..]}.",
         *instrument,
         "With a task, its posture is planned before and after calibration, in the frame of the measurements:",
-        f"  {_TASK}",
+        f"  {_EXAMPLE_TASK}",
     )
 
 
-def _named_as_counted(section: Section, robot: Robot, heads: Sequence[str]) -> Section:
+def _named_as_counted(section: Section, robot: Robot, headers: Sequence[str]) -> Section:
     """The preset with its joints called as the columns count them; as it is where they do not.
 
     The columns have to count all joints in order, from 0 or from 1, with one stem: ``q1``, ``axis 1``, ``J_1``.
     """
-    counted = [found for found in map(_COUNTED.match, heads) if found]
+    counted = [found for found in map(_COUNTED_COLUMN.match, headers) if found]
     numbers = [int(found["number"]) for found in counted]
     in_order = numbers in (list(range(robot.n)), list(range(1, robot.n + 1)))
     names = [found["stem"] + found["number"] for found in counted]

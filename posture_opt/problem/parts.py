@@ -70,9 +70,9 @@ def read_parts(
     elif "uncertainty" in readable.data:
         uncertainty = UncertaintySpec.model_validate(readable.data["uncertainty"])
         _collect(issues, lambda: _at("uncertainty", uncertainty.check))
-    told = {issue.key for issue in wrong}
+    reported = {issue.key for issue in wrong}
     more = [*found, *(readable.placed(issue) for issue in issues if readable.judged(issue))]
-    wrong += [issue for issue in more if issue.key not in told]
+    wrong += [issue for issue in more if issue.key not in reported]
     _refuse(wrong, document)
     assert spec is not None
     assert arms is not None
@@ -201,8 +201,8 @@ def input_notes(arm: Arm) -> tuple[str, ...]:
     unknown = [joint for joint in unknown if joint not in arm.inputs.stated]
     notes = []
     if unknown:
-        told = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
-        notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({told})")
+        hint = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
+        notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({hint})")
     left = [effect for effect in arm.effects if not effect.for_planning]
     timed = {effect.kind for effect in left if "time" in effect.needs}
     if timed:

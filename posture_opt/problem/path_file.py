@@ -23,9 +23,9 @@ from posture_opt.units import parse_quantity
 
 Vectors = tuple[tuple[float, float, float], ...]
 """Points [m] or directions, one a row."""
-_HEAD = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_COLUMN_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _POINT, _AXIS = ("x", "y", "z"), ("dx", "dy", "dz")
-_SHORTEST = 1e-12  # of dx, dy, dz
+_MIN_AXIS_LENGTH = 1e-12  # of dx, dy, dz
 
 
 def with_path(task: Task | None, folder: Path) -> Task | None:
@@ -72,7 +72,7 @@ def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
     """
     found: dict[str, tuple[int, float]] = {}
     for index, head in enumerate(raw.titles):
-        match = _HEAD.match(head)
+        match = _COLUMN_HEADER.match(head)
         name, unit = (match["name"], (match["unit"] or "").strip()) if match else (head.strip(), "")
         if name not in (*_POINT, *_AXIS):
             near = nearest(name, (*_POINT, *_AXIS))
@@ -141,7 +141,7 @@ def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -
         faults.stop(f"a path has at least two points, {len(points)} given", "add rows", raw.line + len(points))
     for k in repeated(_tuples(points)):
         faults.add(f"the point of line {lines[k]} again", hint="leave out one of the two rows", line=lines[k + 1])
-    short = [] if axes is None else np.flatnonzero(np.linalg.norm(axes, axis=1) < _SHORTEST).tolist()
+    short = [] if axes is None else np.flatnonzero(np.linalg.norm(axes, axis=1) < _MIN_AXIS_LENGTH).tolist()
     for k in short:
         faults.add("dx, dy, dz of length zero point nowhere", "dx", hint="write for example 0, 0, -1", line=lines[k])
     faults.refuse()

@@ -17,9 +17,9 @@ Plain = Any
 Section = dict[str, Plain]
 """A section of a problem file, or all of them, by their keys."""
 
-_NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+_NON_TEXT_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 """Control characters and halves of characters: no report, figure or JSON document can hold them."""
-_LARGEST_INT = 10**300  # beyond it no float can follow: it is infinite
+_MAX_INTEGER = 10**300  # beyond it no float can follow: it is infinite
 
 
 def plain(value: object) -> Plain:
@@ -34,7 +34,7 @@ def plain(value: object) -> Plain:
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(entry) for entry in value]
-    if isinstance(value, int) and abs(value) > _LARGEST_INT:
+    if isinstance(value, int) and abs(value) > _MAX_INTEGER:
         return math.inf if value > 0 else -math.inf
     return fspath(value) if isinstance(value, PathLike) else value
 
@@ -46,10 +46,10 @@ def text_issues(data: object, key: KeyPath = ()) -> list[Issue]:
         key: of ``data`` in the whole, for the messages.
     """
     if isinstance(data, str):
-        found = _NO_TEXT.search(data)
+        found = _NON_TEXT_CHARACTERS.search(data)
         return [_text_issue(found[0], key)] if found else []
     if isinstance(data, dict):
-        names = [_text_issue(found[0], key) for name in data if (found := _NO_TEXT.search(name))]
+        names = [_text_issue(found[0], key) for name in data if (found := _NON_TEXT_CHARACTERS.search(name))]
         return [*names, *(issue for name, entry in data.items() for issue in text_issues(entry, (*key, name)))]
     if isinstance(data, list):
         return [issue for i, entry in enumerate(data) for issue in text_issues(entry, (*key, i))]

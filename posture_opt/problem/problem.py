@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
-_OF_ROBOT = ("name", "robot", "uncertainty", "effects", "data")
-"""Sections that speak of the robot and its measurements, wherever it stands and whatever it does."""
+_ROBOT_SECTIONS = ("name", "robot", "uncertainty", "effects", "data")
+"""Sections that speak of the robot and its measurements, wherever it is and whatever it does."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -110,7 +110,7 @@ class Problem(ProblemData):
 
         ``problem.replace(task__position=(0.6, 0.2, 0.1), uncertainty__repeatability="0.05 mm")``: quantities with
         their units as in the file, or plain numbers and arrays in SI units and radians. What is given replaces all
-        that stood at its key, None takes the key away. A task that is told where in another way forgets the former
+        that was at its key, None removes the key. A task that says where in another way loses the former
         one. Entries of a list go by their name or number, ``robot__joints__elbow__a``, and keys with a point in them
         as ``**{"uncertainty__sigma__elbow.theta": 3e-4}``.
 
@@ -138,8 +138,8 @@ class Problem(ProblemData):
         )  # fmt: skip
 
     def of_robot(self) -> Problem:
-        """The robot, what is uncertain about it, its effects and its data, without a task and what stands around it."""
-        kept = {key: value for key, value in self.document.items() if key in _OF_ROBOT}
+        """The robot, what is uncertain about it, its effects and its data, without a task and a cell."""
+        kept = {key: value for key, value in self.document.items() if key in _ROBOT_SECTIONS}
         document = Document(kept, self.origin.file, self.origin.lines)
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
@@ -168,7 +168,7 @@ class Problem(ProblemData):
             fit: a calibration; a diagnosis, which brings effects too; or the arm itself.
 
         Frames that were found are numbers and no longer free. `files` writes it as a complete problem file with its
-        covariance beside it; standard deviations from repeat to repeat have the four digits that they have there.
+        covariance next to it; standard deviations from repeat to repeat have the four digits that they have there.
 
         Raises:
             InputError: the fit is one of another robot.
@@ -229,8 +229,8 @@ class Problem(ProblemData):
         return commented(self.header, self.to_dict())
 
     def files(self, stem: str) -> dict[str, bytes]:
-        """File name -> content: the problem file ``stem.yaml`` and what it needs beside it, to be put in any folder."""
-        document, beside = self.to_dict(), {}
+        """File name -> content: the problem file ``stem.yaml`` and what it needs with it, to be put in any folder."""
+        document, further = self.to_dict(), {}
         names: dict[str, str] = {}
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
@@ -239,16 +239,16 @@ class Problem(ProblemData):
         ):
             given = (document.get(section) or {}).get(key)
             if given:
-                beside[name] = self._content(given)
+                further[name] = self._content(given)
                 document[section] = {**document[section], key: name}
                 names[given] = name
         for effect in document.get("effects") or ():
             given = effect.get("covariance")
             if given:
                 name = names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv")
-                beside[name] = self._content(given)
+                further[name] = self._content(given)
                 effect["covariance"] = name
-        return {f"{stem}.yaml": commented(self.header, document).encode(), **beside}
+        return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
 
     def _content(self, name: str) -> bytes:
         """The content of a file that the document names."""

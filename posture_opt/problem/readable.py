@@ -14,7 +14,7 @@ from posture_opt.errors import Issue, KeyPath
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.plain_data import Plain, Section
 
-_LISTS: tuple[KeyPath, ...] = (
+_SEPARABLE_LISTS: tuple[KeyPath, ...] = (
     ("effects",),
     ("task", "minimize"),
     ("task", "subject_to"),
@@ -25,8 +25,8 @@ _LISTS: tuple[KeyPath, ...] = (
 )
 """Lists whose entries speak for themselves: one that cannot be read leaves the others."""
 
-_ANY: Section = {"mass": "1 kg", "com": [0, 0, 0]}
-"""Values of a joint that stand in for one that cannot be read, where leaving it out would be a fault of its own."""
+_STAND_IN_VALUES: Section = {"mass": "1 kg", "com": [0, 0, 0]}
+"""Values of a joint that replace one that cannot be read, where leaving it out would be a fault of its own."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Readable:
         """What is left of ``data`` without what the issues ``found`` are about."""
         keys = [issue.key for issue in found if issue.key]
         left = copy.deepcopy(dict(data))
-        entries = {key: path for key in keys for path in _LISTS if _is_entry(key, path)}
+        entries = {key: path for key in keys for path in _SEPARABLE_LISTS if _is_entry(key, path)}
         kept = {path: _thinned(left, path, keys) for path in dict.fromkeys(entries.values())}
         for key in keys:
             if key not in entries:
@@ -107,7 +107,7 @@ def _left_out(data: Section, key: KeyPath) -> None:
         data.pop(str(key[0]), None)
     elif key[:2] == ("robot", "joints") and len(key) > 3 and isinstance(row := _entry(section, key[1:3]), dict):
         row.pop(key[3], None)
-        row.update({key[3]: _ANY[str(key[3])]} if key[3] in _ANY else {})
+        row.update({key[3]: _STAND_IN_VALUES[str(key[3])]} if key[3] in _STAND_IN_VALUES else {})
     else:
         section.pop(str(key[1]), None)
         if key == ("uncertainty", "sigma"):

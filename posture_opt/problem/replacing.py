@@ -16,7 +16,7 @@ from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.tasks import known_to
 from posture_opt.units import BY_NAME, DIMENSIONS
 
-_TARGETS: dict[str, tuple[str, ...]] = {
+_TARGET_KEYS: dict[str, tuple[str, ...]] = {
     "position": (),
     "region": (),
     "features": ("workpiece", "combine"),
@@ -31,9 +31,9 @@ def kept_of_task(former: Mapping[str, Plain], kind: str | None, given: Collectio
     Keys that the kind knows stay; of the keys that say where, only those that are given.
     """
     task = dict(former) if former.get("kind") == kind else known_to(kind, former, every_task())
-    for rival in set(_TARGETS) & set(given):
-        for other in set(_TARGETS) - {rival, *given}:
-            gone = {other, *_TARGETS[other]} - set(given)
+    for rival in set(_TARGET_KEYS) & set(given):
+        for other in set(_TARGET_KEYS) - {rival, *given}:
+            gone = {other, *_TARGET_KEYS[other]} - set(given)
             task = {key: value for key, value in task.items() if key not in gone}
     return task
 

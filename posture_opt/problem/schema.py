@@ -29,8 +29,8 @@ from posture_opt.spec import Spec, one_of
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 
 TITLE = "Problem file of posture_opt"
-_TASK = "what the tool point has to do"
-_EFFECTS = "what moves the tool point beyond the geometry"
+_TASK_WORDS = "what the tool point has to do"
+_EFFECTS_WORDS = "what moves the tool point beyond the geometry"
 
 
 class ProblemSpec(Spec):
@@ -42,9 +42,9 @@ class ProblemSpec(Spec):
     name: str = Field("", description="what reports call the problem")
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="where the scatter comes from")
-    task: SerializeAsAny[Task] | None = Field(None, description=_TASK)
+    task: SerializeAsAny[Task] | None = Field(None, description=_TASK_WORDS)
     cell: CellSpec | None = Field(None, description="what stands around the arm; none leaves collisions unchecked")
-    effects: tuple[SerializeAsAny[CatalogueEntry], ...] = Field((), description=_EFFECTS)
+    effects: tuple[SerializeAsAny[CatalogueEntry], ...] = Field((), description=_EFFECTS_WORDS)
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")
 
@@ -92,7 +92,7 @@ def _reader(tasks: tuple[type[Spec], ...], effects: tuple[type[Spec], ...]) -> t
     entries: Plain = tuple[entry, ...] if effects else tuple[()]
     return create_model(
         "ProblemSpec", __base__=ProblemSpec, __doc__=ProblemSpec.__doc__,
-        task=(task, Field(None, description=_TASK)), effects=(entries, Field((), description=_EFFECTS)),
+        task=(task, Field(None, description=_TASK_WORDS)), effects=(entries, Field((), description=_EFFECTS_WORDS)),
     )  # fmt: skip
 
 
@@ -107,15 +107,17 @@ Node = Section
 @cache
 def json_schema() -> Node:
     """The JSON Schema of the problem file."""
-    schema: Node = _told(whole_schema().model_json_schema())
+    schema: Node = _without_unknown(whole_schema().model_json_schema())
     return schema
 
 
-def _told(node: Plain) -> Plain:
+def _without_unknown(node: Plain) -> Plain:
     """The schema without defaults that mean "not known" or "no bound": JSON has no NaN and no infinity."""
     if isinstance(node, dict):
-        return {key: _told(value) for key, value in node.items() if key != "default" or finite(value) == value}
-    return [_told(entry) for entry in node] if isinstance(node, list) else node
+        return {
+            key: _without_unknown(value) for key, value in node.items() if key != "default" or finite(value) == value
+        }
+    return [_without_unknown(entry) for entry in node] if isinstance(node, list) else node
 
 
 def nodes_at(key: KeyPath, data: Plain) -> list[Node]:

@@ -12,7 +12,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.robot import load_preset
 from posture_opt.robot.robot import Robot
 
-_TEXT = string.Template("""\
+_STARTER_TEMPLATE = string.Template("""\
 # A problem file of posture_opt: in which posture does the position scatter of this arm hurt the task least?
 #
 #   optimize-posture --problem THIS_FILE.yaml
@@ -53,7 +53,7 @@ $table
 solver: {kind: ipopt, seed: 0}
 """)
 
-_REPEATABILITY = string.Template("""\
+_REPEATABILITY_TEMPLATE = string.Template("""\
   # $source
   repeatability: $value
   # or the standard deviations of single parameters, JOINT.PARAMETER, in place of it:
@@ -63,7 +63,7 @@ $sigma
   #   - [$first, $second, 0.5]
 """)
 
-_SIGMA = string.Template("""\
+_SIGMA_TEMPLATE = string.Template("""\
   sigma:                            # standard deviations, JOINT.PARAMETER
 $sigma
   # correlation:
@@ -72,10 +72,10 @@ $sigma
   # repeatability: 0.05 mm
 """)
 
-_TABLE = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
+_TABLE_LINE = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
 
 
-_PRESET = string.Template("""\
+_PRESET_TEMPLATE = string.Template("""\
   kind: preset
   name: $preset
   # joints: $joints""")
@@ -108,7 +108,9 @@ def starter_text(preset: str) -> str:
     place = (x * _stretched(robot), y * _stretched(robot), _height(robot))
     # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
     target = StarterTarget(sensible_direction(robot), place, _all_turn(robot) and not is_planar(robot))
-    return filled_starter(robot, _PRESET.substitute(preset=preset, joints=", ".join(robot.joint_names)), target)
+    return filled_starter(
+        robot, _PRESET_TEMPLATE.substitute(preset=preset, joints=", ".join(robot.joint_names)), target
+    )
 
 
 def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
@@ -120,7 +122,7 @@ def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
     """
     x, y, z = target.position or (0.5, 0.2, 0.1)
     position = f"position: {_point([x, y, z])}"
-    return _TEXT.substitute(
+    return _STARTER_TEMPLATE.substitute(
         title=robot.name,
         robot=section,
         uncertainty=_uncertainty(robot),
@@ -128,7 +130,7 @@ def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
         position=f"  {position}" if target.position else f"  # {position}",
         minimum=_point([x, -y, z]),
         maximum=_point([1.2 * x, y, z]),
-        table=_TABLE if target.above_table else "",
+        table=_TABLE_LINE if target.above_table else "",
     )
 
 
@@ -144,10 +146,10 @@ def _uncertainty(robot: Robot) -> str:
     first, second, *_ = dict.fromkeys([*own, *robot.parameters])  # a robot may have one joint
     if robot.repeatability is None:
         sigma = "\n".join(f"    {value}" for value in values)
-        return _SIGMA.substitute(sigma=sigma, first=first, second=second)
+        return _SIGMA_TEMPLATE.substitute(sigma=sigma, first=first, second=second)
     sigma = "\n".join(f"  #   {value}" for value in values)
     value, source = f"{robot.repeatability.value * 1e3:g} mm", " ".join(robot.repeatability.source.split())
-    return _REPEATABILITY.substitute(sigma=sigma, first=first, second=second, value=value, source=source)
+    return _REPEATABILITY_TEMPLATE.substitute(sigma=sigma, first=first, second=second, value=value, source=source)
 
 
 def _stretched(robot: Robot) -> float:

@@ -25,12 +25,12 @@ from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.units import joint_text
 
-_DRAWN = 20_000  # postures, among which one that holds the tool along the direction is looked for
-_INSIDE = 0.1  # of its range that a joint keeps from either limit there
-_ALIGNED = math.cos(math.radians(20))  # of the tool axis with the direction: the search does the rest
-_STARTS = 4
-_TABLE = 0.06  # m; links stay 50 mm above it
-_PLACE = np.array([0.5, 0.2, 0.15])
+_RANDOM_POSTURES = 20_000  # postures, among which one that holds the tool along the direction is looked for
+_LIMIT_MARGIN_SHARE = 0.1  # of its range that a joint keeps from either limit there
+_MIN_ALIGNMENT_COSINE = math.cos(math.radians(20))  # of the tool axis with the direction: the search does the rest
+_TRIAL_STARTS = 4
+_MIN_LINK_HEIGHT_M = 0.06  # m; links stay 50 mm above it
+_TARGET_SHARES = np.array([0.5, 0.2, 0.15])
 """Where the target should lie, as shares of the farthest that the tool comes."""
 
 
@@ -63,7 +63,7 @@ def _solves(text: str) -> bool:
     """Whether the problem of a text has a posture that meets its requirements."""
     problem = problem_from_dict(parse_yaml(text).data)
     try:
-        return PostureSelector(problem, compiled=False).feasible(_STARTS)
+        return PostureSelector(problem, compiled=False).feasible(_TRIAL_STARTS)
     except InputError:  # the arm cannot be asked for this: no joint changes the height of its links, say
         return False
 
@@ -85,11 +85,11 @@ def _postures(robot: Robot, direction: str) -> tuple[Array, Array, Mask]:
     "along" is within 20 degrees.
     """
     lower, upper = np.array(robot.lower), np.array(robot.upper)
-    room = _INSIDE * (upper - lower)
-    q = np.random.default_rng(0).uniform(lower + room, upper - room, (_DRAWN, robot.n))
+    room = _LIMIT_MARGIN_SHARE * (upper - lower)
+    q = np.random.default_rng(0).uniform(lower + room, upper - room, (_RANDOM_POSTURES, robot.n))
     points, rotations = nominal_poses(robot, q)
     wanted = np.array(parse_yaml(f"direction: {direction}").data["direction"], dtype=float)
-    return q, points, rotations[:, :, 2] @ wanted > _ALIGNED
+    return q, points, rotations[:, :, 2] @ wanted > _MIN_ALIGNMENT_COSINE
 
 
 def _links_above(robot: Robot, q: Array) -> Mask:
@@ -97,12 +97,12 @@ def _links_above(robot: Robot, q: Array) -> Mask:
     ends = [replace(robot, links=robot.links[: k + 1], tool=()) for k in range(robot.n)]
     heights = np.column_stack([nominal_poses(end, q)[0][:, 2] for end in ends])
     lifted = np.ptp(heights, axis=0) > 0
-    return np.asarray(np.all(heights[:, lifted] > _TABLE, axis=1))
+    return np.asarray(np.all(heights[:, lifted] > _MIN_LINK_HEIGHT_M, axis=1))
 
 
 def _pleasant_place(points: Array, usable: Mask) -> tuple[float, ...]:
     """A usable point (3,) in whole centimetres, off the base axis and well within reach [m]."""
-    wanted = _PLACE * np.linalg.norm(points, axis=1).max()
+    wanted = _TARGET_SHARES * np.linalg.norm(points, axis=1).max()
     chosen = points[usable]
     near = chosen[np.argmin(np.linalg.norm(chosen - wanted, axis=1))]
     return tuple(float(round(value, 2)) + 0.0 for value in near)

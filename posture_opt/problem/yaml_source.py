@@ -18,9 +18,9 @@ from posture_opt.files import content, naming
 from posture_opt.problem.plain_data import Plain, Section, text_issues
 
 MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
-_MOST_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
-_MOST_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
-_STARTER = "'optimize-posture new planar_2r' prints a problem file to start from"
+_MAX_PARAMETERS_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
+_MAX_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
+_STARTER_HINT = "'optimize-posture new planar_2r' prints a problem file to start from"
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def _read_text(path: Path) -> str:
         found = content(path, MAX_BYTES)
     except InputError as error:
         named = naming(path, error).issues
-        raise InputError([replace(issue, hint=issue.hint or _STARTER) for issue in named]) from None
+        raise InputError([replace(issue, hint=issue.hint or _STARTER_HINT) for issue in named]) from None
     try:
         return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -105,12 +105,14 @@ def parse_yaml(text: str, file: str = "") -> Document:
     """
     node = _compose(text, file)
     if node is None:
-        raise InputError(Issue("the file is empty", file=file, hint=_STARTER))
+        raise InputError(Issue("the file is empty", file=file, hint=_STARTER_HINT))
     if not isinstance(node, yaml.MappingNode):
         kind = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         line = node.start_mark.line + 1
         message = f"the file holds {kind} where a mapping of sections belongs"
-        raise InputError(Issue(message, (), None, f"begin with 'name:', 'robot:' and so on; {_STARTER}", file, line))
+        raise InputError(
+            Issue(message, (), None, f"begin with 'name:', 'robot:' and so on; {_STARTER_HINT}", file, line)
+        )
     reader = _Reader(file)
     try:
         data = reader.value(node, ())
@@ -185,8 +187,8 @@ class _Reader:
         """
         self._nodes += 1
         line = node.start_mark.line + 1
-        if self._nodes > _MOST_NODES:
-            message = f"the aliases (*name) of the file unfold to more than {_MOST_NODES} entries"
+        if self._nodes > _MAX_NODES:
+            message = f"the aliases (*name) of the file unfold to more than {_MAX_NODES} entries"
             raise InputError(Issue(message, key[:1], hint="write the entries out", file=self.file, line=line))
         if id(node) in self._open:
             raise InputError(Issue("an alias (*name) contains itself", key[:1], None, "", self.file, line))
@@ -268,7 +270,7 @@ class _Dumper(yaml.SafeDumper):
     def represent_mapping(self, tag: str, mapping: Plain, flow_style: bool | None = None) -> yaml.MappingNode:
         """Parameters with their quantities are written one a line: so they are found and compared."""
         node = super().represent_mapping(tag, mapping, flow_style)
-        if len(mapping) > _MOST_IN_LINE and all("." in str(name) for name in mapping):
+        if len(mapping) > _MAX_PARAMETERS_IN_LINE and all("." in str(name) for name in mapping):
             node.flow_style = False
         return node
 

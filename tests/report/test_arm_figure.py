@@ -34,7 +34,7 @@ PRESETS = ("panda", "ur5e", "scara", "irb120")
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of fewer points: where labels go does not depend on the grain."""
     monkeypatch.setattr(scene_image, "_DPI", 40)
-    monkeypatch.setattr(scene_image, "_FINE", 1)
+    monkeypatch.setattr(scene_image, "_OVERSAMPLING", 1)
 
 
 def geometry_at(preset: str, draw: int, cell: Any = None) -> ArmGeometry:

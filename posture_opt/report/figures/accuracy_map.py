@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from posture_opt.validation.accuracy_map import AccuracyMap
 
-_ARROW = 0.9  # of a cell's shorter side: the longest arrow
-_ALONG = 0.05  # of the longest arrow: below it an arrow is a dot
+_ARROW_CELL_SHARE = 0.9  # of a cell's shorter side: the longest arrow
+_MIN_ARROW_SHARE = 0.05  # of the longest arrow: below it an arrow is a dot
 
 
 @styled
@@ -99,11 +99,11 @@ def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
     grid = canvas.grid
     inside = canvas.layers(found.bias @ grid.axes[:2].T)[layer]
     longest = float(np.nanmax(np.linalg.norm(found.bias @ grid.axes[:2].T, axis=1)))
-    if longest <= _ALONG * float(np.nanmax(found.distance)):
+    if longest <= _MIN_ARROW_SHARE * float(np.nanmax(found.distance)):
         return  # it lies across the figure
     step = max(1, round(max(grid.shape[1:]) / 12))
     cell = 1e3 * min(grid.sides[:2]) * step
-    enlarged = _ARROW * cell / longest
+    enlarged = _ARROW_CELL_SHARE * cell / longest
     at = np.meshgrid(1e3 * grid.values[0], 1e3 * grid.values[1])
     shown = (slice(step // 2, None, step),) * 2
     u, v = (part[shown] for part in at)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.uncertainty.spread.spread import Spread
 
-_GHOSTS = 4  # further postures of a motion
+_MAX_GHOSTS = 4  # further postures of a motion
 
 
 @styled
@@ -48,7 +48,7 @@ def plot_motion(found: Solution) -> Figure:
     """The arm at the worst point of a path as of a solution, faintly at others along it, and the path."""
     geometry = ArmGeometry.of_solution(found.worst)
     arm, Q = ArmSolids(found.worst.spread.tool_point.robot), found.motion.Q
-    others = np.unique(np.linspace(0, len(Q) - 1, _GHOSTS).round().astype(int)).tolist()
+    others = np.unique(np.linspace(0, len(Q) - 1, _MAX_GHOSTS).round().astype(int)).tolist()
     ghosts = [
         solid.placed(frames)
         for frames in (arm.frames(Q[k]) for k in others if k != found.worst_index)

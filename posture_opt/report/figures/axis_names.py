@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from posture_opt.uncertainty.regions.critical import Critical
 
-_DECADES = 2.5  # more of them need no ticks between
-_SAME = 1e-6  # sine of the angle below which two lines are one
+_MAX_LABELLED_DECADES = 2.5  # more of them need no ticks between
+_PARALLEL_SINE = 1e-6  # sine of the angle below which two lines are one
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -34,8 +34,8 @@ def axis_name(axis: Array, direction: Array | None = None) -> str:
         return letter
     if direction is not None and _parallel(axis, direction):
         return "along the direction of the task"
-    across = direction is not None and abs(float(axis @ direction)) < _SAME
-    where = "horizontally" if abs(float(axis[2])) < _SAME else "upwards"
+    across = direction is not None and abs(float(axis @ direction)) < _PARALLEL_SINE
+    where = "horizontally" if abs(float(axis[2])) < _PARALLEL_SINE else "upwards"
     return f"across the direction, {where}" if across else f"{where} in the plane drawn"
 
 
@@ -47,7 +47,7 @@ def levelled(plane: Array) -> Array:
     if all(len(line_words(axis)) == 1 for axis in plane):
         return plane
     normal = np.cross(plane[0], plane[1])
-    letters = [e for e in np.eye(3) if abs(float(e @ normal)) < _SAME]
+    letters = [e for e in np.eye(3) if abs(float(e @ normal)) < _PARALLEL_SINE]
     if len(letters) == 2:
         return np.array(letters)
     first = np.cross(_UP, normal)
@@ -71,7 +71,7 @@ def with_letter(words: str, axis: Array) -> str:
 
 def _parallel(a: Array, b: Array) -> bool:
     """Whether two unit vectors (3,) lie along one line."""
-    return bool(np.linalg.norm(np.cross(a, b)) < _SAME)
+    return bool(np.linalg.norm(np.cross(a, b)) < _PARALLEL_SINE)
 
 
 def decimals(axis: Axis) -> None:
@@ -79,7 +79,7 @@ def decimals(axis: Axis) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
-    few = high / low < 10**_DECADES
+    few = high / low < 10**_MAX_LABELLED_DECADES
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=20))
     axis.set_major_formatter(lambda value, _: f"{value:g}")
     axis.set_minor_formatter(NullFormatter())

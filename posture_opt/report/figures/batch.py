@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from posture_opt.batch.batch_covariance import CorrelatedPair
     from posture_opt.selection.problem_data import ProblemData
 
-_PANELS = 3
+_MAX_PANELS = 3
 
 
 @styled
@@ -34,7 +34,7 @@ def plot_batch(problem: ProblemData, found: Batch) -> Figure:
     One panel for each pair whose correlation is significant, three at most; axes are deviations from nominal [deg or
     mm].
     """
-    pairs = [pair for pair in found.pairs if pair.significant][:_PANELS] or list(found.pairs[:1])
+    pairs = [pair for pair in found.pairs if pair.significant][:_MAX_PANELS] or list(found.pairs[:1])
     figure = new_figure({1: 5.0, 2: 4.6}.get(len(pairs), 3.8))
     for k, pair in enumerate(pairs):
         _panel(figure.add_subplot(1, len(pairs), k + 1), problem, found, pair)

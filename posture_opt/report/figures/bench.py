@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.stations.bench_map import BenchMap
 
-_NAMED = 6  # features that fit as names beside their points
-_UNITS = (1e3, 1e3, 1e3, math.degrees(1.0))
-_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
+_MAX_NAMED_FEATURES = 6  # features whose names fit next to their points
+_UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))
+_COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
 
 
 @styled
@@ -50,14 +50,16 @@ def plot_bench(found: Solution) -> Figure:
     if level:
         _draw_features(axes, found)
     first, second = bench.axes
-    here = [_UNITS[k] * float(found.w[k]) for k in bench.axes]
+    here = [_UNIT_FACTORS[k] * float(found.w[k]) for k in bench.axes]
     axes.plot(*here, "*", color=VERMILLION, mec="white", ms=17, zorder=9, label="workpiece placed here")
-    axes.set(xlabel=_LABELS[first], ylabel=_LABELS[second])
+    axes.set(xlabel=_COORDINATE_LABELS[first], ylabel=_COORDINATE_LABELS[second])
     if level:
         axes.set_aspect("equal")
     others = [k for k in range(4) if k not in bench.axes and found.placement.free[k]]
     if others:
-        held = ", ".join(f"{COORDINATES[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
+        held = ", ".join(
+            f"{COORDINATES[k]} {_UNIT_FACTORS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others
+        )
         axes.set_title(f"at {held}, as in the answer")
     legend_beside(figure)
     return figure
@@ -69,7 +71,7 @@ def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> N
     from matplotlib.ticker import MaxNLocator
 
     unit, factor = length_unit(bench.sigma[np.isfinite(bench.sigma)].tolist() or [found.sigma])
-    x, y = (_UNITS[k] * values for k, values in zip(bench.axes, bench.values, strict=True))
+    x, y = (_UNIT_FACTORS[k] * values for k, values in zip(bench.axes, bench.values, strict=True))
     bad = ~np.isfinite(bench.sigma)
     axes.set_facecolor("white")
     if bad.any():
@@ -95,7 +97,7 @@ def _draw_features(axes: Axes, found: Solution) -> None:
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
     worst = points[found.worst_index]
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
-    if len(points) <= _NAMED:
+    if len(points) <= _MAX_NAMED_FEATURES:
         for name, point in zip(found.names, points, strict=True):
             text = axes.annotate(name, point[:2], xytext=(7, 4), textcoords="offset points", zorder=8)
             text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-_DRAWN = 5000
-_SAMPLES = 2000
+_MAX_DRAWN_POINTS = 5000
+_CLOUD_SAMPLES = 2000
 
 
 @styled
@@ -44,7 +44,7 @@ def plot_cloud(cloud: Cloud) -> Figure:
     spread, seen = cloud.spread, cloud.spread.for_task
     views = _views(spread, seen)
     unit, scale = length_unit([float(spread.ellipse.semi_axes[-1])])
-    offsets = cloud.points[:_DRAWN] - spread.position
+    offsets = cloud.points[:_MAX_DRAWN_POINTS] - spread.position
     half = 1.1 * scale * float(np.abs(offsets).max())
     figure = new_figure(5.0 if len(views) == 1 else 3.6)
     for k, B in enumerate(views, start=1):
@@ -62,8 +62,8 @@ def plot_cloud(cloud: Cloud) -> Figure:
 
 
 def plot_simulated(spread: Spread) -> Figure:
-    """The cloud of a small simulation beside the closed form."""
-    return plot_cloud(cloud_of(spread, _SAMPLES, 0))
+    """The cloud of a small simulation next to the closed form."""
+    return plot_cloud(cloud_of(spread, _CLOUD_SAMPLES, 0))
 
 
 def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
@@ -114,7 +114,7 @@ def _view(axes: Axes, cloud: Cloud, B: Array, points: Array, scale: float) -> No
 
 @styled
 def plot_cross_section(
-    spread: Spread, seen: TaskSpread, n: int = _SAMPLES, seed: int = 0, origin: str = "target"
+    spread: Spread, seen: TaskSpread, n: int = _CLOUD_SAMPLES, seed: int = 0, origin: str = "target"
 ) -> Figure:
     """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane).
 

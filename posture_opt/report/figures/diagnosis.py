@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 
 
-_DOTS = 1500
-_BELOW = 0.8  # of the line of the noise: there the scale ends at the latest
-_BINS = 30  # along the rows, for the course of the RMS
-_FEW = 5  # rows of such a bin
+_MAX_DOTS = 1500
+_FLOOR_SHARE = 0.8  # of the line of the noise: there the scale ends at the latest
+_MAX_BINS = 30  # along the rows, for the course of the RMS
+_MIN_BIN_ROWS = 5  # rows of such a bin
 
-_MOST_JOINTS = 6  # joints
-_CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
+_MAX_JOINTS = 6  # joints
+_CYCLE_TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 
 
 @styled
@@ -52,7 +52,7 @@ def plot_errors(found: Diagnosis) -> Figure:
     smallest = math.inf
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
-        rows = chosen_rows(len(lengths), _DOTS)
+        rows = chosen_rows(len(lengths), _MAX_DOTS)
         rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
         over.plot(rows + 1, lengths[rows], ".", color=MODEL_COLOURS[name], mew=0, **dots_look(len(rows)))
@@ -68,7 +68,7 @@ def plot_errors(found: Diagnosis) -> Figure:
         for axes in (over, below):
             axes.axhline(floor, color=GREY, lw=1.2, ls="--", zorder=1)
         below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"{noise.label}: RMS {number(floor)} mm")
-        smallest = min(smallest, _BELOW * floor)
+        smallest = min(smallest, _FLOOR_SHARE * floor)
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
     decimals(over.yaxis)
@@ -83,7 +83,7 @@ def plot_errors(found: Diagnosis) -> Figure:
 
 def _course(lengths: Array) -> tuple[Array, Array]:
     """(k,) middles and (k,) RMS of neighbouring rows, in the order of the rows."""
-    parts = np.array_split(np.arange(len(lengths)), max(min(_BINS, len(lengths) // _FEW), 1))
+    parts = np.array_split(np.arange(len(lengths)), max(min(_MAX_BINS, len(lengths) // _MIN_BIN_ROWS), 1))
     return np.array([p.mean() + 1 for p in parts]), np.array([rms(lengths[p]) for p in parts])
 
 
@@ -94,7 +94,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     Over cycles per revolution of the joint, logarithmic; the dashed line is the share that is significant in the whole
     search. A peak that is left above it in the second curve is not explained.
     """
-    joints = periodic_joints(found)[:_MOST_JOINTS]
+    joints = periodic_joints(found)[:_MAX_JOINTS]
     linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     line = critical_log_p(found.search.null, CyclicError.family)
@@ -114,7 +114,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         for k, frequency in enumerate(sorted(cycles for s in mine for cycles in s.what.spectral_lines)):
             _mark(axes, frequency, k)
         axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
-    grid[-1].set_xticks(_CYCLES, [f"{t:g}" for t in _CYCLES])
+    grid[-1].set_xticks(_CYCLE_TICKS, [f"{t:g}" for t in _CYCLE_TICKS])
     grid[-1].minorticks_off()
     grid[-1].set_xlabel("cycles per revolution")
     legend_below(figure)

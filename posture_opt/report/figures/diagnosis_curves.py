@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
 
-_MOST = 12  # effects
-_DOTS = 800
-_BINS = 24
-_FEWEST = 4  # rows of a bin
-_LEVER = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
-_SIDES = {-1.0: ORANGE, 1.0: PURPLE}  # rows without a side are blue
-_MARKS = {-1.0: "<", 1.0: ">"}
+_MAX_EFFECTS = 12  # effects
+_MAX_DOTS = 800
+_MAX_BINS = 24
+_MIN_BIN_ROWS = 4  # rows of a bin
+_MIN_LEVER_SHARE = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
+_SIDE_COLOURS = {-1.0: ORANGE, 1.0: PURPLE}  # rows without a side are blue
+_SIDE_MARKS = {-1.0: "<", 1.0: ">"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def plot_curves(found: Diagnosis) -> Figure:
     form.
     """
     tangents = EffectSensitivities(found.model.residuals, found.model.x)
-    shown = fitted_effects(found)[:_MOST]
+    shown = fitted_effects(found)[:_MAX_EFFECTS]
     columns = min(len(shown), 2)
     rows = math.ceil(len(shown) / columns)
     figure = new_figure(0.8 + (2.6 if columns == 2 else 3.4) * rows)
@@ -85,19 +85,19 @@ def _panel(axes: Axes, curve: Curve) -> None:
     Axes end at quantiles of the rows (0.2 % along x, 1 % along y), so that single rows do not flatten the curve. Rows
     whose side is not known are left out.
     """
-    dots = chosen_rows(len(curve.x), _DOTS)
+    dots = chosen_rows(len(curve.x), _MAX_DOTS)
     sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
     look = _look(len(curve.x))
     for side in sides:
         mine = curve.side == side
-        colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDES.get(side, GREY), f"side {side:+.0f}")
-        mark = "." if len(sides) < 2 else _MARKS.get(float(side), "o")
+        colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDE_COLOURS.get(side, GREY), f"side {side:+.0f}")
+        mark = "." if len(sides) < 2 else _SIDE_MARKS.get(float(side), "o")
         some = dots[mine[dots]]
         axes.plot(curve.x[some], curve.errors[some], mark, color=colour, ls="none", label=name, **look)
         last = side == sides[-1]
-        if mine.sum() > _FEWEST:
+        if mine.sum() > _MIN_BIN_ROWS:
             label = "mean of neighbours with its 95 % band" if last else ""
-            Binned.of(curve.x[mine], curve.errors[mine], _BINS).draw(axes, "black", label)
+            Binned.of(curve.x[mine], curve.errors[mine], _MAX_BINS).draw(axes, "black", label)
         order = np.argsort(curve.x[mine])
         label = "modelled effect" if last else ""
         axes.plot(curve.x[mine][order], curve.modelled[mine][order], color=VERMILLION, lw=2, zorder=3.5, label=label)
@@ -150,7 +150,7 @@ def _joint_curve(
     """
     column = sensitivities.joints[joint]
     square = np.sum(column**2, axis=1)
-    far = square > (_LEVER**2) * square.max()
+    far = square > (_MIN_LEVER_SHARE**2) * square.max()
     revolute = sensitivities.residuals.robot.joints[joint].type == "revolute"
     factor, unit = (1e3, "mrad") if revolute else (1e6, "µm")
     errors, curve = (factor * np.sum(e * column, axis=1)[far] / square[far] for e in (partial, modelled))
@@ -167,7 +167,7 @@ def _shift_curve(over: Abscissa, seen: Array, said: Array) -> Curve:
 def _size_curve(seen: Array, said: Array) -> Curve:
     """Errors (N, axes) along the modelled effect of each row, over its size [mm]; on the diagonal it is true."""
     size = np.linalg.norm(said, axis=1)
-    some = size > _LEVER * size.max()
+    some = size > _MIN_LEVER_SHARE * size.max()
     errors = np.sum(seen[some] * said[some], axis=1) / size[some]
     one = np.ones(len(errors))
     return Curve(size[some], one, errors, size[some], "modelled effect at the tool [mm]", "measured along it [mm]")
@@ -190,7 +190,7 @@ def plot_left(found: Diagnosis) -> Figure:
     for axes, joint in zip(grid, moving, strict=False):
         column = tangents.joints[joint]
         lever = np.linalg.norm(column, axis=1)
-        far = lever > _LEVER * lever.max()
+        far = lever > _MIN_LEVER_SHARE * lever.max()
         along = 1e3 * residuals.sigma * np.sum(e * column, axis=1)[far] / lever[far]
         over = over_joint(tangents.state, joint)
         _cloud(axes, over.values[far], along, over.label)
@@ -211,9 +211,9 @@ def plot_left(found: Diagnosis) -> Figure:
 
 def _cloud(axes: Axes, x: Array, y: Array, label: str) -> None:
     """Values (n,) over x (n,) with the mean of neighbours."""
-    dots = chosen_rows(len(x), _DOTS)
+    dots = chosen_rows(len(x), _MAX_DOTS)
     axes.plot(x[dots], y[dots], ".", color=GREEN, label="rows", **_look(len(x)))
-    if len(x) > _FEWEST:
-        Binned.of(x, y, _BINS).draw(axes, "black", "mean of neighbours with its 95 % band")
+    if len(x) > _MIN_BIN_ROWS:
+        Binned.of(x, y, _MAX_BINS).draw(axes, "black", "mean of neighbours with its 95 % band")
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     axes.set_xlabel(label, labelpad=1)

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.scores.candidates import ScoredCandidate
     from posture_opt.diagnosis.scores.score_tests import NullDistribution
 
-_MOST = 22  # candidates
-_SAME = 0.3  # cycles per revolution
-_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
-_LETTER = 0.0115  # of the axes: width of a letter
+_MAX_CANDIDATES = 22  # candidates
+_CYCLES_TOLERANCE = 0.3  # cycles per revolution
+_EVIDENCE_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
+_LETTER_WIDTH = 0.0115  # of the axes: width of a letter
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
     rows = [ScoredRow(scored, value, _p_value(scored, found)) for scored, value in evidence(found)]
     own = [row for row in rows if row.p_value is not None]
     others = [row for row in rows if row.p_value is None]
-    return [*own, *others[: max(_MOST - len(own), 0)]], len(rows)
+    return [*own, *others[: max(_MAX_CANDIDATES - len(own), 0)]], len(rows)
 
 
 @styled
@@ -109,7 +109,7 @@ def plot_scores(found: Diagnosis) -> Figure:
         axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
     axes.set_yticks(range(len(rows)), [row.scored.candidate.what.label for row in rows])
     axes.set_ylim(max(len(rows), 4) - 0.5, -0.5)
-    ticks = [t for t in _TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
+    ticks = [t for t in _EVIDENCE_TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
     axes.set_xlim(0, right)
     axes.set_xlabel("evidence of each by itself: log p-value over that of the dashed line")
@@ -133,7 +133,7 @@ def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
     Args:
         k: row; ``share`` of the width of the axes that its bar takes, ``width`` the end of the bar.
     """
-    inside = share + _LETTER * len(text) > 1
+    inside = share + _LETTER_WIDTH * len(text) > 1
     axes.annotate(
         text, (width, k), xytext=(-4 if inside else 4, 0), textcoords="offset points", va="center",
         ha="right" if inside else "left", color="white" if inside else "black", zorder=4,
@@ -141,7 +141,7 @@ def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
 
 
 def _look(row: ScoredRow) -> Look:
-    """Colour and hatching tell causes with a name from those without, and the model's from the others."""
+    """Colour and hatching separate causes with a name from those without, and the model's from the others."""
     if row.p_value is None:
         return {"color": "#7FB8D8", "label": "named cause"} if row.named else {
             "facecolor": "#E5BCD3", "hatch": "///", "label": "unnamed component"
@@ -163,7 +163,7 @@ def _p_value(scored: ScoredCandidate, found: Diagnosis) -> float | None:
     chosen = zip(found.search.chosen, found.search.p_values, strict=True)
     own += [(candidate.what, p) for candidate, p in chosen if not candidate.named]
     for what, p in own:
-        near = cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _SAME
+        near = cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _CYCLES_TOLERANCE
         if (what.kind, what.target) == scored.candidate.key and near:
             return p
     return None

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
     from posture_opt.selection.answer.solution import Solution
 
-_NAMED = 5  # sources that are drawn by themselves
-_SMALL = 0.02  # of the variance, on the mean along the path: sources below are lumped
-_STRAIGHT = math.cos(math.radians(20.0))  # of the angle at a point up to which it is no corner
-_MOST = 151  # points whose budget is drawn
+_MAX_SOURCES = 5  # sources that are drawn by themselves
+_MIN_SHARE = 0.02  # of the variance, on the mean along the path: sources below are lumped
+_MIN_CORNER_COSINE = math.cos(math.radians(20.0))  # of the angle at a point up to which it is no corner
+_MAX_BUDGET_POINTS = 151  # points whose budget is drawn
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1, 1, 1)), (0, (2, 1)), (0, (8, 2)), (0, (1, 3)))
-_LINES = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black"), _DASHES, strict=True))
+_LINE_LOOKS = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black"), _DASHES, strict=True))
 
 
 @styled
@@ -56,7 +56,7 @@ def _spread(axes: Axes, found: Solution) -> None:
     """The upper panel: standard deviation along the path, stacked by source."""
     sigma, way = found.motion.sigma, 1e3 * found.path.lengths
     unit, factor = length_unit(sigma.tolist())
-    every = np.unique(np.linspace(0, len(sigma) - 1, min(_MOST, len(sigma))).round().astype(int))
+    every = np.unique(np.linspace(0, len(sigma) - 1, min(_MAX_BUDGET_POINTS, len(sigma))).round().astype(int))
     names, shares = _shares(found, every)
     heights = factor * shares * sigma[every]
     colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
@@ -80,7 +80,7 @@ def _corners(found: Solution) -> list[int]:
     """The points at which the direction of travel turns at once, and with it what is across it: shares jump there."""
     along = np.diff(found.path.points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    turns = np.sum(along[:-1] * along[1:], axis=1) < _STRAIGHT
+    turns = np.sum(along[:-1] * along[1:], axis=1) < _MIN_CORNER_COSINE
     return (np.flatnonzero(turns) + 1).tolist()
 
 
@@ -100,8 +100,8 @@ def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
     """
     budgets = [{s.parameter: s.share for s in found.points[k].budget} for k in points.tolist()]
     every = {name: np.array([budget.get(name, 0.0) for budget in budgets]) for name in budgets[0]}
-    own = {name: share for name, share in every.items() if share.mean() >= _SMALL and share.min() > -1e-3}
-    main = sorted(own, key=lambda name: -float(own[name].mean()))[:_NAMED]
+    own = {name: share for name, share in every.items() if share.mean() >= _MIN_SHARE and share.min() > -1e-3}
+    main = sorted(own, key=lambda name: -float(own[name].mean()))[:_MAX_SOURCES]
     shares = [np.maximum(every[name], 0.0) for name in main]
     left = 1.0 - np.sum(shares, axis=0) if shares else np.ones(len(points))
     arm = found.optimisation_problem.arm
@@ -115,7 +115,7 @@ def _joints(axes: Axes, found: Solution) -> None:
     """The lower panel: each joint less its value at the first point [deg or mm]; a steep line is a fast joint."""
     way, Q = 1e3 * found.path.lengths, found.motion.Q
     for k, (joint, (colour, dashes)) in enumerate(
-        zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)
+        zip(found.optimisation_problem.robot.joints, _LINE_LOOKS * 3, strict=False)
     ):
         unit, factor = joint_unit(joint.type)
         axes.plot(

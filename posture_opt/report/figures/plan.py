@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
-_STILL = 1e-6  # m
-_ONE_BY_ONE = {
+_MIN_REACH_M = 1e-6  # m
+_PARAMETER_TITLES = {
     "parameters": "Each parameter by itself",
     "task": "Each parameter by itself: the plan serves the task, not these",
 }
-_LINE = 0.23  # inch: height of a row
-_BEYOND = 3.0  # times the largest: what is farther is told in words
-_FAINT = "#BDBDBD"
+_ROW_HEIGHT_INCH = 0.23  # inch: height of a row
+_MAX_DRAWN_RATIO = 3.0  # times the largest: what is farther is named in the title
+_FAINT_COLOUR = "#BDBDBD"
 
 
 @styled
@@ -38,14 +38,16 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
     Plans go to the edge of what is allowed: there a small error of an angle moves the tool point most. One view for an
     arm that moves in a plane, else from above and from the side; the dashed line is the height that links keep above.
     """
-    moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _STILL]
+    moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _MIN_REACH_M]
     pairs = [(0, 1), (0, 2)] if len(moving) == 3 else [(moving[0], moving[-1])]
     figure = new_figure(4.6)
     for number, pair in enumerate(pairs, start=1):
         axes = figure.add_subplot(1, len(pairs), number)
         at = list(pair)
         label = "random postures that keep clear"
-        axes.plot(*(1e3 * plan.reach[:, at]).T, ".", color=_FAINT, ms=4, mew=0, rasterized=True, zorder=1, label=label)
+        axes.plot(
+            *(1e3 * plan.reach[:, at]).T, ".", color=_FAINT_COLOUR, ms=4, mew=0, rasterized=True, zorder=1, label=label
+        )
         if plan.given is not None:
             points, _ = nominal_poses(plan.robot, plan.given.q)
             axes.plot(*(1e3 * points[:, at]).T, "x", color=GREY, ms=5, mew=1.2, zorder=2, label="measured already")
@@ -78,7 +80,7 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     drawn = [group for group in groups if rows[group[0]]]
     merits = _merits(plan)
     most = max((len(r) for r in rows.values()), default=1)
-    figure = new_figure(2.1 + _LINE * (len(merits) + most))
+    figure = new_figure(2.1 + _ROW_HEIGHT_INCH * (len(merits) + most))
     grid = figure.add_gridspec(2, max(len(drawn), 1), height_ratios=(len(merits) + 0.6, most + 0.6))
     _together(figure.add_subplot(grid[0, :]), plan, merits)
     for number, (unit, written, factor) in enumerate(drawn):
@@ -86,7 +88,7 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
         _errors(axes, plan, rows[unit], factor)
         axes.set_xlabel(f"expected standard error [{written}]")
         if number == 0:
-            axes.set_title(_ONE_BY_ONE[plan.purpose], loc="left")
+            axes.set_title(_PARAMETER_TITLES[plan.purpose], loc="left")
     legend_below(figure)
     return figure
 
@@ -119,7 +121,7 @@ def _together(axes: Axes, plan: MeasurementPlan, merits: list[tuple[str, float, 
             f"{value:.2f} times the planned error", (max(value, 1.0), k), xytext=(8, 0), textcoords="offset points",
             va="center",
         )  # fmt: skip
-    far = [f"{name}, before: {value:.3g}" for name, value, _ in merits if value > _BEYOND * largest]
+    far = [f"{name}, before: {value:.3g}" for name, value, _ in merits if value > _MAX_DRAWN_RATIO * largest]
     axes.set_xlim(min(0.95 * float(np.nanmin([*random, 1.0])), 0.9), 1.0 + 1.9 * max(largest - 1.0, 0.15))
     axes.set_title(
         "Together: what the plan is chosen and judged by" + "".join(f" ({text})" for text in far), loc="left"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from posture_opt.selection.posture_batch import PostureBatch
 
-_NAMED = 25  # problems that have room for their names
+_MAX_NAMED_PROBLEMS = 25  # problems that have room for their names
 
 
 @styled
@@ -26,10 +26,10 @@ def plot_posture_batch(found: PostureBatch) -> Figure:
     """
     answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
     unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
-    figure = new_figure(max(2.0, 0.25 * min(len(answers), _NAMED) + 1.2))
+    figure = new_figure(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
     axes = figure.add_subplot()
     axes.plot([factor * answer.sigma_max for answer in answers], range(len(answers)), "o", color=BLUE, ms=4)
-    if len(answers) <= _NAMED:
+    if len(answers) <= _MAX_NAMED_PROBLEMS:
         axes.set_yticks(range(len(answers)), [answer.name for answer in answers])
     else:
         axes.set_ylabel("problems, in order")

@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
 
 
-_DOTS = 2000
-_QUANTILES = 300  # of many rows; the outer ones, which tell most, are all drawn
-_BINS = (8, 60)
+_MAX_DOTS = 2000
+_MAX_QUANTILES = 300  # of many rows; the outer ones, which show the tails, are all drawn
+_BIN_RANGE = (8, 60)
 
-_PANELS = 6
-_FEWEST = 5  # visits of a pose that make a cloud
-_VISITS = 4000
+_MAX_PANELS = 6
+_MIN_VISITS = 5  # visits of a pose that make a cloud
+_MAX_VISITS = 4000
 
 
 @styled
@@ -64,7 +64,7 @@ def plot_shape(shown: Shown) -> Figure:
 def _histogram(axes: Axes, values: Array) -> None:
     """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation."""
     mean, sd = values.mean(), values.std(ddof=1)
-    bins = int(np.clip(np.sqrt(len(values)), *_BINS))
+    bins = int(np.clip(np.sqrt(len(values)), *_BIN_RANGE))
     _, edges, _ = axes.hist(values, bins, color=BLUE, alpha=0.6, zorder=2)
     x = np.linspace(mean - 4 * sd, mean + 4 * sd, 200)
     curve = np.exp(-(((x - mean) / sd) ** 2) / 2) / (sd * np.sqrt(2 * np.pi))
@@ -85,7 +85,7 @@ def _quantiles(axes: Axes, values: Array) -> None:
 
     n = len(values)
     ordered = (np.sort(values) - values.mean()) / values.std(ddof=1)
-    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, _QUANTILES)).round(), *_outer(n)])).astype(int)
+    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, _MAX_QUANTILES)).round(), *_outer(n)])).astype(int)
     ordered = ordered[rank - 1]
     normal = ndtri((rank - 0.5) / n)
     low, high = (ndtri(betaincinv(rank, n + 1 - rank, p)) for p in (0.025, 0.975))
@@ -112,7 +112,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
     assert left is not None
     pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
     figure = new_figure(5.0 if len(pairs) == 1 else 3.5)
-    rows = chosen_rows(len(shown.data), _DOTS)
+    rows = chosen_rows(len(shown.data), _MAX_DOTS)
     errors = shown.errors["calibrated"]
     half = 1.05 * float(np.abs(errors[rows]).max())
     factor = hotelling_factor(0.95, 2, left.dof)
@@ -156,7 +156,7 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
     """
     B = _plane(shown, found)
     groups = sorted(_visits(shown, found), key=len, reverse=True)
-    clouds = [rows for rows in groups if len(rows) >= _FEWEST][:_PANELS] or [np.concatenate(groups)]
+    clouds = [rows for rows in groups if len(rows) >= _MIN_VISITS][:_MAX_PANELS] or [np.concatenate(groups)]
     alone = len(clouds) == 1 and len(groups) > 1
     columns = min(len(clouds), 3)
     lines = -(-len(clouds) // columns)
@@ -187,7 +187,7 @@ def _outlines(ellipses: list[Ellipsoid | None]) -> list[Array]:
 
 def _panel(axes: Axes, cloud: Array, predicted: Ellipsoid | None) -> None:
     """One cloud of visits (k, 2) [mm] with the ellipse that was predicted."""
-    axes.plot(*cloud[:_VISITS].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
+    axes.plot(*cloud[:_MAX_VISITS].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
               label="visits about their mean")  # fmt: skip
     known = coverage_factor(0.95, 2)
     if predicted is not None:

@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     from posture_opt.report.figures.residuals import Shown
 
 
-_DOTS = 800  # more make a fog
-_IN_BIN = 20  # poses, on average
-_FEWEST = 4  # poses of a bin that is drawn
-_STEPS = 12  # different values, as of a payload: no more need to be put together
-_LEAST, _MOST = 6, 72  # bins: many, as errors of gears have tens of periods a turn
-_GAP = 0.08  # of the bins, all of them empty: no line is drawn over it
-_LEVER = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
+_MAX_DOTS = 800  # more make a fog
+_MEAN_BIN_POSES = 20  # poses, on average
+_MIN_BIN_POSES = 4  # poses of a bin that is drawn
+_MAX_DISTINCT_VALUES = 12  # different values, as of a payload: no more need to be put together
+_MIN_BINS, _MAX_BINS = 6, 72  # bins: many, as errors of gears have tens of periods a turn
+_MAX_GAP_SHARE = 0.08  # of the bins, all of them empty: no line is drawn over it
+_MIN_LEVER_SHARE = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
-_SIDES = ((-1, "from below", ORANGE, -0.12), (1, "from above", PURPLE, 0.12))
-_XYZ: tuple[Look, ...] = (
+_SIDE_LOOKS = ((-1, "from below", ORANGE, -0.12), (1, "from above", PURPLE, 0.12))
+_AXIS_LOOKS: tuple[Look, ...] = (
     {"color": BLUE, "marker": "o"},
     {"color": VERMILLION, "marker": "s", "ls": "--"},
     {"color": GREEN, "marker": "^", "ls": ":"},
 )
-_FEWEST_ARRIVALS = 10  # arrivals from a side
-_VALUES = 3  # different ones that make a line
-_BINS = 30
+_MIN_ARRIVALS = 10  # arrivals from a side
+_MIN_DISTINCT_VALUES = 3  # different ones that make a line
+_MAX_INPUT_BINS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Binned:
     band: Array
 
     @classmethod
-    def of(cls, x: Array, values: Array, most: int = _MOST) -> Binned:
+    def of(cls, x: Array, values: Array, most: int = _MAX_BINS) -> Binned:
         """Of values (n,) at x (n,), in ``most`` bins or fewer; a few different x are bins of their own.
 
         Bins are equally wide and hold 20 values on average, but there are six at least.
@@ -68,11 +68,11 @@ class Binned:
 
         steps, at = np.unique(x, return_inverse=True)
         bins = len(steps)
-        if bins > _STEPS:
-            bins = max(min(len(x) // _IN_BIN, most), _LEAST)
+        if bins > _MAX_DISTINCT_VALUES:
+            bins = max(min(len(x) // _MEAN_BIN_POSES, most), _MIN_BINS)
             at = np.clip(((x - steps[0]) / (steps[-1] - steps[0]) * bins).astype(int), 0, bins - 1)
         count = np.bincount(at, minlength=bins)
-        some = np.where(count >= _FEWEST, count, np.nan)
+        some = np.where(count >= _MIN_BIN_POSES, count, np.nan)
         mean, middle = np.bincount(at, values, bins) / some, np.bincount(at, x, bins) / some
         variance = np.bincount(at, (values - mean[at]) ** 2, bins) / (some - 1)
         return cls(middle, mean, stdtrit(some - 1, 0.975) * np.sqrt(variance / some))
@@ -80,10 +80,10 @@ class Binned:
     def draw(self, axes: Axes, color: str = "black", label: str = "", **look: Any) -> None:
         """The line with its band; it passes over a few empty bins, not over a wide gap."""
         known = np.isfinite(self.mean)
-        wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_GAP * len(known), 3)) + 1
+        wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_MAX_GAP_SHARE * len(known), 3)) + 1
         x, mean, band = (np.insert(values[known], wide, np.nan) for values in (self.x, self.mean, self.band))
         axes.fill_between(x, mean - band, mean + band, color=color, alpha=0.25, lw=0, zorder=3)
-        marker = "o" if len(x) <= _STEPS else ""
+        marker = "o" if len(x) <= _MAX_DISTINCT_VALUES else ""
         axes.plot(x, mean, **{"color": color, "lw": 1.5, "marker": marker, "ms": 4, **look}, zorder=4, label=label)
 
 
@@ -121,12 +121,12 @@ def _panel(axes: Axes, x: Array, along: Array, colour: str, poses: int) -> None:
     Args:
         x: (p,) joint values [deg or mm]; ``along`` (p,) errors along the motion of the joint [mm].
     """
-    dots = chosen_rows(len(x), _DOTS)
+    dots = chosen_rows(len(x), _MAX_DOTS)
     look: Look = {"color": colour, "mew": 0, **dots_look(len(dots))}
-    some = f"{_DOTS} of {poses}" if poses > _DOTS else str(poses)
+    some = f"{_MAX_DOTS} of {poses}" if poses > _MAX_DOTS else str(poses)
     axes.plot(x[dots], along[dots], ".", zorder=2, rasterized=True, label=f"{some} poses", **look)
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-    if len(x) >= _FEWEST:
+    if len(x) >= _MIN_BIN_POSES:
         Binned.of(x, along).draw(axes, "black", "mean of neighbours with its 95 % band")
 
 
@@ -141,7 +141,7 @@ def _along(shown: Shown, errors: Array) -> tuple[list[Array], list[Array]]:
     values, along = [], []
     for k, (joint, column) in enumerate(zip(shown.robot.joints, shown.columns, strict=True)):
         lever = np.linalg.norm(column, axis=1)
-        far = lever > _LEVER * lever.max()
+        far = lever > _MIN_LEVER_SHARE * lever.max()
         part = np.sum(errors[far] * column[far], axis=1) / lever[far]
         factor = math.degrees(1.0) if joint.type == "revolute" else 1e3
         means = group_means(np.column_stack([factor * shown.data.q[far, k], part]), shown.data.pose[far])
@@ -185,7 +185,7 @@ def _inputs(shown: Shown) -> list[tuple[str, Array]]:
     order = ("line of the file", data.line.astype(float))
     found = [order if data.time is None else _clock(data.time)]
     others = (("temperature [degC]", data.temperature), ("payload [kg]", data.payload))
-    return found + [(label, x) for label, x in others if x is not None and len(np.unique(x)) >= _VALUES]
+    return found + [(label, x) for label, x in others if x is not None and len(np.unique(x)) >= _MIN_DISTINCT_VALUES]
 
 
 def _clock(seconds: Array) -> tuple[str, Array]:
@@ -201,7 +201,7 @@ def _over(axes: Axes, shown: Shown, errors: Array, x: Array) -> None:
     """The mean error of each axis over x (n,), in bins."""
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for axis in shown.axes:
-        Binned.of(x, errors[:, axis], _BINS).draw(axes, label="xyz"[axis], **_XYZ[axis])
+        Binned.of(x, errors[:, axis], _MAX_INPUT_BINS).draw(axes, label="xyz"[axis], **_AXIS_LOOKS[axis])
 
 
 def _both_sides(shown: Shown) -> list[int]:
@@ -209,7 +209,7 @@ def _both_sides(shown: Shown) -> list[int]:
     approach = shown.data.approach
     return [
         k for k in range(approach.shape[1])
-        if min(np.count_nonzero(approach[:, k] < 0), np.count_nonzero(approach[:, k] > 0)) >= _FEWEST_ARRIVALS
+        if min(np.count_nonzero(approach[:, k] < 0), np.count_nonzero(approach[:, k] > 0)) >= _MIN_ARRIVALS
     ]  # fmt: skip
 
 
@@ -221,7 +221,7 @@ def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> Non
         joints: numbers of the joints that arrived often from both sides.
     """
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-    for side, label, colour, shift in _SIDES:
+    for side, label, colour, shift in _SIDE_LOOKS:
         means, bars = [], []
         for k in joints:
             column = shown.columns[k]

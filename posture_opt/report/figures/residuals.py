@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
-_MANY = 400  # dots
-_ARROWS = 400  # more of them hide each other
-_LONG = 0.16  # of the workspace: the arrow of a large error
-_FLAT = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
+_MANY_DOTS = 400  # dots
+_MAX_ARROWS = 400  # more of them hide each other
+_ARROW_SHARE = 0.16  # of the workspace: the arrow of a large error
+_FLAT_SHARE = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Shown:
         errors: by model, (N, 3) measured minus model, cross-validated [mm].
         places: (N, 3) where, measured or the touched point [mm].
         columns: by joint, (N, 3) how the joint moves the tool point [m/rad or m/m].
-        base: (3,) where the calibrated arm stands [mm].
+        base: (3,) base of the calibrated arm [mm].
     """
 
     residuals: Residuals
@@ -85,7 +85,7 @@ class Shown:
             return ((self.axes[0], self.axes[1]),)
         extent = np.ptp(self.places, axis=0)
         flat = int(np.argmin(extent))
-        if extent[flat] < _FLAT * extent.max():
+        if extent[flat] < _FLAT_SHARE * extent.max():
             first, second = (axis for axis in range(3) if axis != flat)
             return ((first, second),)
         return (0, 1), (int(np.argmax(extent[:2])), 2)
@@ -100,7 +100,7 @@ def exaggeration(size: float, extent: float) -> float:
     >>> exaggeration(1.0, 1000.0)
     100.0
     """
-    wanted = max(_LONG * extent / size, 1.0) if size > 0 else 1.0
+    wanted = max(_ARROW_SHARE * extent / size, 1.0) if size > 0 else 1.0
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
 
@@ -108,7 +108,7 @@ def exaggeration(size: float, extent: float) -> float:
 def dots_look(n: int) -> dict[str, float]:
     """Size and opacity of n dots: the fewer, the larger, so that each is seen and many do not merge."""
     size = float(np.clip(60.0 / max(n, 1) ** 0.5, 3.5, 9.0))
-    return {"ms": size, "alpha": 0.75 if n < _MANY else 0.45}
+    return {"ms": size, "alpha": 0.75 if n < _MANY_DOTS else 0.45}
 
 
 def chosen_rows(n: int, most: int) -> Codes:
@@ -131,7 +131,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     base a joint or a length. Of many rows some are drawn at random.
     """
     views = shown.views
-    rows = chosen_rows(len(shown.data), _ARROWS)
+    rows = chosen_rows(len(shown.data), _MAX_ARROWS)
     lengths = np.linalg.norm(shown.errors["nominal"], axis=1)
     large = float(np.quantile(lengths, 0.95))
     factor = exaggeration(large, float(np.ptp(shown.places, axis=0).max()))

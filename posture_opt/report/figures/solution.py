@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-_GRID = 181
+_GRID_VALUES = 181
 
 
 def plot_task_budget(spread: Spread, seen: TaskSpread) -> Figure:
@@ -112,8 +112,8 @@ def plot_joint_map(solution: Solution) -> Figure:
 def _values(joint: Joint) -> Array:
     """(181,) values over the range of a joint [rad or m]; more than a turn repeats itself, so one about zero does."""
     if joint.type == "revolute" and joint.lower <= -math.pi and joint.upper >= math.pi:
-        return np.linspace(-math.pi, math.pi, _GRID)
-    return np.linspace(joint.lower, joint.upper, _GRID)
+        return np.linspace(-math.pi, math.pi, _GRID_VALUES)
+    return np.linspace(joint.lower, joint.upper, _GRID_VALUES)
 
 
 def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:

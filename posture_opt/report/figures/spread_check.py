@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from posture_opt.validation.spread_check import SpreadCheck
 
-_CLIP = 1.15  # times the largest value that is well told: beyond, a bar says nothing but that
+_CLIP_RATIO = 1.15  # times the largest value that the data determine: beyond it bars are cut off
 
 
 @styled
@@ -91,10 +91,10 @@ def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> 
     Args:
         rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` turns them into ``unit``.
     """
-    told = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
+    known = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
     largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)
-    near = [high for high in told if high < 4 * largest]
-    edge = _CLIP * factor * max([largest, *near], default=1.0) or 1.0
+    near = [high for high in known if high < 4 * largest]
+    edge = _CLIP_RATIO * factor * max([largest, *near], default=1.0) or 1.0
     labels = {"estimated": True, "95 % interval": True, "stated": True}
     for k, (_, sigma, low, high, stated) in enumerate(rows):
         beyond = not factor * high <= edge

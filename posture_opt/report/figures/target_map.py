@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from posture_opt.selection.maps.map_points import Grid
     from posture_opt.selection.maps.target_map import TargetMap
 
-_PANELS = WIDTH - 1.6  # the rest is the scale of colours with its numbers
-_MOST_LAYERS = 9
-_ARROW = 0.14  # of the picture
-_HATCH = {"not reached": "////", "requirement not met": "...."}
-_NO_POSTURE = {"not reached": "not reached", "requirement not met": "reached, but a requirement is not met"}
+_PANELS_WIDTH_INCH = WIDTH - 1.6  # the rest is the scale of colours with its numbers
+_MAX_LAYERS = 9
+_ARROW_SHARE = 0.14  # of the picture
+_HATCH_OF_STATUS = {"not reached": "////", "requirement not met": "...."}
+_STATUS_LABELS = {"not reached": "not reached", "requirement not met": "reached, but a requirement is not met"}
 
 
 @dataclass(frozen=True)
@@ -105,12 +105,12 @@ def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
     Of many layers nine are shown, equally spaced, the outer ones among them.
     """
     count = canvas.grid.shape[0]
-    shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_LAYERS)).round().astype(int)).tolist()
+    shown = np.unique(np.linspace(0, count - 1, min(count, _MAX_LAYERS)).round().astype(int)).tolist()
     columns = min(len(shown), 3 if len(shown) not in (1, 2, 4) else 2)
     rows = math.ceil(len(shown) / columns)
     (u0, u1), (v0, v1) = edges_of(canvas.grid)
     # As high as the panels are for their width: no white bands, and a scale of colours of the same height.
-    height = _PANELS / columns * min(max((v1 - v0) / (u1 - u0), 0.3), 1.4)
+    height = _PANELS_WIDTH_INCH / columns * min(max((v1 - v0) / (u1 - u0), 0.3), 1.4)
     figure = new_figure(rows * (height + 0.25) + 1.0)
     panels = []
     for k, layer in enumerate(shown):
@@ -166,14 +166,14 @@ def hatch_cells(axes: Axes, canvas: Canvas, statuses: NDArray[Any]) -> None:
     from matplotlib.collections import PolyCollection
 
     u, v = _corners(canvas.grid)
-    for status, hatch in _HATCH.items():
+    for status, hatch in _HATCH_OF_STATUS.items():
         cells = [
             [(u[i], v[k]), (u[i + 1], v[k]), (u[i + 1], v[k + 1]), (u[i], v[k + 1])]
             for k, i in np.argwhere(statuses == status).tolist()
         ]
         if cells:
             look: Look = {"facecolor": "#EFEFEF", "edgecolor": "#B0B0B0", "hatch": hatch, "lw": 0}
-            axes.add_collection(PolyCollection(cells, zorder=1, label=_NO_POSTURE[status], **look))
+            axes.add_collection(PolyCollection(cells, zorder=1, label=_STATUS_LABELS[status], **look))
 
 
 def _mark_spots(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
@@ -202,7 +202,7 @@ def _mark(axes: Axes, canvas: Canvas, point: Array, layer: int, label: str, **lo
 def _seen(grid: Grid, u: float, v: float) -> bool:
     """Whether a point (u, v) [mm] lies in the picture, its edge included."""
     (u0, u1), (v0, v1) = edges_of(grid)
-    near = 1e-6 * max(u1 - u0, v1 - v0)  # what stands on the edge is seen, whatever rounding says
+    near = 1e-6 * max(u1 - u0, v1 - v0)  # what is on the edge is seen, whatever rounding says
     return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
 
 
@@ -225,7 +225,7 @@ def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
     if np.linalg.norm(along) < 0.999:
         return
     (u0, u1), (v0, v1) = edges_of(grid)
-    length = _ARROW * min(u1 - u0, v1 - v0)
+    length = _ARROW_SHARE * min(u1 - u0, v1 - v0)
     start = np.array([u1, v1]) - 0.06 * min(u1 - u0, v1 - v0) - length * np.clip(along, 0, 1)
     arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
     end = start + length * along

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 
 VIEWED_ROWS = 200
 """Of a table: more postures hide each other."""
-_ARROW = 0.28  # of the extent: the direction of the task
-_LARGEST = 0.4  # of the extent: an enlarged region is no longer than this
-_RIM = 0.25  # of the extent: an enlarged clearance is no wider than this
-_APART = 1e-4  # m: from there on a target is marked beside the tool point
-_SIDES = -62.0, 62.0, -100.0, 100.0, -30.0, 30.0  # deg off where the arm reaches to, the best view first
-_BOUNDED = 800  # corners of an arm are looked at for its extent
+_ARROW_SHARE = 0.28  # of the extent: the direction of the task
+_MAX_REGION_SHARE = 0.4  # of the extent: an enlarged region is no longer than this
+_MAX_RIM_SHARE = 0.25  # of the extent: an enlarged clearance is no wider than this
+_TARGET_TOLERANCE_M = 1e-4  # m: from there on a target is marked next to the tool point
+_VIEW_TURNS_DEG = -62.0, 62.0, -100.0, 100.0, -30.0, 30.0  # deg off where the arm reaches to, the best view first
+_MAX_CORNERS = 800  # corners of an arm are looked at for its extent
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class ArmView(View):
         for frames in self._frames:
             for solid in self._arm.solids:
                 corners = solid.placed(frames).faces.reshape(-1, 3)
-                found.append(corners[:: max(1, len(self.postures) * len(corners) // _BOUNDED)])
+                found.append(corners[:: max(1, len(self.postures) * len(corners) // _MAX_CORNERS)])
         return np.concatenate(found)
 
     @cached_property
@@ -176,8 +176,8 @@ class ArmView(View):
         if not sizes:
             return ()
         factor = enlargement(sizes[0], self._extent)
-        if max(sizes) * factor > _LARGEST * self._extent:
-            factor = max(1.0, enlargement(max(sizes), _LARGEST / 0.16 * self._extent))
+        if max(sizes) * factor > _MAX_REGION_SHARE * self._extent:
+            factor = max(1.0, enlargement(max(sizes), _MAX_REGION_SHARE / 0.16 * self._extent))
         return tuple(ErrorRegion.of(spread, factor) for spread in spreads)
 
     def _posture(self, posture: ShownPosture) -> dict[str, Json]:
@@ -193,14 +193,16 @@ class ArmView(View):
             region = self._regions[sum(p.spread is not None for p in self.postures[:k])]
         target = posture.target
         tool = self._frames[k][-1][:3, 3]
-        missed = target is not None and target.kind == "point" and np.linalg.norm(target.lower - tool) > _APART
+        missed = (
+            target is not None and target.kind == "point" and np.linalg.norm(target.lower - tool) > _TARGET_TOLERANCE_M
+        )
         return {
             "key": posture.key,
             "label": posture.label,
             "facts": [*posture.facts, *self._joint_facts(posture.q)],
             "frames": [_affine(T[:3, :3], T[:3, 3]) for T in self._frames[k]],
             "region": None if region is None else _affine(region.factor * _square(region.semi_axes), region.center),
-            "arrow": None if target is None else _affine(_ARROW * self._extent * _turned(target.direction), tool),
+            "arrow": None if target is None else _affine(_ARROW_SHARE * self._extent * _turned(target.direction), tool),
             "hole": None if region is None else self._hole(target, region.factor, tool),
             "missed": (1e3 * target.lower).round(1).tolist() if target is not None and missed else None,
             "shares": [[owner, round(share, 4)] for owner, share in posture.shares],
@@ -212,7 +214,7 @@ class ArmView(View):
         """The rim of the clearance as what makes it of a unit circle, enlarged as the region is; None where there is
         none, or it lies outside of the picture.
         """
-        if target is None or target.clearance is None or factor * target.clearance > _RIM * self._extent:
+        if target is None or target.clearance is None or factor * target.clearance > _MAX_RIM_SHARE * self._extent:
             return None
         middle = target.lower if target.kind == "point" else tool
         return _affine(factor * target.clearance * _turned(target.direction), middle)
@@ -250,11 +252,11 @@ class ArmView(View):
         out = (origins - origins[0])[:, :2]
         far = out[np.argmax(np.linalg.norm(out, axis=1))]
         ahead = math.atan2(far[1], far[0])
-        azimuth = min((ahead + math.radians(turn) for turn in _SIDES), key=self._hidden)
+        azimuth = min((ahead + math.radians(turn) for turn in _VIEW_TURNS_DEG), key=self._hidden)
         return [round(0.9 * math.cos(azimuth), 3), round(0.9 * math.sin(azimuth), 3), 0.42]
 
     def _hidden(self, azimuth: float) -> float:
-        """How far obstacles that stand as high as the arm's middle reach in front of it, seen from there [m]."""
+        """How far obstacles that are as high as the arm's middle reach in front of it, seen from there [m]."""
         middle = (self._points.min(axis=0) + self._points.max(axis=0)) / 2
         towards = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
         tall = [_corners(s) for s in self._around if s.role == "obstacle" and _corners(s)[:, 2].max() > middle[2]]

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
-_MARKED_Z = 3.0  # standard errors: smaller corrections are not marked
-_MOST_MARKS = 5  # joints
+_MIN_MARKED_Z = 3.0  # standard errors: smaller corrections are not marked
+_MAX_MARKS = 5  # joints
 
 
 def task_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
@@ -51,10 +51,10 @@ def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ..
     for k in np.argsort(-z):
         parameter = found.parameters[k]
         owner = owner_of(parameter.name, problem.arm)
-        if owner and owner not in marks and z[k] > _MARKED_Z and found.fixed[k]:
+        if owner and owner not in marks and z[k] > _MIN_MARKED_Z and found.fixed[k]:
             size = quantity(float(found.x[k]), parameter.unit)
             marks[owner] = Mark(owner, f"{parameter.name} {'+' if found.x[k] > 0 else ''}{size}")
-    return tuple(marks.values())[:_MOST_MARKS]
+    return tuple(marks.values())[:_MAX_MARKS]
 
 
 def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:

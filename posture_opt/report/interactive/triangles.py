@@ -11,9 +11,9 @@ from posture_opt.collision.facets import cylinder_facets, tapered_facets
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.report.scene.arm_solids import Solid
 
-_SAME = 1e-7  # m: corners nearer than this are one
-_SHAFT, _HEAD = 0.028, 0.075  # radii of an arrow of length 1
-_NECK = 0.74  # where its head begins
+_CORNER_TOLERANCE_M = 1e-7  # m: corners nearer than this are one
+_SHAFT_RADIUS, _HEAD_RADIUS = 0.028, 0.075  # radii of an arrow of length 1
+_HEAD_START = 0.74  # where its head begins
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ class Triangles:
         corners, faces, owner, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], [np.zeros(0, dtype=int)], 0
         for which, surface in enumerate(surfaces):
             flat = surface.reshape(-1, 3)
-            _, first, index = np.unique(np.round(flat / _SAME), axis=0, return_index=True, return_inverse=True)
+            _, first, index = np.unique(
+                np.round(flat / _CORNER_TOLERANCE_M), axis=0, return_index=True, return_inverse=True
+            )
             quad = index.reshape(-1, 4)
             three = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
             whole = (three[:, 0] != three[:, 1]) & (three[:, 1] != three[:, 2]) & (three[:, 2] != three[:, 0])
@@ -72,8 +74,10 @@ def solids_document(solids: Sequence[Solid]) -> dict[str, Json]:
 
 def arrow() -> Triangles:
     """An arrow of length 1 along z from the origin: a shaft and a cone."""
-    neck, tip = np.array([0.0, 0.0, _NECK]), np.array([0.0, 0.0, 1.0])
-    return Triangles.of([cylinder_facets(np.zeros(3), neck, _SHAFT), tapered_facets(neck, tip, _HEAD, 0.0)])
+    neck, tip = np.array([0.0, 0.0, _HEAD_START]), np.array([0.0, 0.0, 1.0])
+    return Triangles.of(
+        [cylinder_facets(np.zeros(3), neck, _SHAFT_RADIUS), tapered_facets(neck, tip, _HEAD_RADIUS, 0.0)]
+    )
 
 
 def ball() -> Triangles:

@@ -1,4 +1,4 @@
-"""The first screen on a calibration: the answer, what stands out, what is left open, and what to do next."""
+"""The first screen on a calibration: the answer, outliers, what is left open, and what to do next."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.assessment import Assessment
 
-_NAMED = 3  # parameters
-_LINES = 6  # of outliers
-_SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
+_MAX_NAMED_PARAMETERS = 3  # parameters
+_MAX_OUTLIER_LINES = 6  # of outliers
+_MIN_NOISE_SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
 
 
 def calibration_brief(problem: ProblemData, found: Calibration, seen: Assessment, lead: tuple[str, ...]) -> Report:
@@ -37,7 +37,11 @@ def calibration_brief(problem: ProblemData, found: Calibration, seen: Assessment
         ("Errors", _errors(found)),
         *([("Test file", _test(found))] if found.test is not None else []),
         ("Parameters", _parameters(found)),
-        *([("Undetermined", open_names)] if (open_names := undetermined_names(found, 2 * _NAMED)) else []),
+        *(
+            [("Undetermined", open_names)]
+            if (open_names := undetermined_names(found, 2 * _MAX_NAMED_PARAMETERS))
+            else []
+        ),
         *([("Outliers", _outliers(found))] if found.outliers else []),
         ("Next", "; ".join(next_steps(found, seen)) + "."),
     ]
@@ -74,12 +78,12 @@ def _test(found: Calibration) -> str:
 
 def _parameters(found: Calibration) -> str:
     """How many unknowns are determined, and which differ from the file."""
-    return ". ".join(filter(None, (determined_words(found), differing(found, _NAMED))))
+    return ". ".join(filter(None, (determined_words(found), differing(found, _MAX_NAMED_PARAMETERS))))
 
 
 def _outliers(found: Calibration) -> str:
     """The lines that were left out."""
-    lines = ", ".join(map(str, found.lines[:_LINES])) + " …" * (len(found.lines) > _LINES)
+    lines = ", ".join(map(str, found.lines[:_MAX_OUTLIER_LINES])) + " …" * (len(found.lines) > _MAX_OUTLIER_LINES)
     return f"{count(len(found.outliers), 'row')} left out: line{'s' * (len(found.lines) > 1)} {lines}"
 
 
@@ -104,7 +108,7 @@ def next_steps(found: Calibration, seen: Assessment) -> tuple[str, ...]:
         steps.append("--refit-frames fits base and tool again to the test file: base or instrument may have been moved")
     if not seen.calibrated.zero:
         steps.append("'diagnose' searches for the cause of the remaining systematic error")
-    elif 0 < seen.instrument < _SHARE * seen.calibrated.coordinate:
+    elif 0 < seen.instrument < _MIN_NOISE_SHARE * seen.calibrated.coordinate:
         steps.append("'diagnose' searches for the cause of the remaining error, most of which is not instrument noise")
     if found.identifiability.words:
         steps.append("'plan-measurements' proposes postures that determine more parameters")

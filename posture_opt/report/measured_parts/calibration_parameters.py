@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.estimation.parameters import Parameter
 
-_LISTED = 10
-_SURE = 0.05  # probability of a change of this size where nothing changed
-_FINE = 100  # condition below which estimates lose little to noise (Schröer, Albright, Grethlein 1997)
+_MAX_CORRELATIONS = 10
+_SIGNIFICANCE_LEVEL = 0.05  # probability of a change of this size where nothing changed
+_GOOD_CONDITION = 100  # condition below which estimates lose little to noise (Schröer, Albright, Grethlein 1997)
 
 
 def parameters_block(found: Calibration) -> Block:
@@ -83,7 +83,7 @@ def _significance(found: Calibration) -> list[str]:
     judged = _judged(found)
     if not judged:
         return []
-    sure = [i for i in judged if found.p_values[i] < _SURE]
+    sure = [i for i in judged if found.p_values[i] < _SIGNIFICANCE_LEVEL]
     of = f"{len(sure)} of {count(len(judged), 'determined parameter')} of the arm"
     return [f"{of} differ significantly from nominal (individual p below 5 %, more than 1.96 standard errors)."]
 
@@ -103,7 +103,7 @@ def differing(found: Calibration, most: int) -> str:
     Args:
         most: how many are named.
     """
-    sure = [i for i in _judged(found) if found.p_values[i] < _SURE]
+    sure = [i for i in _judged(found) if found.p_values[i] < _SIGNIFICANCE_LEVEL]
     if not sure:
         return ""
     sure.sort(key=lambda i: -abs(found.z[i]))
@@ -165,8 +165,8 @@ def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
         return [f"No two estimates have a correlation above {CORRELATION_SHOWN:g}."] if len(known) > 1 else []
     pairs.sort(key=lambda pair: -abs(C[pair]))
     names = [p.name for p in found.parameters]
-    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:_LISTED])
-    more = f", the closest {_LISTED} of {len(pairs)}" if len(pairs) > _LISTED else ""
+    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:_MAX_CORRELATIONS])
+    more = f", the closest {_MAX_CORRELATIONS} of {len(pairs)}" if len(pairs) > _MAX_CORRELATIONS else ""
     return [f"Correlations above {CORRELATION_SHOWN:g}{more}:", Table(("estimate", "with", "correlation"), rows, 2)]
 
 
@@ -184,7 +184,7 @@ def undetermined_block(found: Calibration) -> Block:
     left = [f"{size}; undetermined combinations:" if words else f"{size}: all are determined."]
     hint = ["'optimize-posture plan-measurements' proposes more informative postures."] if words else []
     indices = ", ".join(f"{name} {value:.3g}" for name, value in known.observability.items())
-    good = f"below {_FINE} is good" if known.condition > _FINE else "good"
+    good = f"below {_GOOD_CONDITION} is good" if known.condition > _GOOD_CONDITION else "good"
     facts = Facts(
         (
             ("Condition", f"{number(known.condition)} (largest over smallest singular value; {good})"),

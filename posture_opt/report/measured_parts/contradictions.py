@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
 
 _DIMENSIONS = {"m": "length", "rad": "angle"}
-_LISTED = 3
-_TURNED = math.radians(0.01)  # less is no turn that anyone would correct
+_MAX_LISTED = 3
+_MIN_TURN_RAD = math.radians(0.01)  # less is no turn that anyone would correct
 
 
 def doubts_lead(found: Calibration) -> tuple[str, ...]:
@@ -58,8 +58,8 @@ def _implausible(found: Calibration) -> tuple[str, ...]:
     texts = [f"{name} by {plus_minus(x, std, *units[unit])}" for name, (x, std, unit) in found.implausible.items()]
     if not texts:
         return ()
-    more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
-    text = f"Implausibly large deviation from the file: {', '.join(texts[:_LISTED])}{more}. "
+    more = f" and {len(texts) - _MAX_LISTED} more" if len(texts) > _MAX_LISTED else ""
+    text = f"Implausibly large deviation from the file: {', '.join(texts[:_MAX_LISTED])}{more}. "
     return (f"{text}Is it the right robot, and are the zeros of its joints those of the file?",)
 
 
@@ -111,7 +111,7 @@ def _off(found: Contradiction) -> str:
     length, std = _length(shift)
     texts = [plus_minus(length, std, 1e3, "mm")] if shift else []
     angle, error = _length(turn)
-    if angle > max(_TURNED, 3 * error):
+    if angle > max(_MIN_TURN_RAD, 3 * error):
         texts.append(plus_minus(angle, error, math.degrees(1.0), "deg"))
     return " and ".join(texts)
 

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
-_PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
-_IMITATED = 0.8  # of an effect at the tool: what geometry imitates by more is said
-_FULL = 4  # effects that are told in full; lighter ones stand in a table
-_VAGUE = 10.0  # times the standard error among what the data tell: the rest is open
-_LISTED = 5  # geometric parameters that are farthest off, for their errors
+_MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of measurements that discriminate them
+_IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
+_MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
+_MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
+_MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
 
 def finding_words(finding: Finding, problem: ProblemData) -> str:
@@ -63,7 +63,7 @@ def causes_block(found: Diagnosis) -> Block:
         return Block("Causes", ("None is found.",))
     items: list[str | Facts | Table] = []
     effects = [f for _, f in fitted_effects(found)]
-    short = effects[_FULL:] if len(effects) > _FULL + 1 else []
+    short = effects[_MAX_FULL_EFFECTS:] if len(effects) > _MAX_FULL_EFFECTS + 1 else []
     for i, finding in enumerate((f for f in found.effects if f not in short), 1):
         what = f"{i}. {sentence(finding_words(finding, found.problem))}"
         items += [what, Facts(tuple(_facts(found, finding)), view=view_key(found, finding))]
@@ -140,7 +140,7 @@ def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
     alone, beyond = tool_shifts(found.model, place)
     most, size, own = float(alone.max()), rms(alone), rms(beyond)
     text = f"up to {length(most)} in these data, {length(size, among=[most])} RMS"
-    if own < _IMITATED * size:
+    if own < _IMITATED_SHARE * size:
         text += f"; {length(own, among=[most])} RMS of it is beyond what geometry could imitate"
     return "At the tool", text
 
@@ -194,11 +194,11 @@ def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
         (abs(float(x / s)), p.name, float(x), float(s), p.unit)
         for p, x, s, whole in zip(calibration.parameters, model.x, std, calibration.std, strict=False)
         if p.group == "geometry"
-        and 0 < whole < _VAGUE * s  # what the data leave open has a small part in what they tell
+        and 0 < whole < _MAX_OPEN_RATIO * s  # what the data leave open has a small part in what they determine
     ]
     far.sort(reverse=True)
     units = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}
-    texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_LISTED]]
+    texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_MAX_GEOMETRY]]
     return [("Most certain", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
 
 
@@ -228,10 +228,10 @@ def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
         return ()
     text = "These data fit either cause about equally well; the named one fits best. To discriminate them:"
     texts = [f"{_listed(pairs)}: {split}." for split, pairs in splits.items()]
-    more = [f"And {len(texts) - _SPLITS} more measurements."] if len(texts) > _SPLITS else []
-    return (Block("Causes that could be confused", (text, *texts[:_SPLITS], *more)),)
+    more = [f"And {len(texts) - _MAX_MEASUREMENTS} more measurements."] if len(texts) > _MAX_MEASUREMENTS else []
+    return (Block("Causes that could be confused", (text, *texts[:_MAX_MEASUREMENTS], *more)),)
 
 
 def _listed(pairs: list[str]) -> str:
     """Pairs of causes in one line."""
-    return "; ".join(pairs[:_PAIRS]) + (f"; and {len(pairs) - _PAIRS} more" if len(pairs) > _PAIRS else "")
+    return "; ".join(pairs[:_MAX_PAIRS]) + (f"; and {len(pairs) - _MAX_PAIRS} more" if len(pairs) > _MAX_PAIRS else "")

@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.robot.robot import Robot
 
-_FAINT = 0.1  # share of an effect that geometry leaves: ten times larger it would be as significant; a choice of taste
-_SURE = 0.99  # p-value that is written as 1
-_SHOWN = 8  # candidates of the table
+_MIN_IDENTIFIABLE_SHARE = (
+    0.1  # share of an effect that geometry leaves: ten times larger it would be as significant; a choice of taste
+)
+_CERTAIN_P_VALUE = 0.99  # p-value that is written as 1
+_MAX_CANDIDATES = 8  # candidates of the table
 FILE = "split_measurements.csv"
 _REPEATED_DIGITS = 6
 _TITLE = "Measurements that discriminate between causes"
@@ -55,7 +57,7 @@ def left_block(found: Diagnosis) -> Block:
     left = found.adequacy
     title = "Unexplained structure"
     if found.verdict != "unexplained":
-        p = "p ≈ 1" if left.p_value > _SURE else p_words(left.p_value)
+        p = "p ≈ 1" if left.p_value > _CERTAIN_P_VALUE else p_words(left.p_value)
         return Block(title, (f"No unexplained structure remains ({p}).",))
     items: list[str | Facts | Table] = []
     rows = [("Depends on", "; ".join(component.words for component in found.unexplained))]
@@ -141,7 +143,7 @@ def scores_block(found: Diagnosis) -> Block:
             percent(j.rho),
             p_value(j.p_value),
         )
-        for j in scored[:_SHOWN]
+        for j in scored[:_MAX_CANDIDATES]
     )
     headers = ("candidate", "in the catalogue", "explains", "not absorbed", "p-value")
     return Block("Candidates", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
@@ -155,7 +157,7 @@ def absorbed_block(found: Diagnosis) -> Block:
     """
     search = found.search
     hidden = [candidate.what.label for candidate, _ in search.absorbed]
-    faint = [j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _FAINT]
+    faint = [j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _MIN_IDENTIFIABLE_SHARE]
     items: list[str | Facts | Table] = []
     if hidden:
         items.append(
@@ -247,10 +249,10 @@ def _probability(p: float) -> str:
 def _postures(found: Diagnosis, plan: DiscriminationPlan) -> Table:
     """The planned postures [deg or mm] with sides of approach and payloads."""
     robot, rows = found.model.residuals.robot, plan.rows
-    heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+    headers = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
     sides = [f"{robot.joint_names[j]} approach" for j in plan.sided]
     load = [] if rows.payload is None else ["payload [kg]"]
-    return Table(("no.", *heads, *sides, *load), tuple(_cells(robot, plan, i) for i in range(len(rows))), 0)
+    return Table(("no.", *headers, *sides, *load), tuple(_cells(robot, plan, i) for i in range(len(rows))), 0)
 
 
 def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
@@ -275,7 +277,7 @@ def split_csv(found: Diagnosis) -> str:
     if not parts:
         return ""
     robot = found.model.residuals.robot
-    heads = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
+    headers = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
     labels = [name for name in ("pose", "goal") if getattr(data, f"{name}_given")]
     every = tuple(range(robot.n)) if data.approach_given and found.repeat_plans else ()
     sided = every or (plan.sided if plan is not None else ())
@@ -283,7 +285,7 @@ def split_csv(found: Diagnosis) -> str:
     load = ["payload [kg]"] if any(rows.payload is not None for _, rows, _, _ in parts) else []
     empty = _unmeasured(data)
     target = ["target"] if data.target_names else []
-    lines = [", ".join([*labels, *target, *heads, *sides, *load, *empty])]
+    lines = [", ".join([*labels, *target, *headers, *sides, *load, *empty])]
     factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
     for label, rows, times, digits in parts:
         for i in [*range(len(rows))] * times:

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.selection.problem_data import ProblemData
 
-_EXACT = 1e-7  # m, rad: rounding of a covariance in which parameters are correlated
-_NOTED = 1.1  # times the instrument's σ: from there on it is told
+_EXACT_STD = 1e-7  # m, rad: rounding of a covariance in which parameters are correlated
+_MIN_NOTED_RATIO = 1.1  # times the instrument's σ: from there on it is reported
 
 
 def is_listed(plan: MeasurementPlan, i: int) -> bool:
     """Whether parameter i can be determined, and is not as good as exact already."""
-    return bool(plan.settled[i]) and not plan.before.std[i] < _EXACT
+    return bool(plan.settled[i]) and not plan.before.std[i] < _EXACT_STD
 
 
 def planned_block(problem: ProblemData, plan: MeasurementPlan) -> Block:
@@ -53,7 +53,7 @@ def _measured(plan: MeasurementPlan) -> str:
     often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
     targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
     scatter = ""
-    if plan.given is None and plan.spread > _NOTED:
+    if plan.given is None and plan.spread > _MIN_NOTED_RATIO:
         own = plan.sigma * math.sqrt(plan.spread**2 - 1)
         scatter = f"; the scatter of the arm itself, {length(own, 2)} per coordinate, is included"
     postures = count(len(plan.q), "posture")
@@ -64,7 +64,7 @@ def _given(plan: MeasurementPlan) -> str:
     """How many rows were measured already, and how much larger than the instrument's σ their residuals are."""
     assert plan.given is not None
     noisy = ""
-    if plan.spread > _NOTED:
+    if plan.spread > _MIN_NOTED_RATIO:
         noisy = (
             f"; the best fit to them leaves {number(plan.spread, 2)} times the σ of the instrument, which is included"
         )

@@ -13,8 +13,8 @@ from posture_opt.report.text.words import REGIONS, line_words
 if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
 
-_NORMAL = 0.0027  # of normal numbers lie beyond three standard deviations
-_RARE = 0.05  # probability of a share that says something
+_NORMAL_TAIL = 0.0027  # of normal numbers lie beyond three standard deviations
+_SIGNIFICANCE_LEVEL = 0.05  # probability of a share that says something
 
 
 def scatter_block(found: Assessment) -> Block:
@@ -63,15 +63,15 @@ def shape_block(found: Assessment) -> Block:
 
     share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)
     beyond = round(share * coordinates)
-    chance = float(gammainc(beyond, coordinates * _NORMAL)) if beyond else 1.0  # of so many among normal ones
-    if chance < _RARE:
+    chance = float(gammainc(beyond, coordinates * _NORMAL_TAIL)) if beyond else 1.0  # of so many among normal ones
+    if chance < _SIGNIFICANCE_LEVEL:
         verdict = "large errors are more frequent than normal"
-    elif share > _NORMAL:
+    elif share > _NORMAL_TAIL:
         verdict = "the difference is not significant"
     else:
         verdict = "large errors are no more frequent than normal"
     text = (
         f"{percent(share)} of the coordinates lie beyond three standard deviations; of a normal distribution "
-        f"{percent(_NORMAL)} would: {verdict}."
+        f"{percent(_NORMAL_TAIL)} would: {verdict}."
     )
     return Block("Distribution of the residuals", (text,), "residual_shape")

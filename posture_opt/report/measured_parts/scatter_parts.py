@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from posture_opt.validation.scatter_prediction import ScatterPrediction
     from posture_opt.validation.spread_check import SpreadCheck
 
-_NOTHING = 1e-3  # of the upper end of an interval: less than that is zero
+_ZERO_SHARE = 1e-3  # of the upper end of an interval: less than that is zero
 
 
 def joints_block(found: SpreadCheck) -> Block:
@@ -55,8 +55,8 @@ def _joint_row(name: str, stated: float, values: tuple[float, float, float, floa
     if not shown:
         return name, given, "undetermined", "", "hardly moves the tool point"
     write = _small_length if slide else _small_angle
-    interval = f"below {write(high)}" if low <= _NOTHING * high else f"{write(low)} to {write(high)}"
-    return name, given, write(sigma) if sigma > _NOTHING * high else "0", write(std), interval
+    interval = f"below {write(high)}" if low <= _ZERO_SHARE * high else f"{write(low)} to {write(high)}"
+    return name, given, write(sigma) if sigma > _ZERO_SHARE * high else "0", write(std), interval
 
 
 def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
@@ -67,8 +67,8 @@ def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
     if not math.isfinite(noise.instrument_std):
         return "instrument", stated, "undetermined", "", "not separable from the joints"
     size, error, least, most = (length(v, 2, [high]) for v in (noise.instrument, noise.instrument_std, low, high))
-    interval = f"below {most}" if low <= _NOTHING * high else f"{least} to {most}"
-    return "instrument", stated, size if noise.instrument > _NOTHING * high else "0", error, interval
+    interval = f"below {most}" if low <= _ZERO_SHARE * high else f"{least} to {most}"
+    return "instrument", stated, size if noise.instrument > _ZERO_SHARE * high else "0", error, interval
 
 
 def _small_length(metres: float) -> str:
@@ -96,16 +96,16 @@ def _prediction_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> st
     tried = f"Fitted to four fifths of the postures and tested on the others, {words}"
     size = f"{fixed(best.gain, 2)} ± {fixed(best.gain_std, 2)} in the log-likelihood of a {row}"
     if best.better is None:
-        told = f"{tried} predicts the scatter no better than one isotropic region for all postures ({size})."
+        text = f"{tried} predicts the scatter no better than one isotropic region for all postures ({size})."
     elif best.better:
         likelier = number(math.exp(min(best.gain, 50.0)), 2)
-        told = (
+        text = (
             f"{tried} predicts the scatter better than one isotropic region for all postures: by {size}, so that each "
             f"{row} is {likelier} times as likely."
         )
     else:
-        told = f"{tried} predicts the scatter worse than one isotropic region for all postures ({size})."
+        text = f"{tried} predicts the scatter worse than one isotropic region for all postures ({size})."
     if "stated" not in by:
-        return told
+        return text
     gain = best.log_likelihood - by["stated"].log_likelihood
-    return f"{told} Over the σ's stated in the file it gains {fixed(gain, 2)}."
+    return f"{text} Over the σ's stated in the file it gains {fixed(gain, 2)}."

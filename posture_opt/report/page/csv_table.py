@@ -11,15 +11,15 @@ if TYPE_CHECKING:
 
 def map_csv(columns: Columns, joints: int, decimals_of_joints: int = 6) -> str:
     """The table of a map as a file: places to 0.1 µm, joints to so many decimals of deg or mm, the rest to six."""
-    heads = list(columns)
+    headers = list(columns)
     decimals = {
-        **dict.fromkeys(heads[:3], 4),
+        **dict.fromkeys(headers[:3], 4),
         "feasible": 0,
         "listed": 0,
-        **dict.fromkeys(heads[-joints:], decimals_of_joints),
+        **dict.fromkeys(headers[-joints:], decimals_of_joints),
     }
-    cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in heads]
-    return "".join(", ".join(row) + "\n" for row in (heads, *zip(*cells, strict=True)))
+    cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in headers]
+    return "".join(", ".join(row) + "\n" for row in (headers, *zip(*cells, strict=True)))
 
 
 def _cell(value: float, decimals: int | None) -> str:

@@ -16,7 +16,7 @@ from posture_opt.numerics import Json
 
 INSTALL = "pip install 'posture_opt[viewer]'"
 """What brings the interactive view."""
-_LEVEL = 5  # of 9, which takes twice the time and saves 1 % of plotly.js
+_COMPRESSION_LEVEL = 5  # of 9, which takes twice the time and saves 1 % of plotly.js
 
 
 @cache
@@ -36,4 +36,4 @@ def packed_json(document: Json) -> str:
 
 def packed(text: str) -> str:
     """Text as base64 of its gzip form; the same text gives the same."""
-    return b64encode(gzip.compress(text.encode(), _LEVEL, mtime=0)).decode("ascii")
+    return b64encode(gzip.compress(text.encode(), _COMPRESSION_LEVEL, mtime=0)).decode("ascii")

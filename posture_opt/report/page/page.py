@@ -21,7 +21,9 @@ from posture_opt.report.text.blocks import Facts, Report, Table
 if TYPE_CHECKING:
     from jinja2 import Template
 
-_FOLDS = 3  # blocks: a page with fewer is short, and nothing of it is folded; of others so many are open at least
+_MIN_OPEN_BLOCKS = (
+    3  # blocks: a page with fewer is short, and nothing of it is folded; of others so many are open at least
+)
 
 
 class View(ABC):
@@ -89,8 +91,8 @@ class Page:
     def _opened(self) -> frozenset[str]:
         """Titles of the blocks that are open at first."""
         titles = [block.title for block in self.report.blocks]
-        told = [title for title in titles if self.brief is None or title in self.brief]
-        return frozenset(told if len(told) >= _FOLDS else (*told, *titles[:_FOLDS]))
+        briefed = [title for title in titles if self.brief is None or title in self.brief]
+        return frozenset(briefed if len(briefed) >= _MIN_OPEN_BLOCKS else (*briefed, *titles[:_MIN_OPEN_BLOCKS]))
 
 
 def _kind(item: str | Facts | Table) -> str:

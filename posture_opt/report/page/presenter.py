@@ -87,7 +87,7 @@ class Presenter(SummaryPresenter[R]):
 
     @property
     def problem(self) -> ProblemData:
-        """What was asked; its file stands at the end of the page."""
+        """What was asked; its file is at the end of the page."""
         return problem_of(self.result)
 
     @abstractmethod
@@ -157,7 +157,7 @@ class Presenter(SummaryPresenter[R]):
     def contents(self, *, figures: bool = True, progress: Progress | None = None) -> Files:
         """File name -> content of all that `save` writes.
 
-        ``progress`` is told of document and page, and of each figure three times: drawn, as PNG, as SVG.
+        ``progress`` is called for document and page, and of each figure three times: drawn, as PNG, as SVG.
         """
         drawings = self.drawings() if figures else {}
         parts, done = 3 * len(drawings) + 2, count(1)

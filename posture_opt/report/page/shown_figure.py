@@ -1,4 +1,4 @@
-"""A figure that notebooks show as a picture without having been told to."""
+"""A figure that notebooks show as a picture without being asked to."""
 
 from __future__ import annotations
 

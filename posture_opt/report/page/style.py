@@ -32,10 +32,10 @@ WIDTH = 8.0
 """Of every figure [inch]: a page scales them all alike, so that their type comes out in one size."""
 FONT = 9.0
 """Of every text in a figure [pt]."""
-_LETTER = 0.56 * FONT / 72  # mean width of a letter [inch]
-_HANDLE = 0.55  # of a legend: width of a mark with its gaps [inch]
-_DOT = 4.5  # of a legend: size of what stands for many small dots [pt]
-_ASIDE = 34  # letters of a line of a legend beside the axes
+_LETTER_WIDTH_INCH = 0.56 * FONT / 72  # mean width of a letter [inch]
+_HANDLE_WIDTH_INCH = 0.55  # of a legend: width of a mark with its gaps [inch]
+_DOT_SIZE_PT = 4.5  # of a legend: size of the mark of many small dots [pt]
+_LEGEND_LETTERS = 34  # letters of a line of a legend next to the axes
 
 STYLE: Look = {
     "font.family": "DejaVu Sans",  # travels with matplotlib
@@ -119,7 +119,7 @@ def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> No
     entries = legend_entries(figure) if entries is None else entries
     if not entries:
         return
-    column = _HANDLE + _LETTER * max(map(len, entries))
+    column = _HANDLE_WIDTH_INCH + _LETTER_WIDTH_INCH * max(map(len, entries))
     columns = min(max(int((WIDTH - 0.3) / column), 1), len(entries))
     rows = -(-len(entries) // columns)
     figure.legend(
@@ -137,7 +137,7 @@ def legend_beside(figure: Figure, entries: Mapping[str, Any] | None = None) -> N
         entries: label -> handle; None: all that is labelled in the figure.
     """
     entries = legend_entries(figure) if entries is None else entries
-    labels = [textwrap.fill(label, _ASIDE) for label in entries]
+    labels = [textwrap.fill(label, _LEGEND_LETTERS) for label in entries]
     figure.legend([_handle(h) for h in entries.values()], labels, loc="outside right upper", labelspacing=0.9)
 
 
@@ -147,7 +147,7 @@ def _handle(handle: Any) -> Any:
 
     if not isinstance(handle, Line2D) or handle.get_marker() != "." or handle.get_linestyle() != "None":
         return handle
-    return Line2D([], [], ls="none", marker="o", ms=_DOT, mew=0, color=handle.get_color())
+    return Line2D([], [], ls="none", marker="o", ms=_DOT_SIZE_PT, mew=0, color=handle.get_color())
 
 
 def legend_entries(figure: Figure) -> dict[str, Any]:

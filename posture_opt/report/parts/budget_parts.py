@@ -19,9 +19,9 @@ from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, ShareG
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
 
-_SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
-_MOST_LINES = 12
-_NAMED = 3  # sources of a group that are named
+_MIN_SHARE = 0.01  # of the variance: what lies below is lumped
+_MAX_LINES = 12
+_MAX_NAMED_SOURCES = 3  # sources of a group that are named
 
 
 def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: str) -> Block:
@@ -40,13 +40,15 @@ def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: s
 
 def main_fact(arm: Arm, groups: Sequence[ShareGroup]) -> tuple[str, str]:
     """The largest contributions in one line."""
-    largest = [f"{group_words(group, arm)} {_share(group.share)}" for group in groups[:_NAMED] if group.share > 0]
+    largest = [
+        f"{group_words(group, arm)} {_share(group.share)}" for group in groups[:_MAX_NAMED_SOURCES] if group.share > 0
+    ]
     return "Main contributions", ", ".join(largest) or "none"
 
 
 def main_groups(groups: Sequence[ShareGroup]) -> tuple[list[ShareGroup], list[ShareGroup]]:
     """The lines that are shown one by one, and those that are lumped: none or at least two."""
-    shown = [group for group in groups if group.share >= _SMALL_SHARE][:_MOST_LINES] or list(groups[:1])
+    shown = [group for group in groups if group.share >= _MIN_SHARE][:_MAX_LINES] or list(groups[:1])
     rest = [group for group in groups if group not in shown]
     return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)
 
@@ -87,8 +89,8 @@ def others_words(groups: Sequence[ShareGroup]) -> str:
 
 def _named(parameters: Sequence[str]) -> str:
     """Names as the file has them, the first few of many."""
-    more = len(parameters) - _NAMED
-    return ", ".join([*parameters[:_NAMED], *([f"{more} more"] if more > 0 else [])])
+    more = len(parameters) - _MAX_NAMED_SOURCES
+    return ", ".join([*parameters[:_MAX_NAMED_SOURCES], *([f"{more} more"] if more > 0 else [])])
 
 
 def _share(share: float) -> str:

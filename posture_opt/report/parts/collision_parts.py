@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from posture_opt.collision.scene import Clearance, Scene
 
 Fact = tuple[str, str]
-_CLOSE = 5e-3  # m: nearer than this, people will want to know how to keep a distance
+_HINT_DISTANCE_M = 5e-3  # m: nearer than this, people will want to know how to keep a distance
 
 
 def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
@@ -24,7 +24,7 @@ def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
     a, b = clearance.between
     if clearance.distance <= 0:
         return [("Clearance", f"none: {a} and {b} overlap")]
-    touching = scene.margin == 0 and clearance.distance < _CLOSE
+    touching = scene.margin == 0 and clearance.distance < _HINT_DISTANCE_M
     hint = "; to keep them farther apart add cell: {clearance: 10 mm}" if touching else ""
     return [("Clearance", f"{length(clearance.distance)} between {a} and {b}{hint}")]
 

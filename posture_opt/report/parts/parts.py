@@ -48,11 +48,11 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
-_LISTED = 8  # sources named one by one
-_EFFECTS = 6  # named one by one
-_NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
-_AT_LIMIT = 1e-6
-_NO_SHIFT = 1e-7  # m
+_MAX_SOURCES = 8  # sources named one by one
+_MAX_EFFECTS = 6  # named one by one
+_NEGLIGIBLE_SHARE = 1e-3  # of the largest standard deviation of its kind
+_LIMIT_TOLERANCE = 1e-6
+_MIN_SHIFT_M = 1e-7  # m
 
 
 def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
@@ -70,9 +70,9 @@ def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:
     effects = problem.effects
     if not effects:
         return []
-    shown = [effect.stated_words for effect in effects[:_EFFECTS]]
-    if len(effects) > _EFFECTS:
-        shown.append(f"and {len(effects) - _EFFECTS} more")
+    shown = [effect.stated_words for effect in effects[:_MAX_EFFECTS]]
+    if len(effects) > _MAX_EFFECTS:
+        shown.append(f"and {len(effects) - _MAX_EFFECTS} more")
     return [("Effects", ", ".join(shown))]
 
 
@@ -114,11 +114,13 @@ def source_facts(problem: ProblemData) -> list[tuple[str, str]]:
         kind = name.rpartition(".")[2]
         largest[kind] = max(largest.get(kind, 0.0), sigma)
     groups: dict[tuple[str, str], list[str]] = {}
-    for name, sigma in sorted(sigmas.items(), key=lambda s: s[1] < _NEGLIGIBLE * largest[s[0].rpartition(".")[2]]):
+    for name, sigma in sorted(
+        sigmas.items(), key=lambda s: s[1] < _NEGLIGIBLE_SHARE * largest[s[0].rpartition(".")[2]]
+    ):
         groups.setdefault((name.rpartition(".")[2], source_size(name, sigma, arm)), []).append(name)
     texts = [f"{_group_words(names, arm)} {size}" for (_, size), names in groups.items()]
-    if len(texts) > _LISTED:
-        texts = [*texts[:_LISTED], f"and {len(texts) - _LISTED} more"]
+    if len(texts) > _MAX_SOURCES:
+        texts = [*texts[:_MAX_SOURCES], f"and {len(texts) - _MAX_SOURCES} more"]
     correlated = ", some of them correlated" if sources.correlated else ""
     return [("Uncertainty", ", ".join(texts) + f" (standard deviations{correlated})")]
 
@@ -229,9 +231,9 @@ def _margin(joint: Joint, value: float) -> str:
     margin = min(value - joint.lower, joint.upper - value)
     if not math.isfinite(margin):
         return "no limit"
-    if margin < -_AT_LIMIT:
+    if margin < -_LIMIT_TOLERANCE:
         return f"exceeded by {joint_value(-margin, joint.type)}"
-    return "at the limit" if margin < _AT_LIMIT else joint_value(margin, joint.type)
+    return "at the limit" if margin < _LIMIT_TOLERANCE else joint_value(margin, joint.type)
 
 
 def tool_facts(spread: Spread) -> list[tuple[str, str]]:
@@ -292,7 +294,7 @@ def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
     in the world frame.
     """
     off = math.sqrt(float(spread.bias @ spread.bias))
-    if off < max(_NO_SHIFT, _NEGLIGIBLE * largest_of(among)):
+    if off < max(_MIN_SHIFT_M, _NEGLIGIBLE_SHARE * largest_of(among)):
         return "Mean shift", "negligible"
     vector = shift(list(map(float, spread.bias)), among)
     return "Mean shift", f"{length(off, among=among)} from the nominal tool point: {vector}"

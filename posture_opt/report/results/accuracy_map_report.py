@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from posture_opt.validation.accuracy_map import AccuracyMap
     from posture_opt.validation.measured_errors import MeasuredErrors
 
-_FEW = 20  # rows: fewer say little about a share of 95 %
+_MIN_ROWS = 20  # rows: fewer say little about a share of 95 %
 
 
 def accuracy_map_report(found: AccuracyMap) -> Report:
@@ -196,7 +196,7 @@ def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
     if near:
         text = f"Of the {count(near, 'row')} in cells of the map{where} {percent(measured.share_near)} lie within"
         first = f"{text} the 95 % radius predicted there, instrument noise included."
-        if near < _FEW:
+        if near < _MIN_ROWS:
             first += " This is a small sample."
     else:
         first = f"No row lies in a cell of the map{where}: move the map to the measured region with --min and --max."
@@ -210,7 +210,7 @@ def _verdict(measured: MeasuredErrors) -> str:
     ``|share − 0.95| > 4 sqrt(0.95 · 0.05 / rows)``; empty below the smallest number of rows.
     """
     rows = len(measured.cell)
-    if rows < _FEW:
+    if rows < _MIN_ROWS:
         return ""
     # Neighbouring postures err alike: rows count for fewer than they are, so four standard errors.
     chance = 4 * math.sqrt(0.95 * 0.05 / rows)

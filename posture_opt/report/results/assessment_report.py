@@ -37,10 +37,10 @@ _INPUTS = {
     "temperature": ("temperature", "degC", 1.0),
     "payload": ("payload", "kg", 1.0),
 }
-_HOURS = 2 * 3600.0  # s: shorter times are told in minutes
+_MIN_HOURS_S = 2 * 3600.0  # s: shorter times are written in minutes
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
-_NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
-_WHOLE = 0.6  # of the whole range: a block as long was not cut along it
+_ZERO_MEAN_SHARE = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
+_UNDIVIDED_SHARE = 0.6  # of the whole range: a block as long was not cut along it
 
 
 def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
@@ -121,7 +121,7 @@ def _mean_text(found: Assessment, name: str) -> str:
     blocks = _blocks_text(found, model.blocks) if model.blocks else ""
     if model.mean is None:
         overall = "the mean of every touched point is zero, since its position is known from the touches only"
-    elif np.all(np.abs(model.mean.mean) <= _NOTHING * model.mean.error):
+    elif np.all(np.abs(model.mean.mean) <= _ZERO_MEAN_SHARE * model.mean.error):
         overall = "the mean over all rows is zero, as the fit enforces"
     else:
         mean, error = model.mean.mean.tolist(), model.mean.error.tolist()
@@ -151,7 +151,7 @@ def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> 
     """
     whole = np.ptp([[b.lower, b.upper] for b in blocks], axis=(0, 1))
     part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
-    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _WHOLE and whole[k] > 0)
+    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _UNDIVIDED_SHARE and whole[k] > 0)
     return ", ".join(_side(found.block_axes[k], block.lower[k], block.upper[k]) for k in shown)
 
 
@@ -195,7 +195,7 @@ def _trend_text(trend: Trend) -> str:
     min.
     """
     words, unit, factor = _INPUTS[trend.name]
-    if trend.name == "time" and trend.range[1] - trend.range[0] < _HOURS:
+    if trend.name == "time" and trend.range[1] - trend.range[0] < _MIN_HOURS_S:
         unit, factor = "min", 1 / 60
     low, high = (f"{factor * value:.4g}" for value in trend.range)
     span = "from the first row to the last" if trend.name == "row" else f"from {low} to {high} {unit}"

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from posture_opt.batch.batch_covariance import CorrelatedPair
     from posture_opt.selection.problem_data import ProblemData
 
-_LISTED = 20
-_PAIRS = 8
-_NAMED = 4  # parameters on the first screen
-_MANY = 10  # robots: with fewer, a correlation is hardly told
+_MAX_ROBOTS = 20
+_MAX_PAIRS = 8
+_MAX_NAMED_PARAMETERS = 4  # parameters on the first screen
+_MIN_ROBOTS = 10  # robots: with fewer, a correlation is hardly determined
 
 
 def batch_report(found: Batch) -> Report:
@@ -77,7 +77,7 @@ def _errors(found: Batch) -> str:
 def _data_block(problem: ProblemData, found: Batch) -> Block:
     """The file, the robots with their number of rows, and what looks odd in either."""
     data = found.data
-    names = ", ".join(found.robots[:_LISTED]) + (" …" if len(found.robots) > _LISTED else "")
+    names = ", ".join(found.robots[:_MAX_ROBOTS]) + (" …" if len(found.robots) > _MAX_ROBOTS else "")
     facts = [
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} of {count(len(found.robots), 'robot')}: {names}"),
@@ -100,8 +100,8 @@ def _errors_block(found: Batch) -> Block:
         for name, mine, c in zip(found.robots, found.rows, found.calibrations, strict=True)
     ]
     headers = ("robot", "rows", "before calibration, RMS [mm]", "calibrated, RMS [mm]", "outliers")
-    more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
-    table = Table(headers, tuple(rows[:_LISTED]))
+    more = [f"and {len(rows) - _MAX_ROBOTS} more"] if len(rows) > _MAX_ROBOTS else []
+    table = Table(headers, tuple(rows[:_MAX_ROBOTS]))
     return Block("Position errors", (how, whole, *texts, table, *more))
 
 
@@ -158,7 +158,7 @@ def _pairs_block(found: Batch) -> Block:
     if not found.pairs:
         return Block(title, ("Only one parameter is determined: there are no correlations.",))
     telling = [p for p in found.pairs if p.significant or p.stated or np.ptp(p.interval) < 1]
-    shown = telling[:_PAIRS] or list(found.pairs[:1])
+    shown = telling[:_MAX_PAIRS] or list(found.pairs[:1])
     rows = tuple(
         (
             f"{p.a}, {p.b}", fixed(p.correlation), f"{fixed(p.interval[0])} to {fixed(p.interval[1])}",
@@ -169,7 +169,11 @@ def _pairs_block(found: Batch) -> Block:
     real = sum(p.significant for p in found.pairs)
     pairs = count(len(found.pairs), "pair")
     text = f"Of {pairs} {real} {'is' if real == 1 else 'are'} significantly correlated (family-wise level 5 %)."
-    few = [f"{_MANY} robots or more would determine correlations better."] if len(found.robots) < _MANY else []
+    few = (
+        [f"{_MIN_ROBOTS} robots or more would determine correlations better."]
+        if len(found.robots) < _MIN_ROBOTS
+        else []
+    )
     table = Table(("parameters", "correlation", "95 % interval", "stated", "significant"), rows)
     return Block(title, (text, table, *few), "batch")
 
@@ -203,7 +207,7 @@ def batch_brief(found: Batch) -> Report:
     """
     worst = max(range(len(found.robots)), key=lambda i: found.calibrations[i].calibrated.rms)
     left = found.undetermined
-    names = ", ".join(left[:_PAIRS]) + (f" and {len(left) - _PAIRS} more" if len(left) > _PAIRS else "")
+    names = ", ".join(left[:_MAX_PAIRS]) + (f" and {len(left) - _MAX_PAIRS} more" if len(left) > _MAX_PAIRS else "")
     plan = "plan for the type with uncertainty.yaml, which --out DIR writes."
     many = "measure more robots: ten or more determine correlations better."
     facts = [
@@ -212,7 +216,7 @@ def batch_brief(found: Batch) -> Report:
                    f"{found.robots[worst]}"),
         ("Varying", _varying(found)),
         *([("Undetermined", names)] if left else []),
-        ("Next", many if len(found.robots) < _MANY else plan),
+        ("Next", many if len(found.robots) < _MIN_ROBOTS else plan),
     ]  # fmt: skip
     problem = problem_of(found)
     lead = (*refuted_of_robots(found.calibrations), _answer(problem, found), _errors(found))
@@ -226,8 +230,12 @@ def _varying(found: Batch) -> str:
         unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
         if found.spread.interval[k][0] > 0:
             sizes.append(f"{p.name} by {number(factor * float(found.spread.sigma[k]), 2)} {unit}")
-    more = f" and {len(sizes) - _NAMED} more" if len(sizes) > _NAMED else ""
-    return f"{', '.join(sizes[:_NAMED])}{more} (σ from robot to robot)" if sizes else "no parameter, significantly"
+    more = f" and {len(sizes) - _MAX_NAMED_PARAMETERS} more" if len(sizes) > _MAX_NAMED_PARAMETERS else ""
+    return (
+        f"{', '.join(sizes[:_MAX_NAMED_PARAMETERS])}{more} (σ from robot to robot)"
+        if sizes
+        else "no parameter, significantly"
+    )
 
 
 class BatchPresenter(Presenter["Batch"]):

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.evaluation import Evaluation
 
-_LISTED = 20
-_DOUBTS = 2  # in the lead
+_MAX_OUTLIERS = 20
+_MAX_LEAD_NOTES = 2  # in the lead
 
 
 def calibration_report(shown: CalibrationPresenter) -> Report:
@@ -77,13 +77,17 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
     warnings = () if explained else found.request.data.warnings
     doubts = [sentence(note) for note in dict.fromkeys((*warnings, *found.fit.notes))]
-    more = (f"{len(doubts) - _DOUBTS} more notes of this kind stand under Data.",) if len(doubts) > _DOUBTS else ()
+    more = (
+        (f"{len(doubts) - _MAX_LEAD_NOTES} more notes of this kind stand under Data.",)
+        if len(doubts) > _MAX_LEAD_NOTES
+        else ()
+    )
     fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
     return (
         *doubts_lead(found),
         _answer(found),
         *fails,
-        *doubts[:_DOUBTS],
+        *doubts[:_MAX_LEAD_NOTES],
         *more,
         *comparison_lead(shown.evaluation.comparison),
         spread_check_lead(shown.evaluation.spread_check),
@@ -114,7 +118,7 @@ def data_block(problem: ProblemData, found: Calibration) -> Block:
     ]
     doubts = tuple(dict.fromkeys((*data.warnings, *found.fit.notes)))
     every = (*data.warnings, *data.notes, *problem.notes, *found.notes)
-    notes = note_facts(note for note in every if note not in doubts[:_DOUBTS])
+    notes = note_facts(note for note in every if note not in doubts[:_MAX_LEAD_NOTES])
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
@@ -139,10 +143,10 @@ def outliers_block(found: Calibration) -> Block:
         return Block("Outliers", ("No row stands out.",))
     sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
     rows = tuple((str(line), mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
-    more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
+    more = [f"and {len(rows) - _MAX_OUTLIERS} more"] if len(rows) > _MAX_OUTLIERS else []
     gone = "1 row was left out of the fit" if len(rows) == 1 else f"{len(rows)} rows were left out of the fit"
     text = f"{gone} of {Path(found.request.data.file).name or 'the table'}: far more off than the others explain."
-    return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_LISTED], text_columns=0), *more))
+    return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_MAX_OUTLIERS], text_columns=0), *more))
 
 
 def test_block(found: Calibration, other: OtherFile) -> Block:

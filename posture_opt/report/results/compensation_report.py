@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation
     from posture_opt.selection.problem_data import ProblemData
 
-_MOST_ROWS = 40
-_NOTHING = 1e-9  # m: rounding
-_MUCH = math.radians(5.0)  # a change of a joint that is worth a look before the program runs
+_MAX_ROWS = 40
+_LENGTH_ROUNDING_M = 1e-9  # m: rounding
+_MAX_PLAIN_CHANGE_RAD = math.radians(5.0)  # a change of a joint that is worth a look before the program runs
 
 
 def compensation_report(problem: ProblemData, found: Compensation) -> Report:
@@ -51,7 +51,7 @@ def lead(found: Compensation) -> tuple[str, ...]:
     among = [rms(found.off), rms(found.left)]
     before, after = (length(size, among=among) for size in among)
     first = f"Compensated, the tool is expected to miss {_targets(found)} by {after} (RMS) instead of {before}."
-    if among[0] < _NOTHING:
+    if among[0] < _LENGTH_ROUNDING_M:
         return (
             f"There is nothing to compensate: the file knows no corrections and no effects of this arm. The tool is "
             f"expected to miss {_targets(found)} by {after} (RMS).",
@@ -71,7 +71,7 @@ def _warning(found: Compensation) -> tuple[str, ...]:
     turns = np.array([joint.type == "revolute" for joint in found.problem.robot.joints])
     change = np.where(turns, np.abs(found.q - found.near), 0.0)
     row, joint = np.unravel_index(int(np.argmax(change)), change.shape)
-    if found.targets.near is None or change[row, joint] < _MUCH:
+    if found.targets.near is None or change[row, joint] < _MAX_PLAIN_CHANGE_RAD:
         return ()
     name, line = found.problem.robot.joints[joint].name, found.targets.line[row]
     return (f"Check line {line} before it runs: {name} changes by {angle(float(change[row, joint]))}.",)
@@ -108,8 +108,8 @@ def gain_block(problem: ProblemData, found: Compensation) -> Block:
 
 def _numbers(metres: Sequence[float], factor: float) -> list[str]:
     """Lengths side by side, with digits for the larger one."""
-    beside = factor * max(metres)
-    return [number(factor * value, 3, beside) if value > _NOTHING else "0" for value in metres]
+    largest = factor * max(metres)
+    return [number(factor * value, 3, largest) if value > _LENGTH_ROUNDING_M else "0" for value in metres]
 
 
 def _computed_for(found: Compensation) -> list[tuple[str, str]]:
@@ -157,19 +157,19 @@ def rows_block(found: Compensation) -> Block:
     largest number are in ``compensated.csv`` only.
     """
     unit, factor = length_unit([rms(found.off), rms(found.left)])
-    heads = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
+    headers = ("line", *(head for _, head, _ in found.headers), f"off [{unit}]", f"left [{unit}]")
     rows = tuple(
         (
             str(found.targets.line[k]),
             *(found.digits.text(joint, v, f) for (joint, _, f), v in zip(found.headers, found.q[k], strict=True)),
             *_numbers([float(v[k]) for v in (found.off, found.left)], factor),
         )
-        for k in range(min(len(found), _MOST_ROWS))
+        for k in range(min(len(found), _MAX_ROWS))
     )
-    more = [f"{count(len(found) - _MOST_ROWS, 'row')} more in compensated.csv."] if len(found) > _MOST_ROWS else []
+    more = [f"{count(len(found) - _MAX_ROWS, 'row')} more in compensated.csv."] if len(found) > _MAX_ROWS else []
     text = "Joint values are those of the model's joints, with its zeros and senses."
     views = tuple(f"line-{row[0]}" for row in rows)
-    return Block("Compensated joint values", (text, Table(heads, rows, text_columns=0, views=views), *more))
+    return Block("Compensated joint values", (text, Table(headers, rows, text_columns=0, views=views), *more))
 
 
 class CompensationPresenter(Presenter["Compensation"]):

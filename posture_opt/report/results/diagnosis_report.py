@@ -60,8 +60,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.selection.comparison.comparison import Comparison
 
-_MOST_NAMES = 3
-_NUMBERS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
+_MAX_NAMED_CAUSES = 3
+_NUMBER_WORDS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
 
 def diagnosis_report(
@@ -101,20 +101,20 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     causes = [f for f in found.effects if f not in geometry and f.determined] or geometry
     vague = [f for f in found.effects if f not in geometry and not f.determined]
-    said = [_named(found, f) for f in causes[:_MOST_NAMES]]
+    said = [_named(found, f) for f in causes[:_MAX_NAMED_CAUSES]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
-    beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
-    beside += f" {_vague(found, vague)}" if vague else ""
+    also = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
+    also += f" {_vague(found, vague)}" if vague else ""
     if found.verdict == "none_found":
         first = f"The model explains these data: no cause of error is found{_beyond(found)}."
     elif found.verdict == "effects_found" and said:
-        first = f"{_counted(len(causes))} the errors: {names}.{beside}"
+        first = f"{_counted(len(causes))} the errors: {names}.{also}"
     elif said:
-        first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{beside}"
+        first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{also}"
     else:
         cause = "cause of known size" if vague else "cause of the catalogue"
-        first = f"Errors remain{_beyond(found)} that no {cause} explains.{beside}"
+        first = f"Errors remain{_beyond(found)} that no {cause} explains.{also}"
     return (
         *doubts_lead(found.calibration),
         first,
@@ -140,8 +140,10 @@ def _named(found: Diagnosis, finding: Finding) -> str:
 
 def _vague(found: Diagnosis, findings: list[Finding]) -> str:
     """Causes whose size the data do not determine."""
-    names = "; ".join(finding_words(f, found.problem) for f in findings[:_MOST_NAMES])
-    more = f"; and {count(len(findings) - _MOST_NAMES, 'more cause')}" if len(findings) > _MOST_NAMES else ""
+    names = "; ".join(finding_words(f, found.problem) for f in findings[:_MAX_NAMED_CAUSES])
+    more = (
+        f"; and {count(len(findings) - _MAX_NAMED_CAUSES, 'more cause')}" if len(findings) > _MAX_NAMED_CAUSES else ""
+    )
     return f"Of a size that these data do not determine: {names}{more}."
 
 
@@ -160,7 +162,7 @@ def _counted(n: int) -> str:
     """One cause explains, two causes explain, 12 causes explain."""
     if n == 1:
         return "One cause explains"
-    return f"{_NUMBERS[n - 2] if n - 2 < len(_NUMBERS) else n} causes explain"
+    return f"{_NUMBER_WORDS[n - 2] if n - 2 < len(_NUMBER_WORDS) else n} causes explain"
 
 
 def _these(n: int) -> str:
@@ -199,10 +201,10 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         found = self.result
         errors = ", ".join(f"{mm(found.errors[name].rms)} mm {words}" for name, words in MODELS.items())
         named = [finding_words(f, self.problem) for f in found.effects]
-        more = f"; and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
+        more = f"; and {len(named) - _MAX_NAMED_CAUSES} more" if len(named) > _MAX_NAMED_CAUSES else ""
         facts = (
             ("Verdict", found.verdict.replace("_", " ")),
-            ("Causes", "; ".join(named[:_MOST_NAMES]) + more or "none"),
+            ("Causes", "; ".join(named[:_MAX_NAMED_CAUSES]) + more or "none"),
             ("RMS error", f"{errors} (held out)"),
         )
         return Summary(f"Diagnosis: {self.problem.name}", facts)

@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from posture_opt.experiments.expected_errors import ExpectedErrors
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
-_MOST_ROWS = 60
-_WIDE = 100
-_TINY = 1e-6  # an index below it says that something is open
-_OPEN = "unknown"
-_SAID = {
+_MAX_ROWS = 60
+_MAX_HEADER_WIDTH = 100
+_ZERO_INDEX = 1e-6  # an index below it says that something is open
+_UNKNOWN = "unknown"
+_INDEX_WORDS = {
     "O1": "geometric mean of the singular values, a pose",
     "O2": "smallest over largest",
     "O3": "smallest",
@@ -96,9 +96,9 @@ def gain_block(plan: MeasurementPlan) -> Block:
     if plan.target is not None:
         rows.append(("error at the task [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
     n = len(plan.q)
-    told = "the given rows and " if plan.given is not None else ""
+    given = "the given rows and " if plan.given is not None else ""
     text = (
-        f"Before: from {told}the stated σ's. "
+        f"Before: from {given}the stated σ's. "
         f"Random: the median of {count(plan.draws, 'plan')} of {count(n, 'random posture')} that keep clear as well. "
     )
     what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
@@ -118,7 +118,7 @@ def _stages(plan: MeasurementPlan) -> tuple[ExpectedErrors, ExpectedErrors, Expe
 
 def _value(value: float) -> str:
     """A number, or "unknown" where it is not determined."""
-    return _OPEN if math.isnan(value) else number(value)
+    return _UNKNOWN if math.isnan(value) else number(value)
 
 
 def parameters_block(plan: MeasurementPlan) -> Block:
@@ -133,7 +133,7 @@ def parameters_block(plan: MeasurementPlan) -> Block:
             unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
             rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
     table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
-    text = f"Expected standard errors; '{_OPEN}': not determined."
+    text = f"Expected standard errors; '{_UNKNOWN}': not determined."
     if plan.purpose == "task":
         text += " They are a by-product of a plan for the task: a plan for parameters makes them small."
     words = [sentence(word.replace("was measured", "is measured")) for word in plan.undetermined]
@@ -148,7 +148,7 @@ def observability_block(plan: MeasurementPlan) -> Block:
     ``σₗ/σ₁``, O3 ``σₗ``, O4 ``σₗ²/σ₁``, O5 ``1 / Σ σ⁻²``.
     """
     names = plan.after.observability
-    rows = tuple((f"{n}, {_SAID[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
+    rows = tuple((f"{n}, {_INDEX_WORDS[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
     text = (
         "Indices of the Jacobian of the measurements, scaled so that each parameter moves the tool point equally; "
         "larger is better. O1 weighs all directions, O2 to O5 the worst."
@@ -158,7 +158,7 @@ def observability_block(plan: MeasurementPlan) -> Block:
 
 def _index(value: float) -> str:
     """An index, 0 below a millionth: some combination is not determined."""
-    return number(value) if value > _TINY else "0"
+    return number(value) if value > _ZERO_INDEX else "0"
 
 
 def postures_block(plan: MeasurementPlan) -> Block:
@@ -168,17 +168,19 @@ def postures_block(plan: MeasurementPlan) -> Block:
     largest number are in ``plan.csv`` only.
     """
     units = [joint_unit(joint.type) for joint in plan.robot.joints]
-    heads = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
-    if len("  ".join([*heads, "no.", *3 * ["-1000.0"]])) > _WIDE:  # they will be broken: between words, then
-        heads = [head.replace("_", " ") for head in heads]
+    headers = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
+    if (
+        len("  ".join([*headers, "no.", *3 * ["-1000.0"]])) > _MAX_HEADER_WIDTH
+    ):  # they will be broken: between words, then
+        headers = [head.replace("_", " ") for head in headers]
     factors = np.array([factor for _, factor in units])
     rows = tuple(
         (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point))
-        for k, (q, point) in enumerate(zip(plan.q[:_MOST_ROWS], plan.points, strict=False))
+        for k, (q, point) in enumerate(zip(plan.q[:_MAX_ROWS], plan.points, strict=False))
     )
-    more = [f"and {len(plan.q) - _MOST_ROWS} more in plan.csv"] if len(plan.q) > _MOST_ROWS else []
+    more = [f"and {len(plan.q) - _MAX_ROWS} more in plan.csv"] if len(plan.q) > _MAX_ROWS else []
     views = tuple(f"posture-{row[0]}" for row in rows)
-    table = Table(("no.", *heads, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0, views=views)
+    table = Table(("no.", *headers, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0, views=views)
     return Block("Postures, in the order of measurement", (*_travel(plan), table, *more))
 
 

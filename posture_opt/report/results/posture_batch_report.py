@@ -48,8 +48,8 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         blocks = [Block("Answers", (whole,), figure="answers", brief=(short,))]
         failed = [answer for answer in found.answers if answer.code]
         if failed:
-            told = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
-            blocks.insert(0, Block("Without an answer", told, brief=told[:_MAX_BRIEF_ROWS]))
+            reasons = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
+            blocks.insert(0, Block("Without an answer", reasons, brief=reasons[:_MAX_BRIEF_ROWS]))
         return Report(title, (solved_sentence(found), *ends), tuple(blocks))
 
     def drawings(self) -> Drawings:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.tasks import Task
 
-_LONGEST = 150  # characters of a fact: two lines
+_MAX_FACT_LENGTH = 150  # characters of a fact: two lines
 
 
 class ProblemPresenter(SummaryPresenter["Problem"]):
@@ -31,7 +31,7 @@ class ProblemPresenter(SummaryPresenter["Problem"]):
             facts.append(("Obstacles", ", ".join(obstacle.name for obstacle in problem.cell.obstacles)))
         return Summary(
             f"Problem: {problem.name}",
-            tuple((label, textwrap.shorten(text, _LONGEST, placeholder=" …")) for label, text in facts),
+            tuple((label, textwrap.shorten(text, _MAX_FACT_LENGTH, placeholder=" …")) for label, text in facts),
         )
 
 

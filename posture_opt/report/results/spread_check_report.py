@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from posture_opt.validation.coverage import Coverage
     from posture_opt.validation.repeat_scatter import ScatterTest
 
-_LISTED = 8  # postures
-_SURE = "with 95 % confidence"
-_WIDE = 0.1  # of the rows: so far does one draw of what stays move the share, that it needs words
-_BENT = 0.05  # of the rows: less bends a curve that nobody sees
-_MUCH = 2.0  # times the scatter between repeats: larger residuals than that are no scatter
-_SCATTER = {
+_MAX_POSTURES = 8  # postures
+_CONFIDENCE_HEADER = "with 95 % confidence"
+_MIN_DRAW_SHARE = 0.1  # of the rows: so far does one draw of what stays move the share, that it needs words
+_MIN_TAIL_SHARE = 0.05  # of the rows: less bends a curve that nobody sees
+_MAX_SCATTER_RATIO = 2.0  # times the scatter between repeats: larger residuals than that are no scatter
+_SCATTER_WORDS = {
     "right": "the predicted scatter agrees with the data",
     "understated": "the predicted scatter is too small",
     "overstated": "the predicted scatter is too large",
@@ -65,7 +65,7 @@ def coverage_block(found: SpreadCheck) -> Block:
     )
     sentences = [coverage_sentence(name, found) for name in found.coverage]
     rows = tuple((MODELS[name], *_coverage_cells(c)) for name, c in found.coverage.items())
-    headers = ("95 % region", "contains", _SURE, "if correct", "scale by", _SURE)
+    headers = ("95 % region", "contains", _CONFIDENCE_HEADER, "if correct", "scale by", _CONFIDENCE_HEADER)
     tails = [text for name, c in found.coverage.items() if (text := _tails(MODELS[name], c))]
     after = (*tails, *_one_draw(found), *map(sentence, found.notes))
     return Block("Coverage of the predicted spread", (*sentences, how, Table(headers, rows), *after), "truth_coverage")
@@ -74,7 +74,7 @@ def coverage_block(found: SpreadCheck) -> Block:
 def _one_draw(found: SpreadCheck) -> list[str]:
     """How far errors that stay may move the share of one robot; left out where it is less than a tenth of the rows."""
     low, high = found.coverage["nominal"].expected
-    if not found.stated or high - low <= _WIDE:
+    if not found.stated or high - low <= _MIN_DRAW_SHARE:
         return []
     one = (
         "Errors that are the same in every repeat are drawn once per robot: even if the spread in the file is correct,"
@@ -113,7 +113,7 @@ def _tails(model: str, c: Coverage) -> str:
     sqrt(0.25 / poses)``.
     """
     share, chance = c.held(0.5), 3 * math.sqrt(0.25 / c.poses)
-    if c.verdict != "right" or abs(share - 0.5) < max(_BENT, chance):
+    if c.verdict != "right" or abs(share - 0.5) < max(_MIN_TAIL_SHARE, chance):
         return ""
     more = "more" if share > 0.5 else "less"
     return f"The 50 % region, {model}, contains {percent(share)}: errors are {more} concentrated than predicted."
@@ -137,12 +137,14 @@ def repeats_block(found: SpreadCheck) -> Block:
     """
     title = "Repeats against the predicted scatter"
     if not found.repeat_sigma:
-        told = "No posture was repeated: these data cannot separate scatter from systematic errors."
-        return Block(title, (told, "Repeat about ten postures five times each to find out."))
+        text = "No posture was repeated: these data cannot separate scatter from systematic errors."
+        return Block(title, (text, "Repeat about ten postures five times each to find out."))
     test = found.repeats
     texts = [_between_text(found)]
     if found.outlying:
-        lines = ", ".join(map(str, found.outlying[:_LISTED])) + (" …" if len(found.outlying) > _LISTED else "")
+        lines = ", ".join(map(str, found.outlying[:_MAX_POSTURES])) + (
+            " …" if len(found.outlying) > _MAX_POSTURES else ""
+        )
         where = "posture first measured in line" if len(found.outlying) == 1 else "postures first measured in lines"
         texts.append(f"Left out: the {where} {lines}, whose repeats differ far more than any others: outliers.")
     if test is None:
@@ -158,7 +160,7 @@ def _between_text(found: SpreadCheck) -> str:
     size = f"Standard deviation between repeats of one posture: {length(found.repeat_sigma)} per coordinate"
     ratio = found.residual_rms / found.repeat_sigma
     left = f"{size}; the calibrated model has an RMS error of {length(found.residual_rms)} per coordinate."
-    if ratio < _MUCH:
+    if ratio < _MAX_SCATTER_RATIO:
         return f"{left} Most of that is scatter."
     same = percent(1 - 1 / ratio**2)
     return f"{left} So {same} of the residual variance is the same in every repeat: systematic errors, not scatter."
@@ -174,7 +176,7 @@ def _test_texts(test: ScatterTest, by: str) -> list[str]:
     low, high = (number(end) for end in test.interval)
     size = f"The measured standard deviation is {number(test.factor)} times the predicted one ({low} to {high})"
     shape = "" if math.isnan(test.p_shape) else f", of size and shape together {p_value(test.p_shape)}"
-    pooled = f"{size}: {_SCATTER[test.verdict]} (p of the size {p_value(test.p_size)}{shape})."
+    pooled = f"{size}: {_SCATTER_WORDS[test.verdict]} (p of the size {p_value(test.p_size)}{shape})."
     off = sum(not pose.true for pose in test.poses)
     many = count(test.groups, "posture")
     single = f"Tested one by one, {off} of {many} scatter{'s' * (off == 1)} differently than predicted."
@@ -192,7 +194,7 @@ def _poses_table(test: ScatterTest) -> Table:
             number(pose.factor), _short(pose.p_size), "" if math.isnan(pose.p_shape) else _short(pose.p_shape),
             "yes" if pose.true else "no",
         )
-        for pose in test.poses[:_LISTED]
+        for pose in test.poses[:_MAX_POSTURES]
     )  # fmt: skip
     return Table(headers, rows, text_columns=0)
 
@@ -204,7 +206,7 @@ def _short(p: float) -> str:
 
 def _more(test: ScatterTest) -> list[str]:
     """How many postures the table leaves out."""
-    more = test.groups - _LISTED
+    more = test.groups - _MAX_POSTURES
     return [f"and {more} more; the family-wise level of all tests is 5 %."] if more > 0 else []
 
 

@@ -152,8 +152,8 @@ def covariance_table(C: Array) -> Table:
     # Squares of small numbers are smaller still: below 0.1 mm the table is in µm².
     unit, factor = ("µm", 1e6) if float(np.trace(C)) < 1e-8 else ("mm", 1e3)
     floor = 1e-12 * float(np.trace(C))
-    beside = float(np.abs(C).max()) * factor**2
-    entries = [[number(float(v) * factor**2, 4, beside) if abs(v) > floor else "0" for v in row] for row in C]
+    largest = float(np.abs(C).max()) * factor**2
+    entries = [[number(float(v) * factor**2, 4, largest) if abs(v) > floor else "0" for v in row] for row in C]
     rows = tuple((f"{name} [{unit}^2]", *row) for name, row in zip("xyz", entries, strict=True))
     return Table(("", "x", "y", "z"), rows)
 

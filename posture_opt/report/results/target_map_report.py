@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.maps.target_map import TargetMap
     from posture_opt.selection.problem_data import ProblemData
 
-_SAME = 5e-4  # of the spread: what a map cannot promise to win
-_LESS = 1.5  # times: below, a gain is told in percent
+_GAIN_TOLERANCE = 5e-4  # of the spread: what a map cannot promise to win
+_MAX_PERCENT_RATIO = 1.5  # times: below, a gain is written in percent
 
 
 def target_map_report(found: TargetMap) -> Report:
@@ -61,9 +61,9 @@ def _own_sentence(best: MapPoint, own: MapPoint) -> str:
         return "The position in the problem has no feasible posture."
     scatter = f"Position in the problem: {length(own.sigma_max)}"
     ratio = own.sigma_max / best.sigma_max if best.sigma_max > 0 else 1.0
-    if ratio < 1 + _SAME:
+    if ratio < 1 + _GAIN_TOLERANCE:
         return f"{scatter}; no target of the map is better."
-    gain = f"{percent(1 - 1 / ratio)} lower" if ratio < _LESS else f"{number(ratio)} times lower"
+    gain = f"{percent(1 - 1 / ratio)} lower" if ratio < _MAX_PERCENT_RATIO else f"{number(ratio)} times lower"
     return f"{scatter}; the best target is {gain}."
 
 
@@ -156,7 +156,7 @@ def neighbours_sentence(found: TargetMap) -> str:
     """How many targets were solved again from postures of their neighbours, and by how much that improved them."""
     solves = found.solves
     text = f"Neighbouring postures were tried at every target, and {count(solves.again, 'target')} solved again: "
-    gain = f"by up to {percent(solves.most)}" if solves.most >= _SAME else "by less than 0.05 %"
+    gain = f"by up to {percent(solves.most)}" if solves.most >= _GAIN_TOLERANCE else "by less than 0.05 %"
     text += f"{solves.better} improved, {gain}." if solves.better else "none improved."
     return f"{text} {count(solves.found, 'target')} found a posture only from a neighbour." if solves.found else text
 

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.uncertainty.spread.spread import Spread
 
-_SHOWN = 0.16  # of the arm's extent: the size at which an ellipsoid is well seen
-_AROUND = 0.35  # of the arm's extent: so far around it obstacles are drawn
-_WHOLE = 2.5  # of the extent: larger obstacles are cut off
-_FLOOR = 0.25  # of the extent: so far the floor goes on beyond what stands on it
+_REGION_SHARE = 0.16  # of the arm's extent: the size at which an ellipsoid is well seen
+_OBSTACLE_MARGIN = 0.35  # of the arm's extent: so far around it obstacles are drawn
+_MAX_WHOLE_OBSTACLE = 2.5  # of the extent: larger obstacles are cut off
+_FLOOR_MARGIN = 0.25  # of the extent: so far the floor goes on beyond the arm and the obstacles
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class ArmGeometry:
     def of(
         cls, spread: Spread, direction: Array | None, target: TargetGeometry | None, scene: Scene | None
     ) -> ArmGeometry:
-        """The posture of a spread with what is asked of the tool point and what stands around."""
+        """The posture of a spread with what is asked of the tool point and the obstacles."""
         arm = ArmSolids(spread.tool_point.robot)
         frames = arm.frames(spread.q)
         solids = tuple(solid.placed(frames) for solid in arm.solids if not _sunk(solid.placed(frames), scene))
@@ -168,7 +168,7 @@ def enlargement(size: float, extent: float) -> float:
     """The round factor (1, 2, 5, 10, 20, …) that brings ``size`` [m] nearest below a sixth of ``extent`` [m]."""
     if size <= 0:
         return 1.0
-    wanted = max(_SHOWN * extent / size, 1.0)
+    wanted = max(_REGION_SHARE * extent / size, 1.0)
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
 
@@ -177,14 +177,14 @@ def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
     """The obstacles near an arm with points (k, 3) [m]; of large ones what is near."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max())
-    low, high = low - _AROUND * size, high + _AROUND * size
+    low, high = low - _OBSTACLE_MARGIN * size, high + _OBSTACLE_MARGIN * size
     found = []
     for obstacle in scene.obstacles:
         faces = obstacle.facets(low, high)
         middle = faces.mean(axis=1)
         near = np.all((middle >= low) & (middle <= high), axis=1)
         if near.any():
-            small = extent_of(faces.reshape(-1, 3)) < _WHOLE * size
+            small = extent_of(faces.reshape(-1, 3)) < _MAX_WHOLE_OBSTACLE * size
             found.append(Solid(obstacle.name, "obstacle", -1, faces if small else faces[near]))
     return tuple(found)
 
@@ -195,13 +195,13 @@ def floor_under(points: Array, obstacles: Sequence[Solid]) -> Solid | None:
         return None
     seen = np.concatenate([points, *(obstacle.faces.reshape(-1, 3) for obstacle in obstacles)])
     low, high = seen.min(axis=0), seen.max(axis=0)
-    half = (high - low)[:2] / 2 + _FLOOR * extent_of(seen)
+    half = (high - low)[:2] / 2 + _FLOOR_MARGIN * extent_of(seen)
     middle = np.array([*(low + high)[:2] / 2, low[2]])
     return Solid("floor", "floor", -1, rectangle(middle, np.array([half[0], 0, 0]), np.array([0, half[1], 0]), 8))
 
 
 def _sunk(solid: Solid, scene: Scene | None) -> bool:
-    """Whether a base block is inside an obstacle: then the arm stands on that."""
+    """Whether a base block is inside an obstacle: then the arm is mounted on that."""
     if solid.role != "base" or scene is None:
         return False
     middle = solid.faces.reshape(-1, 3).mean(axis=0)[None]

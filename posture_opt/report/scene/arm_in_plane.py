@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
     from posture_opt.report.scene.arm_geometry import ArmGeometry, TargetGeometry
 
-APART = 0.1  # mm: from there on the target is marked beside the tool point
+APART = 0.1  # mm: from there on the target is marked next to the tool point
 ARROW = 0.3  # of the arm's extent
-_THIN = 1e-3  # of the extent: what is thinner is drawn as a line
-_LINK = {"facecolor": "#D3DBE2", "edgecolor": GREY, "lw": 1.0}
-_LOOKS: dict[str, Look] = {
+_MIN_WIDTH_SHARE = 1e-3  # of the extent: what is thinner is drawn as a line
+_LINK_LOOK = {"facecolor": "#D3DBE2", "edgecolor": GREY, "lw": 1.0}
+_ROLE_LOOKS: dict[str, Look] = {
     "base": {"facecolor": "#3C4146", "edgecolor": "black", "lw": 1.0, "zorder": 2.0, "label": "base"},
-    "link": {**_LINK, "zorder": 2.5, "label": "links"},
+    "link": {**_LINK_LOOK, "zorder": 2.5, "label": "links"},
     "tool": {"facecolor": "#53585E", "edgecolor": "black", "lw": 1.0, "zorder": 2.6, "label": "tool"},
     "obstacle": {"facecolor": "#F2DFCA", "edgecolor": GREY, "hatch": "//", "lw": 1.0, "zorder": 1.5},
 }
@@ -91,9 +91,9 @@ def _bodies(axes: Axes, geometry: ArmGeometry, ghosts: Sequence[Solid], B: Array
         seen.append(outline)
     for solid in (*_sides(geometry.obstacles), *_sides(geometry.solids)):
         outline = hull(solid.faces.reshape(-1, 3) @ B.T)
-        look = dict(_LOOKS[solid.role])
+        look = dict(_ROLE_LOOKS[solid.role])
         label = solid.name if solid.role == "obstacle" else look.pop("label")
-        if _narrow(outline) < _THIN * size:
+        if _narrow(outline) < _MIN_WIDTH_SHARE * size:
             axes.plot(*outline.T, color=look["facecolor"], lw=4, zorder=look["zorder"], label=_once(label, labels))
         else:
             axes.fill(*outline.T, **look, label=_once(label, labels))
@@ -104,7 +104,7 @@ def _bodies(axes: Axes, geometry: ArmGeometry, ghosts: Sequence[Solid], B: Array
 
 def _sides(solids: Iterable[Solid]) -> list[Solid]:
     """Without the bodies of the joints, which are seen end on and marked as circles."""
-    return [solid for solid in solids if solid.role in _LOOKS]
+    return [solid for solid in solids if solid.role in _ROLE_LOOKS]
 
 
 def _once(label: str, said: set[str]) -> str | None:

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 _MARGINS = 0.2, 0.08  # of width and height: for labels
 _HEIGHTS = 4.2, 6.4  # inch
-_RING = 0.3  # of the extent: a clearance that is larger on the scale of the region is told, not drawn
-_TRIAD = 0.32  # inch: length of the axes in the corner
-_CORNER = np.array([2.0, 0.85])  # inch: room for axes and scale
-_TITLE = 0.3  # inch
+_MAX_RING_SHARE = 0.3  # of the extent: a clearance that is larger on the scale of the region is named, not drawn
+_TRIAD_LENGTH_INCH = 0.32  # inch: length of the axes in the corner
+_CORNER_SIZE_INCH = np.array([2.0, 0.85])  # inch: room for axes and scale
+_TITLE_HEIGHT_INCH = 0.3  # inch
 _COLUMN, _ROW = 1.75, 0.175  # inch: width of the column of joint values, and of its lines the height
-_LEFT = 0.09  # of the width: so far the arm stands left of the middle, to leave room for that
+_ARM_SHIFT_SHARE = 0.09  # of the width: so far the arm is left of the middle, to leave room for that
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def draw_in_space(
         axes.plot(*camera.project(mark.points)[:, :2].T, **mark.look)
     _arrow(axes, camera, geometry)
     taken = scene.arm_mask.copy()
-    taken[-int(_TITLE / height * len(taken)) :] = True
+    taken[-int(_TITLE_HEIGHT_INCH / height * len(taken)) :] = True
     axes.text(6 / 72 / WIDTH, 1 - 6 / 72 / height, title, transform=axes.transAxes, va="top", weight="bold", zorder=8)
     _cover(taken, marks, camera, geometry)
     _column(axes, posture, taken, height)
@@ -119,7 +119,7 @@ def _framed(geometry: ArmGeometry, marks: Sequence[SceneMark], ghosts: Sequence[
     wide, high = np.ptp(camera.project(points)[:, :2], axis=0) / (1 - 2 * np.array(_MARGINS))
     height = float(np.clip(WIDTH * high / wide, *_HEIGHTS))
     camera = camera.framing(points, WIDTH / height, _MARGINS)
-    return replace(camera, lower=camera.lower + np.array([_LEFT, 0.0]) * camera.size), height
+    return replace(camera, lower=camera.lower + np.array([_ARM_SHIFT_SHARE, 0.0]) * camera.size), height
 
 
 def _tool_marks(geometry: ArmGeometry) -> list[SceneMark]:
@@ -134,7 +134,7 @@ def _direction_marks(geometry: ArmGeometry) -> list[SceneMark]:
     Left out where it would be larger than 30 % of the arm.
     """
     target, factor = geometry.target, geometry.region.factor
-    if target is None or not target.clearance or factor * target.clearance > _RING * geometry.extent:
+    if target is None or not target.clearance or factor * target.clearance > _MAX_RING_SHARE * geometry.extent:
         return []
     d = target.direction
     side = np.cross(d, np.eye(3)[np.argmin(np.abs(d))])
@@ -273,17 +273,17 @@ def _corner(axes: Axes, camera: Camera, geometry: ArmGeometry, taken: Mask, heig
 
     An axis that points nearly at the viewer has no letter; the scale is a round length, about a fifth of the arm.
     """
-    rows, columns = (_CORNER[::-1] / [height, WIDTH] * taken.shape).astype(int)
+    rows, columns = (_CORNER_SIZE_INCH[::-1] / [height, WIDTH] * taken.shape).astype(int)
     left = taken[:rows, :columns].sum() <= taken[:rows, -columns:].sum()
     taken[:rows, slice(0, columns) if left else slice(-columns, None)] = True
     at = np.array([0.55 if left else WIDTH - 1.7, 0.42])
     inch = camera.size / [WIDTH, height]
     for axis, name in zip(np.eye(3), "xyz", strict=True):
         way = camera.project(axis[None])[0, :2]
-        end = at + _TRIAD * way
+        end = at + _TRIAD_LENGTH_INCH * way
         arrow = {"arrowstyle": "-|>", "color": "black", "lw": 1.1, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
         axes.annotate("", tuple(camera.lower + end * inch), tuple(camera.lower + at * inch), arrowprops=arrow, zorder=7)
-        beyond = at + (_TRIAD + FONT / 100) * way
+        beyond = at + (_TRIAD_LENGTH_INCH + FONT / 100) * way
         if np.linalg.norm(way) > 0.25:
             x, y = camera.lower + beyond * inch
             axes.text(x, y, name, ha="center", va="center", zorder=8)

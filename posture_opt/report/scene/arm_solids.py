@@ -22,12 +22,12 @@ from posture_opt.robot.shape import BASE, TOOL, Capsule
 
 Role = Literal["base", "link", "joint", "tool", "obstacle", "floor", "region"]
 
-_TAPER = 1.25, 0.55  # of the radius: at the base, and at the end of the last link
-_TIP = 0.12  # of the radius: of a tool of unknown shape at its tip
-_BLOCK = 1.9, 0.6  # of the radius at the base: half side and height of the base block
-_DRUM = 0.75, 1.12  # of the link's radius: radius and half length of a joint, whose ends show like caps
-_SLIDE = 0.45, 1.6  # the same of a slide
-_ALONG = np.linspace(-1.0, 1.0, 201)  # of the arm's length: where the middle of a joint is looked for on its axis
+_TAPER_RADII = 1.25, 0.55  # of the radius: at the base, and at the end of the last link
+_TIP_RADIUS = 0.12  # of the radius: of a tool of unknown shape at its tip
+_BLOCK_SIZE = 1.9, 0.6  # of the radius at the base: half side and height of the base block
+_DRUM_SIZE = 0.75, 1.12  # of the link's radius: radius and half length of a joint, whose ends show like caps
+_SLIDE_SIZE = 0.45, 1.6  # the same of a slide
+_AXIS_SHARES = np.linspace(-1.0, 1.0, 201)  # of the arm's length: where the middle of a joint is looked for on its axis
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,8 @@ class ArmSolids:
         """Base, links and tool as cones between balls."""
         known = bool(self.robot.shape)
         links = [_even(c) for c in self.robot.shape] if known else _tapered(stand_in(self.robot), self.radius)
-        end = links[-1].end_radius if links and not known else _TAPER[1] * self.radius
-        tools = [Link(TOOL, *_ends(c), 0.9 * end, _TIP * self.radius) for c in tool_line(self.robot)]
+        end = links[-1].end_radius if links and not known else _TAPER_RADII[1] * self.radius
+        tools = [Link(TOOL, *_ends(c), 0.9 * end, _TIP_RADIUS * self.radius) for c in tool_line(self.robot)]
         return (*links, *tools)
 
     @cached_property
@@ -143,7 +143,7 @@ class ArmSolids:
 
     def _block(self) -> Solid:
         """The base block, under the origin of the base."""
-        side, height = (factor * self.radius for factor in _BLOCK)
+        side, height = (factor * self.radius for factor in _BLOCK_SIZE)
         u, v = np.diag([side, side, 0.0])[:2]
         top, bottom = np.zeros(3), np.array([0.0, 0.0, -height])
         ends = [rectangle(top, u, v, 1), rectangle(bottom, v, u, 1)]
@@ -162,12 +162,12 @@ class ArmSolids:
         reached = walk(factors, factor_values(factors, np.zeros(self.robot.n).tolist()))
         origin, axis = np.array(reached.position), np.array(reached.columns[self.robot.links[k][front].axis])
         T = frames[k]
-        points = T[:3, :3] @ (origin[:, None] + self.robot.length * _ALONG * axis[:, None]) + T[:3, 3:]
+        points = T[:3, :3] @ (origin[:, None] + self.robot.length * _AXIS_SHARES * axis[:, None]) + T[:3, 3:]
         before = self._nearest(points.T, frames, k)
         behind = self._nearest(points.T, frames, k + 1)
-        best = int(np.argmin(before[0] + behind[0] + 1e-3 * self.robot.length * np.abs(_ALONG)))
+        best = int(np.argmin(before[0] + behind[0] + 1e-3 * self.robot.length * np.abs(_AXIS_SHARES)))
         radius = max(float(near[1][best]) for near in (before, behind)) or self.radius
-        middle = origin + self.robot.length * _ALONG[best] * axis
+        middle = origin + self.robot.length * _AXIS_SHARES[best] * axis
         return JointAxis(joint.name, joint.type, k, middle, axis, radius)
 
     def _nearest(self, points: Array, frames: Array, frame: int) -> tuple[Array, Array]:
@@ -194,7 +194,7 @@ def _even(capsule: Capsule) -> Link:
 def _tapered(capsules: Sequence[Capsule], radius: float) -> list[Link]:
     """Links that get thinner with the way from the base: from 1.25 to 0.55 of ``radius`` [m]."""
     way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
-    radii = radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER)
+    radii = radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER_RADII)
     return [
         Link(capsule.joint, *_ends(capsule), float(a), float(b))
         for capsule, a, b in zip(capsules, radii, radii[1:], strict=False)
@@ -218,7 +218,7 @@ def _faces(link: Link) -> Array:
 
 def _drum(joint: JointAxis) -> Array:
     """A cylinder about the axis of a turning joint; about that of a slide, a longer and thinner one."""
-    wide, long = _DRUM if joint.type == "revolute" else _SLIDE
+    wide, long = _DRUM_SIZE if joint.type == "revolute" else _SLIDE_SIZE
     reach = long * joint.radius * joint.axis
     return cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
 

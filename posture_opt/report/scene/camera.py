@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 _AZIMUTHS = np.radians(np.arange(0, 360, 15))
 _ELEVATIONS = np.radians([14.0, 24.0, 34.0])
-_SQUARE = 0.98  # cosine of the angle to an axis of the world from which boxes and walls look flat
-_CELLS = 60  # along the arm's extent: the grain in which its outline is compared
-_POINTS = 1500  # of the surface
-_WIDE = 1_000_003  # more than cells lie above each other
-_NEAR = 0.05  # of the extent: about the tool point nothing may stand in the way
+_FLAT_VIEW_COSINE = 0.98  # cosine of the angle to an axis of the world from which boxes and walls look flat
+_OUTLINE_CELLS = 60  # along the arm's extent: the grain in which its outline is compared
+_MAX_POINTS = 1500  # of the surface
+_CELL_STRIDE = 1_000_003  # more than cells lie above each other
+_NEAR_SHARE = 0.05  # of the extent: about the tool point nothing may be in the way
 _OUTLINE, _HIDDEN, _BEHIND, _SHORT, _FLAT, _LOW = 2.0, 2.5, 2.0, 0.25, 0.12, 0.1  # weights
 
 
@@ -88,7 +88,7 @@ def best_camera(geometry: ArmGeometry) -> Camera:
     outlines = np.array([_outline(view, points, geometry.extent) for view in views], dtype=float)
     scores = _OUTLINE * outlines / outlines.max()
     for k, view in enumerate(views):
-        scores[k] -= _FLAT * (np.abs(view.axes[2, :2]).max() > _SQUARE * math.cos(view.elevation))
+        scores[k] -= _FLAT * (np.abs(view.axes[2, :2]).max() > _FLAT_VIEW_COSINE * math.cos(view.elevation))
         scores[k] -= _LOW * abs(view.elevation - _ELEVATIONS[1]) / _ELEVATIONS[1]
         scores[k] -= _HIDDEN * _hidden(view, geometry, points) + _BEHIND * _behind(view, points, obstacles, geometry)
         if geometry.direction is not None:
@@ -98,25 +98,25 @@ def best_camera(geometry: ArmGeometry) -> Camera:
 
 def _thinned(points: Array) -> Array:
     """Some of many points (k, 3), spread evenly over the list of them."""
-    return points if len(points) <= _POINTS else points[np.linspace(0, len(points) - 1, _POINTS).astype(int)]
+    return points if len(points) <= _MAX_POINTS else points[np.linspace(0, len(points) - 1, _MAX_POINTS).astype(int)]
 
 
 def _outline(view: Camera, points: Array, extent: float) -> int:
     """In how many cells of a grid points (n, 3) are seen."""
-    return len(np.unique(_cells(view.project(points), extent / _CELLS)))
+    return len(np.unique(_cells(view.project(points), extent / _OUTLINE_CELLS)))
 
 
 def _cells(seen: Array, side: float) -> Codes:
     """(n,) the cell of each projected point (n, 3), as one number."""
     column, row = np.floor(seen[:, :2] / side).astype(np.int64).T
-    return np.asarray(column * _WIDE + row)
+    return np.asarray(column * _CELL_STRIDE + row)
 
 
 def _hidden(view: Camera, geometry: ArmGeometry, points: Array) -> float:
     """How much of the surroundings of the tool point the arm hides: 0 to 1."""
     tool, seen = view.project(geometry.tool_point[None])[0], view.project(points)
-    near = np.linalg.norm(seen[:, :2] - tool[:2], axis=1) < _NEAR * geometry.extent
-    before = near & (seen[:, 2] > tool[2] + 2 * _NEAR * geometry.extent)
+    near = np.linalg.norm(seen[:, :2] - tool[:2], axis=1) < _NEAR_SHARE * geometry.extent
+    before = near & (seen[:, 2] > tool[2] + 2 * _NEAR_SHARE * geometry.extent)
     return float(np.sum(before) / max(int(np.sum(near)), 1))
 
 
@@ -128,7 +128,7 @@ def _behind(view: Camera, points: Array, obstacles: Array, geometry: ArmGeometry
     """
     if not len(obstacles):
         return 0.0
-    side = 3 * geometry.extent / _CELLS
+    side = 3 * geometry.extent / _OUTLINE_CELLS
     seen, blocks = view.project(points), view.project(obstacles)
     taken, at = np.unique(_cells(blocks, side), return_inverse=True)
     nearest = np.full(len(taken) + 1, -np.inf)

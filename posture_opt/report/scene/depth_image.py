@@ -13,9 +13,9 @@ import numpy as np
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.scene.camera import Camera
 
-_CHUNK = 2_000_000  # points that are looked at together
-_HALVES = ((0, 1, 2), (0, 2, 3))  # the triangles of a face
-_LEAST = 4  # points: side of the smallest box about a triangle
+_MAX_CHUNK_POINTS = 2_000_000  # points that are looked at together
+_FACE_TRIANGLES = ((0, 1, 2), (0, 2, 3))  # the triangles of a face
+_MIN_BOX_SIDE = 4  # points: side of the smallest box about a triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +44,15 @@ class DepthImage:
         weights = np.zeros((height * width, 4))
         seen = camera.project(faces.reshape(-1, 3)).reshape(-1, 4, 3)
         seen[..., :2] = (seen[..., :2] - camera.lower) * (np.array([width, height]) / camera.size)
-        for corners in _HALVES:
+        for corners in _FACE_TRIANGLES:
             triangles = seen[:, list(corners)]
             low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
             inside = np.all((high > 0) & (low < [width, height]), axis=1) & (_area(triangles) != 0)
-            reach = np.maximum(np.ceil(high - np.floor(low)), _LEAST)
+            reach = np.maximum(np.ceil(high - np.floor(low)), _MIN_BOX_SIDE)
             columns, rows = (2 ** np.ceil(np.log2(reach[:, k])).astype(np.int64) for k in range(2))
             for box in np.unique(np.column_stack([columns, rows])[inside], axis=0).tolist():
                 mine = np.flatnonzero(inside & (columns == box[0]) & (rows == box[1]))
-                for part in np.array_split(mine, max(len(mine) * box[0] * box[1] // _CHUNK, 1)):
+                for part in np.array_split(mine, max(len(mine) * box[0] * box[1] // _MAX_CHUNK_POINTS, 1)):
                     at, z, w, k = _covered(triangles[part], box, shape)
                     np.maximum.at(depth, at, z)
                     first = depth[at] == z

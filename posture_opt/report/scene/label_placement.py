@@ -14,10 +14,10 @@ import numpy as np
 
 from posture_opt.numerics import Array, Mask, turn_of
 
-_DISTANCES = (18.0, 30.0, 45.0, 65.0, 90.0, 120.0, 160.0, 210.0, 270.0)  # from the anchor [pt]
+_DISTANCES_PT = (18.0, 30.0, 45.0, 65.0, 90.0, 120.0, 160.0, 210.0, 270.0)  # from the anchor [pt]
 _ANGLES = np.radians(np.arange(0, 360, 15))
-_PAD = 3.0  # about a label [pt]
-_ON_LABEL, _ON_ARM, _CROSSING, _OVER_ARM = 1e4, 600.0, 400.0, 0.6  # costs beside the distance in pt
+_PADDING_PT = 3.0  # about a label [pt]
+_ON_LABEL, _ON_ARM, _CROSSING, _OVER_ARM = 1e4, 600.0, 400.0, 0.6  # costs in addition to the distance in pt
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,11 @@ class PlacedLabel:
     def end(self) -> Array:
         """(2,) where the leader line meets the box [pt]."""
         left, low, right, high = self.box
-        return np.clip(self.label.anchor, [left - _PAD / 2, low - _PAD / 2], [right + _PAD / 2, high + _PAD / 2])
+        return np.clip(
+            self.label.anchor,
+            [left - _PADDING_PT / 2, low - _PADDING_PT / 2],
+            [right + _PADDING_PT / 2, high + _PADDING_PT / 2],
+        )
 
 
 def placed(labels: Sequence[Label], taken: Mask, size: Array) -> list[PlacedLabel]:
@@ -70,12 +74,12 @@ def placed(labels: Sequence[Label], taken: Mask, size: Array) -> list[PlacedLabe
 
 def _candidates(label: Label, size: Array) -> list[PlacedLabel]:
     """Places for a label, in all directions and at growing distances from its anchor, all within the picture."""
-    half = label.size / 2 + _PAD
+    half = label.size / 2 + _PADDING_PT
     found = []
-    for distance in _DISTANCES:
+    for distance in _DISTANCES_PT:
         for angle in _ANGLES:
             way = np.array([math.cos(angle), math.sin(angle)])
-            # The box stands wholly beyond the distance, whichever side it is on.
+            # The box is wholly beyond the distance, whichever side it is on.
             middle = label.anchor + way * (distance + np.abs(way) @ half)
             found.append(PlacedLabel(label, np.clip(middle, half, size - half)))
     return found
@@ -111,7 +115,7 @@ def _cost(option: PlacedLabel, others: list[PlacedLabel], anchors: list[Array], 
 
     Overlap with labels and anchors weighs most, then crossings of leader lines, then their length over the arm.
     """
-    cost = sum(_ON_LABEL * overlap(option.box, other.box, _PAD) for other in others)
+    cost = sum(_ON_LABEL * overlap(option.box, other.box, _PADDING_PT) for other in others)
     cost += sum(_ON_LABEL * _inside(anchor, option.box) for anchor in anchors)
     lines = [(other.label.anchor, other.end) for other in others]
     line = (option.label.anchor, option.end)
@@ -135,7 +139,10 @@ def overlap(a: tuple[float, ...], b: tuple[float, ...], pad: float = 0.0) -> flo
 
 def _inside(point: Array, box: tuple[float, ...]) -> bool:
     """Whether a point (2,) is in a box, or nearly so [pt]."""
-    return bool(box[0] - _PAD < point[0] < box[2] + _PAD and box[1] - _PAD < point[1] < box[3] + _PAD)
+    return bool(
+        box[0] - _PADDING_PT < point[0] < box[2] + _PADDING_PT
+        and box[1] - _PADDING_PT < point[1] < box[3] + _PADDING_PT
+    )
 
 
 def _covered(box: tuple[float, ...], area: Array, size: Array) -> float:

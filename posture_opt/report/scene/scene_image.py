@@ -35,20 +35,20 @@ COLOURS = {
 }
 """By role, from dark to light also in grey."""
 FLOOR = "#F3F3F3"
-_FINE = 2  # points of the buffers to one of the picture, along each side
-_DARK, _DULL = 0.5, 0.82  # of a colour where no light falls: of the arm, and of what stands around
-_EDGE = 0.08  # difference of brightness from which two bodies that touch have an outline between them
-_FAR = 0.35  # of the arm's extent: over that way the lines on the floor fade
+_OVERSAMPLING = 2  # points of the buffers to one of the picture, along each side
+_DARK, _DULL = 0.5, 0.82  # of a colour where no light falls: of the arm, and of the obstacles
+_MIN_EDGE_CONTRAST = 0.08  # difference of brightness from which two bodies that touch have an outline between them
+_FADE_DISTANCE = 0.35  # of the arm's extent: over that way the lines on the floor fade
 _DPI = 96  # a page shows it at about this
-_GHOST = 0.3  # opacity
-_SHADOW = 0.86  # of the colour of what the arm keeps the light from above from
-_LEVEL = 0.95  # cosine of the slope up to which a face is the top of something
-_VEIL = 0.45  # opacity of an obstacle before the arm
+_GHOST_OPACITY = 0.3  # opacity
+_SHADOW_BRIGHTNESS = 0.86  # of the colour of what the arm keeps the light from above from
+_LEVEL_COSINE = 0.95  # cosine of the slope up to which a face is the top of something
+_VEIL_OPACITY = 0.45  # opacity of an obstacle before the arm
 _REGION, _REGION_BEHIND = 0.62, 0.3  # opacity of the region of scatter, and of what of it the arm hides
-_JUMP = 0.012  # of the arm's extent: a step in depth that has an outline
-_LINE = 0.3  # brightness of outlines
-_GRID = 0.0012  # of the arm's extent: half width of the lines on the floor
-_ABOVE = 400  # points along the side of the picture from above
+_MIN_DEPTH_JUMP = 0.012  # of the arm's extent: a step in depth that has an outline
+_LINE_BRIGHTNESS = 0.3  # brightness of outlines
+_GRID_HALF_WIDTH = 0.0012  # of the arm's extent: half width of the lines on the floor
+_SHADOW_POINTS = 400  # points along the side of the picture from above
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,28 +76,30 @@ class SceneImage:
         colour = np.ones((*self._shape, 3))
         self._draw_floor(colour)
         ghosts = DepthImage.of(_faces(self.ghosts), self.camera, self._shape)
-        self._lay(colour, ghosts, self.ghosts, _GHOST)
+        self._lay(colour, ghosts, self.ghosts, _GHOST_OPACITY)
         shown = np.where(self._blocks.depth > self._floor_depth - 1e-6, self._blocks.face, -1)
         self._lay(colour, replace(self._blocks, face=shown), self._around, 1.0)
-        veiled = np.where(self._topped, 0.0, 1 - _VEIL)
+        veiled = np.where(self._topped, 0.0, 1 - _VEIL_OPACITY)
         seen = np.where(self._blocks.depth > self._arm.depth, veiled, 1.0)
         self._lay(colour, self._arm, self.geometry.solids, seen)
         seen = np.where(self._region.depth >= self._arm.depth, _REGION, _REGION_BEHIND)
         self._lay(colour, self._region, (self._ellipsoid,), seen)
-        fine = colour.reshape(self._shape[0] // _FINE, _FINE, self._shape[1] // _FINE, _FINE, 3)
+        fine = colour.reshape(
+            self._shape[0] // _OVERSAMPLING, _OVERSAMPLING, self._shape[1] // _OVERSAMPLING, _OVERSAMPLING, 3
+        )
         return np.asarray(np.clip(fine.mean(axis=(1, 3)), 0.0, 1.0))
 
     @cached_property
     def arm_mask(self) -> Mask:
         """(H, W) where the arm or the region is seen."""
         there = (self._arm.face >= 0) | (self._region.face >= 0)
-        return np.asarray(there[::_FINE, ::_FINE])
+        return np.asarray(there[::_OVERSAMPLING, ::_OVERSAMPLING])
 
     @cached_property
     def filled(self) -> Mask:
         """(H, W) where anything but the floor is seen."""
         there = (self._arm.face >= 0) | (self._region.face >= 0) | (self._blocks.face >= 0)
-        return np.asarray(there[::_FINE, ::_FINE])
+        return np.asarray(there[::_OVERSAMPLING, ::_OVERSAMPLING])
 
     def obstacle_anchors(self) -> list[tuple[str, Array]]:
         """Each obstacle that is seen with a point (2,) of the picture in it, away from the arm [m].
@@ -121,7 +123,7 @@ class SceneImage:
     @property
     def _shape(self) -> tuple[int, int]:
         """Rows and columns of the buffers, twice those of the picture."""
-        return _FINE * round(self.height * _DPI), _FINE * round(WIDTH * _DPI)
+        return _OVERSAMPLING * round(self.height * _DPI), _OVERSAMPLING * round(WIDTH * _DPI)
 
     @cached_property
     def _arm(self) -> DepthImage:
@@ -145,7 +147,7 @@ class SceneImage:
         if not len(faces):
             return np.zeros(self._shape, dtype=bool)
         normals = np.cross(faces[:, 3] - faces[:, 1], faces[:, 2] - faces[:, 0])
-        level = np.abs(normals[:, 2]) > _LEVEL * np.linalg.norm(normals, axis=1)
+        level = np.abs(normals[:, 2]) > _LEVEL_COSINE * np.linalg.norm(normals, axis=1)
         return np.asarray((self._blocks.face >= 0) & level[self._blocks.face])
 
     @cached_property
@@ -198,12 +200,12 @@ class SceneImage:
         if not there.any():
             return
         world = self._world(self._floor_depth, there)
-        step, width = grid_step(self.geometry.extent), _GRID * self.geometry.extent
+        step, width = grid_step(self.geometry.extent), _GRID_HALF_WIDTH * self.geometry.extent
         near = np.any(np.abs(world[:, :2] / step - np.round(world[:, :2] / step)) * step < width, axis=1)
         points = self.geometry.points[:, :2]
         outside = np.maximum(points.min(axis=0) - world[:, :2], world[:, :2] - points.max(axis=0)).max(axis=1)
-        faint = np.clip(outside / (_FAR * self.geometry.extent), 0.0, 1.0)
-        shade = np.where(near, 0.86 + 0.11 * faint, 1.0) * np.where(self._shaded(world), _SHADOW, 1.0)
+        faint = np.clip(outside / (_FADE_DISTANCE * self.geometry.extent), 0.0, 1.0)
+        shade = np.where(near, 0.86 + 0.11 * faint, 1.0) * np.where(self._shaded(world), _SHADOW_BRIGHTNESS, 1.0)
         colour[there] = _rgb(FLOOR) * shade[:, None]
 
     def _lay(self, colour: Array, image: DepthImage, solids: Sequence[Solid], opacity: float | Array) -> None:
@@ -224,11 +226,11 @@ class SceneImage:
         painted = painted * (dark + (1 - dark) * brightness(image, _faces(solids), self.camera))[:, None]
         if around:
             world = self._world(image.depth, there)
-            painted = painted * np.where(self._shaded(world), _SHADOW, 1.0)[:, None]
+            painted = painted * np.where(self._shaded(world), _SHADOW_BRIGHTNESS, 1.0)[:, None]
         light = np.full(there.shape, -1.0)
         light[there] = painted.mean(axis=1)
         bodies = np.where(there, owner[image.face], -1)
-        painted[_outline(bodies, light, image.depth, _JUMP * self.geometry.extent)[there]] *= _LINE
+        painted[_outline(bodies, light, image.depth, _MIN_DEPTH_JUMP * self.geometry.extent)[there]] *= _LINE_BRIGHTNESS
         alpha = np.broadcast_to(opacity, there.shape)[there][:, None]
         colour[there] = (1 - alpha) * colour[there] + alpha * painted
 
@@ -236,16 +238,16 @@ class SceneImage:
         """(k,) whether the arm is above points (k, 3) [m]."""
         camera, image = self._from_above
         seen = camera.project(world)
-        at = ((seen[:, :2] - camera.lower) / camera.size * _ABOVE).astype(int)
-        inside = np.all((at >= 0) & (at < _ABOVE), axis=1)
-        column, row = np.clip(at, 0, _ABOVE - 1).T
+        at = ((seen[:, :2] - camera.lower) / camera.size * _SHADOW_POINTS).astype(int)
+        inside = np.all((at >= 0) & (at < _SHADOW_POINTS), axis=1)
+        column, row = np.clip(at, 0, _SHADOW_POINTS - 1).T
         return np.asarray(inside & (image.depth[row, column] > seen[:, 2] + 1e-3 * self.geometry.extent))
 
     @cached_property
     def _from_above(self) -> tuple[Camera, DepthImage]:
         """The arm seen from straight above, for its shadow."""
         camera = Camera.at(0.0, math.pi / 2).framing(self.geometry.points, 1.0, (0.01, 0.01))
-        return camera, DepthImage.of(_faces(self.geometry.solids), camera, (_ABOVE, _ABOVE))
+        return camera, DepthImage.of(_faces(self.geometry.solids), camera, (_SHADOW_POINTS, _SHADOW_POINTS))
 
 
 def grid_step(extent: float) -> float:
@@ -273,7 +275,7 @@ def _outline(bodies: Codes, light: Array, depth: Array, jump: float) -> Mask:
     for axis in (0, 1):
         first, second = ((slice(None, -1), slice(1, None)) if axis == 0 else
                          ((slice(None), slice(None, -1)), (slice(None), slice(1, None))))  # fmt: skip
-        other = (bodies[first] != bodies[second]) & (np.abs(light[first] - light[second]) > _EDGE)
+        other = (bodies[first] != bodies[second]) & (np.abs(light[first] - light[second]) > _MIN_EDGE_CONTRAST)
         differ = other | (np.abs(finite[first] - finite[second]) > jump)
         edge[first] |= differ & (bodies[first] >= 0)
         edge[second] |= differ & (bodies[second] >= 0)

@@ -8,9 +8,9 @@ from posture_opt.numerics import Array
 from posture_opt.report.scene.camera import Camera
 from posture_opt.report.scene.depth_image import DepthImage
 
-_LIGHT = np.array([-0.45, 0.65, 0.62])  # to the right, up, towards the viewer
-_CREASE = 0.7  # cosine of the angle between faces from which on their edge is sharp
-_SAME = 7  # digits [m]: corners that agree in them are one
+_LIGHT_DIRECTION = np.array([-0.45, 0.65, 0.62])  # to the right, up, towards the viewer
+_CREASE_COSINE = 0.7  # cosine of the angle between faces from which on their edge is sharp
+_CORNER_DIGITS = 7  # digits [m]: corners that agree in them are one
 
 
 def brightness(image: DepthImage, faces: Array, camera: Camera) -> Array:
@@ -27,7 +27,7 @@ def brightness(image: DepthImage, faces: Array, camera: Camera) -> Array:
     normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0) / np.maximum(
         np.linalg.norm(normals, axis=1, keepdims=True), 1e-12
     )
-    lit: Array = np.clip(normals @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
+    lit: Array = np.clip(normals @ (_LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)), 0.0, 1.0)
     return lit
 
 
@@ -38,7 +38,7 @@ def corner_normals(faces: Array) -> Array:
     """
     flat = np.cross(faces[:, 3] - faces[:, 1], faces[:, 2] - faces[:, 0])
     flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
-    _, place = np.unique(faces.reshape(-1, 3).round(_SAME), axis=0, return_inverse=True)
+    _, place = np.unique(faces.reshape(-1, 3).round(_CORNER_DIGITS), axis=0, return_inverse=True)
     order = np.argsort(place.ravel(), kind="stable")
     sizes = np.bincount(place.ravel())
     start = np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -46,7 +46,7 @@ def corner_normals(faces: Array) -> Array:
     one = np.repeat(np.arange(len(order)), own)
     other = np.arange(len(one)) - np.repeat(np.cumsum(own) - own, own) + np.repeat(start[place.ravel()[order]], own)
     a, b = order[one] // 4, order[other] // 4
-    smooth = np.sum(flat[a] * flat[b], axis=1) > _CREASE
+    smooth = np.sum(flat[a] * flat[b], axis=1) > _CREASE_COSINE
     total = np.zeros((4 * len(faces), 3))
     np.add.at(total, order[one[smooth]], flat[b[smooth]])
     return total.reshape(-1, 4, 3)

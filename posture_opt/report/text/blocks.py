@@ -30,8 +30,8 @@ class Table:
     def transposed(self) -> Table:
         """Rows as columns, for a table that is too wide."""
         cells = tuple(zip(self.headers, *self.rows, strict=True))
-        heads, rows = (("", *self.views) if self.views else ()), self.column_views[1:]
-        return Table(cells[0], cells[1:], 1, rows, heads)
+        headers, rows = (("", *self.views) if self.views else ()), self.column_views[1:]
+        return Table(cells[0], cells[1:], 1, rows, headers)
 
 
 Item = str | Facts | Table

@@ -11,8 +11,8 @@ from posture_opt.report.text.text import render
 
 SCREEN = 45
 """Lines of the report, the last of which says what else there is."""
-_LEAST = 3  # rows of a table that is cut
-_NAMED = 3  # sections that the last line names
+_MIN_ROWS = 3  # rows of a table that is cut
+_MAX_NAMED_SECTIONS = 3  # sections that the last line names
 
 
 def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report | None = None) -> Report:
@@ -27,11 +27,11 @@ def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report 
     kept = [_Shown(block.short) for block in (brief or report).blocks if block.short.items]
     while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
         excess = _lines(short, width) - SCREEN
-        place = next((k for k in reversed(range(len(kept))) if kept[k].rows > _LEAST), None)
+        place = next((k for k in reversed(range(len(kept))) if kept[k].rows > _MIN_ROWS), None)
         if place is None:
             kept.pop(_dispensable([shown.block for shown in kept], excess, width))
         else:
-            kept[place] = replace(kept[place], limit=max(_LEAST, kept[place].rows - excess))
+            kept[place] = replace(kept[place], limit=max(_MIN_ROWS, kept[place].rows - excess))
     return short
 
 
@@ -82,8 +82,8 @@ def _ended(report: Report, kept: Sequence[_Shown], saved: Sequence[str]) -> Repo
 def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
     """What ``--full`` and ``--out`` would show."""
     titles = [_lowered(title) for title in left]
-    more = [f"{len(titles) - _NAMED} more sections"] if len(titles) > _NAMED + 1 else []
-    named = [*titles[:_NAMED], *more] if more else titles
+    more = [f"{len(titles) - _MAX_NAMED_SECTIONS} more sections"] if len(titles) > _MAX_NAMED_SECTIONS + 1 else []
+    named = [*titles[:_MAX_NAMED_SECTIONS], *more] if more else titles
     what = f"all details, with {enumerated(named)}" if named else "all details"
     full = "" if whole else f"--full prints {what}. "
     return f"{full}--out DIR writes {enumerated(['report.html with figures', *saved])}."

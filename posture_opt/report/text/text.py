@@ -41,7 +41,7 @@ def paragraph(text: str, width: int = WIDTH) -> str:
 def _block(block: Block, width: int) -> str:
     """A block as text: sentences and facts follow each other closely, a table has a blank line on both sides."""
     texts = [_item(item, width) for item in block.items]
-    # Sentences and facts stand close together, a table keeps a blank line on both sides.
+    # Sentences and facts follow each other, a table keeps a blank line on both sides.
     body = texts[0] if texts else ""
     for before, item, text in zip(block.items, block.items[1:], texts[1:], strict=False):
         apart = isinstance(item, Table) or isinstance(before, Table)

@@ -9,7 +9,7 @@ from itertools import zip_longest
 from posture_opt.report.text.blocks import Table
 
 GAP = "  "
-_LINES = 3  # of a row: cells that wrap more often are hard to read
+_MAX_ROW_LINES = 3  # of a row: cells that wrap more often are hard to read
 
 
 def fitted_table(table: Table, width: int) -> str:
@@ -22,7 +22,7 @@ def fitted_table(table: Table, width: int) -> str:
     if _width(grid) <= width:
         return grid
     wrapped = _grid(table, width)
-    if _width(wrapped) <= width and _tallest(table, width) <= _LINES:
+    if _width(wrapped) <= width and _tallest(table, width) <= _MAX_ROW_LINES:
         return wrapped
     turned = _grid(table.transposed())
     if _width(turned) <= width:
@@ -45,7 +45,7 @@ def text_table(
         rows: (k,) texts each.
         text_columns: how many columns from the left are words, aligned on the left; the others are numbers.
         width: columns of text at most, as far as no word has to be broken; None: as wide as it is.
-        rule: whether dashes stand under the header.
+        rule: whether dashes are under the header.
     """
     wrapped = _wrapped_rows([headers, *rows], width)
     widths = [max(len(line) for lines in column for line in lines) for column in zip(*wrapped, strict=True)]

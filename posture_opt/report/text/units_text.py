@@ -10,9 +10,9 @@ from collections.abc import Iterable, Sequence
 
 from posture_opt.units import UNKNOWN, fixed, number
 
-_SMALL = 1e-5  # m: below this a length is written in µm
-_NAMED = ("N m",)  # units that a number is told with; ratios and lengths per radian stand alone
-_NOTHING = 1e-12  # m: below this it is rounding
+_MICROMETRE_LIMIT_M = 1e-5  # m: below this a length is written in µm
+_SHOWN_UNITS = ("N m",)  # units that are written after a number; ratios and lengths per radian have none
+_ROUNDING_M = 1e-12  # m: below this it is rounding
 
 
 def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
@@ -30,7 +30,7 @@ def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
     unit, factor = length_unit(every)
     if not math.isfinite(metres):
         return UNKNOWN
-    return f"{number(metres * factor, digits, factor * largest_of(every)) if abs(metres) > _NOTHING else '0'} {unit}"
+    return f"{number(metres * factor, digits, factor * largest_of(every)) if abs(metres) > _ROUNDING_M else '0'} {unit}"
 
 
 def stated_length(metres: float) -> str:
@@ -67,9 +67,9 @@ def share(p: float) -> str:
 
 
 def length_unit(metres: Iterable[float]) -> tuple[str, float]:
-    """The unit that suits lengths which stand together, and the factor from m to it."""
+    """The unit that suits lengths which are listed together, and the factor from m to it."""
     largest = largest_of(metres)
-    return ("µm", 1e6) if _NOTHING < largest < _SMALL else ("mm", 1e3)
+    return ("µm", 1e6) if _ROUNDING_M < largest < _MICROMETRE_LIMIT_M else ("mm", 1e3)
 
 
 def largest_of(values: Iterable[float]) -> float:
@@ -82,7 +82,7 @@ def lengths(metres: Sequence[float], separator: str = " x ", digits: int = 3, am
     every = list(among) or metres
     unit, factor = length_unit(every)
     beside = factor * largest_of(every)
-    texts = [number(value * factor, digits, beside) if abs(value) > _NOTHING else "0" for value in metres]
+    texts = [number(value * factor, digits, beside) if abs(value) > _ROUNDING_M else "0" for value in metres]
     return f"{separator.join(texts)} {unit}"
 
 
@@ -96,7 +96,7 @@ def shift(vector: Sequence[float], among: Iterable[float] = ()) -> str:
     unit, factor = length_unit(among or vector)
     size = max(map(abs, vector), default=0.0)
     # Digits are counted at the longest component: the others to the same place.
-    decimals = max(0, 2 - math.floor(math.log10(size * factor))) if size > _NOTHING else 0
+    decimals = max(0, 2 - math.floor(math.log10(size * factor))) if size > _ROUNDING_M else 0
     return f"({', '.join(fixed(value * factor, decimals) for value in vector)}) {unit}"
 
 
@@ -129,7 +129,7 @@ def quantity(value: float, unit: str) -> str:
         return f"{100 * value:.7g} %"
     if unit == "m":
         return f"{fixed(value * 1e3, 4)} mm"
-    return f"{0.0 if abs(value) < 1e-12 else value:.5g}{f' {unit}' * (unit in _NAMED)}"
+    return f"{0.0 if abs(value) < 1e-12 else value:.5g}{f' {unit}' * (unit in _SHOWN_UNITS)}"
 
 
 def percent(share: float) -> str:

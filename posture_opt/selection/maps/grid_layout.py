@@ -21,9 +21,9 @@ Plane = Literal["xy", "xz", "yz"]
 
 MOST = 50_000
 """Targets of a grid: its report and its document are made in one piece. More are mapped a part of the box at a time."""
-_LONGER_SIDE = 17  # targets along it by default: a map of some seconds
-_FEWEST = 5  # along the shorter side: fewer show no shape
-_AROUND = 0.3  # of the reach, to either side of a position
+_LONGER_SIDE_TARGETS = 17  # targets along it by default: a map of some seconds
+_MIN_SIDE_TARGETS = 5  # along the shorter side: fewer show no shape
+_POSITION_MARGIN = 0.3  # of the reach, to either side of a position
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def _box(request: GridRequest, target: TaskTarget, reach: Reach, points: Array) 
     if target.kind == "region":
         return target.lower, target.upper
     if target.kind == "point":
-        half = _rounded(_AROUND * reach.radius)
+        half = _rounded(_POSITION_MARGIN * reach.radius)
         return target.lower - half, target.lower + half
     step = _step(reach.radius / 2)
     return step * np.floor(points.min(axis=0) / step + 1e-6), step * np.ceil(points.max(axis=0) / step - 1e-6)
@@ -229,6 +229,9 @@ def _suitable(widths: Array) -> tuple[int, int, int]:
     """Square cells in the plane and one layer; along a line that lies across the plane, all of them there."""
     longer = float(max(widths[:2]))
     if longer <= 0:
-        return 1, 1, _LONGER_SIDE
-    u, v = (max(round((_LONGER_SIDE - 1) * w / longer / 2) * 2 + 1, _FEWEST) if w > 0 else 1 for w in widths[:2])
+        return 1, 1, _LONGER_SIDE_TARGETS
+    u, v = (
+        max(round((_LONGER_SIDE_TARGETS - 1) * w / longer / 2) * 2 + 1, _MIN_SIDE_TARGETS) if w > 0 else 1
+        for w in widths[:2]
+    )
     return u, v, 1

@@ -66,7 +66,9 @@ def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers
     chunks = [held[i : i + POSTURES_PER_CHUNK] for i in range(0, len(held), POSTURES_PER_CHUNK)]
     postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
     clear = workers.in_order(_clear, scene, postures)
-    return [k for chunk, told in zip(chunks, clear, strict=True) for k, yes in zip(chunk, told, strict=True) if not yes]
+    return [
+        k for chunk, flags in zip(chunks, clear, strict=True) for k, yes in zip(chunk, flags, strict=True) if not yes
+    ]
 
 
 def _clear(scene: Scene, Q: Array) -> list[bool]:

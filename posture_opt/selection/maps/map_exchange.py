@@ -128,17 +128,17 @@ class NeighbourExchange:
         From the best candidate outwards, each target once (breadth first).
         """
         known = {k: candidate.best for k, candidate in enumerate(self.candidates) if candidate.best is not None}
-        beside: dict[int, list[int]] = {}
+        followers: dict[int, list[int]] = {}
         for here, there in self.neighbourhood.on_grid:
             for k, j in zip(here.tolist(), there.tolist(), strict=True):
                 if k in known and j in known and self.engines[j] is self.engines[k]:
-                    beside.setdefault(j, []).append(k)
+                    followers.setdefault(j, []).append(k)
         while known:
             front = [min(known, key=lambda k: known[k].sigma)]
             while front:
                 for k in front:
                     known.pop(k, None)
-                pairs = {k: j for j in front for k in beside.get(j, []) if k in known}
+                pairs = {k: j for j in front for k in followers.get(j, []) if k in known}
                 self._take_over(pairs)
                 front = list(pairs)
 

@@ -112,7 +112,7 @@ class Neighbourhood:
             everywhere along it.
         on_grid: pairs of neighbours on the grid.
         turned: pairs of targets that joint 1 moves onto each other, or near to.
-        lines: targets in a row, for what stands out.
+        lines: targets in a row, for outliers.
     """
 
     motion: BaseMotion

@@ -34,7 +34,7 @@ FINE_EFFORT: Effort = (24, 24, 24)
 # at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
 SMALL_MAP_TARGETS = 256  # targets: up to here a map is small
 SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
-THIRD_EFFORT: Effort = (96, 288, 288)  # of those that stand out
+THIRD_EFFORT: Effort = (96, 288, 288)  # of outliers
 SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
 Effort = tuple[int, int, int]
 """Random starts of a target where 0, 1, or more ways are left free."""

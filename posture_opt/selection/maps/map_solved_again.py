@@ -14,7 +14,7 @@ from posture_opt.selection.maps.map_candidate import MapCandidate
 from posture_opt.selection.maps.map_exchange import NeighbourExchange
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 
-OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
+OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours predict is an outlier
 MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
 
 

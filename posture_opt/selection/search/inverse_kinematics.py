@@ -4,7 +4,7 @@ Random starts under hard equality constraints fail an interior-point method abou
 then calls a reachable target infeasible. The damped least squares step used here is Sugihara's (2011,
 eq. 27–30): the damping is proportional to the squared error, so that it is robust far away and quadratic close by.
 A joint at a limit that the gradient pushes outward is held for the step, as in the projected Newton method (Bertsekas
-1982): clipped steps stall beside the limits, and of a Panda's random postures 65 % arrive instead of 50 %.
+1982): clipped steps stall near the limits, and of a Panda's random postures 65 % arrive instead of 50 %.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ TOLERANCE = 1e-7
 STEPS = 20
 """What has not arrived by then is given up: on 36 arms the fewest steps for an arrival, failures counted."""
 PATIENT_STEPS = 48
-"""Where nothing arrived: beside a singular posture steps converge slowly."""
+"""Where nothing arrived: near a singular posture steps converge slowly."""
 STANDSTILL_STEP = 1e-9  # rad or m: two orders below `TOLERANCE`, a posture that moves less will not arrive
 LONGEST_IK_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
 DAMPING_FACTOR = 0.1  # of the squared error; a half, as Sugihara (2011, eq. 27 to 30) has it, takes a third more steps

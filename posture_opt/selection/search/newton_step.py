@@ -130,7 +130,7 @@ class _Point:
         return ldl(A @ A.T + ca.diag(1 - rows), DEPENDENT_ROW_TOLERANCE)
 
     def _multipliers(self, slope: ca.SX) -> ca.SX:
-        """(m + n,) multipliers that leave the least residual beside a slope (n,), zero outside of the working set."""
+        """(m + n,) multipliers that leave the least residual with a slope (n,), zero outside of the working set."""
         rows, held = self.working[: self.m, 0], self.working[self.m :]
         weights = -rows * solved(self._gram, self.free_slopes @ slope) if self.m else ca.SX(0, 1)
         return ca.vertcat(weights, -held * (slope + self.row_slopes.T @ weights))

@@ -15,9 +15,9 @@ from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.multistart import MultistartResult, Sampled, as_good
 
-_SPINS = 120  # steps of 3°: the optimum over the spin is several of them wide
-_SEEDS = 8  # starts at each angle: a 6R wrist has that many branches (Pieper 1968)
-_GRID = 91  # values of each joint: steps of 4° over a turn
+_SPIN_STEPS = 120  # steps of 3°: the optimum over the spin is several of them wide
+_STARTS_PER_SPIN = 8  # starts at each angle: a 6R wrist has that many branches (Pieper 1968)
+_GRID_VALUES = 91  # values of each joint: steps of 4° over a turn
 
 
 @dataclass(frozen=True)
@@ -129,14 +129,14 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
     """
     robot, problem = engine.robot, engine.optimisation_problem
     if robot.n <= 2 and target.kind != "point":
-        axes = [np.linspace(low, high, _GRID) for low, high in zip(robot.lower, robot.upper, strict=True)]
+        axes = [np.linspace(low, high, _GRID_VALUES) for low, high in zip(robot.lower, robot.upper, strict=True)]
         Q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, robot.n)
-        return _evaluate(engine, target, Q, f"a grid of {_GRID} values of each joint")
+        return _evaluate(engine, target, Q, f"a grid of {_GRID_VALUES} values of each joint")
     if target.spun:
         return None  # what would be swept is held
     fixed = problem.reach.directions.shape[1] + problem.axis_rows
     if target.kind == "point" and target.tilt == 0 and problem.axis_rows == 2 and robot.n == fixed + 1:
-        return _evaluate(engine, target, _spun(engine, target, rng), f"the spin of the tool in {_SPINS} steps")
+        return _evaluate(engine, target, _spun(engine, target, rng), f"the spin of the tool in {_SPIN_STEPS} steps")
     return None
 
 
@@ -145,7 +145,7 @@ def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array
 
     At the spin φ the spin vector is ``cos φ b₁ + sin φ b₂`` with the unit vectors b across the wanted axis.
     """
-    angles = np.repeat(np.arange(_SPINS) * 2 * np.pi / _SPINS, _SEEDS)
+    angles = np.repeat(np.arange(_SPIN_STEPS) * 2 * np.pi / _SPIN_STEPS, _STARTS_PER_SPIN)
     spin = np.cos(angles)[:, None] * target.axis_basis[:, 0] + np.sin(angles)[:, None] * target.axis_basis[:, 1]
     request = PoseRequest(target.lower, target.axis, spin, np.ones(3))
     Q, errors = engine.ik.solve(engine.ik.random_postures(len(angles), rng), request)
