@@ -1,4 +1,7 @@
-"""Moments of what a task minds at many postures: of the tool point, or of the worse end of a peg."""
+"""Moments of what a task depends on at many postures: of the tool point, or of the worse end of a peg.
+
+A map has thousands of postures: all of them are evaluated in one call.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ class EndMoments:
 
 
 def end_moments(problem: OptimisationProblem, Q: Array, basis: Array) -> EndMoments:
-    """Of postures (N, n) in the ``basis`` (3, m) of what counts."""
+    """Moments of postures Q (N, n) [rad or m] in the ``basis`` (3, m) of what counts.
+
+    Of a peg both ends are evaluated, and each posture keeps the end with the larger σ_max.
+    """
     tip, part = problem.tool_point, problem.task.part
     columns = [np.ascontiguousarray(column) for column in Q.T]
     ends = []

@@ -36,14 +36,20 @@ class Calibrating:
 
     @classmethod
     def of(cls, problem: ProblemData) -> Calibrating:
-        """With the instrument that the problem states."""
+        """With the instrument that the problem states; 0.05 mm is assumed where it states none."""
         stated = problem.measurement
         return cls(_MEASURED_POSTURES, _INSTRUMENT_SIGMA_M if stated is None else stated.position, stated is None)
 
 
 @dataclass(frozen=True)
 class KnownAfter:
-    """The sources of error after a calibration, and what was measured for it."""
+    """The sources of error after a calibration, and what was measured for it.
+
+    Args:
+        sources: with the part that stays reduced; scatter from repeat to repeat is as before.
+        postures: that are measured; ``instrument``: standard deviation of a coordinate [m], ``assumed`` where the
+            file states none.
+    """
 
     sources: Sources
     postures: int

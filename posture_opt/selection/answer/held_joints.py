@@ -20,7 +20,7 @@ _DISTANCE_WEIGHT = 1e4  # of the distance beside the spread: what is sought is t
 
 
 def held_joints(robot: Robot, task: Task) -> dict[int, float]:
-    """Joint -> value [rad or m] of all that the task holds."""
+    """Joint index -> value [rad or m] of all that terms of the task hold."""
     return {joint: value for term in task.subject_to for joint, value in term.held(robot).items()}
 
 
@@ -36,7 +36,10 @@ def with_held_joints(arm: Arm, task: Task) -> Arm:
 
 
 def released(robot: Robot, task: Task) -> Task:
-    """The same task with those joints free, and as near to their values as it goes."""
+    """The same task with those joints free, and as near to their values as the other requirements allow.
+
+    It is solved where the held arm finds nothing: the joints that move are in the way.
+    """
     dimensions = {"revolute": "angle", "prismatic": "length"}
     values = {
         robot.joints[k].name: JointQuantity(value, dimensions[robot.joints[k].type])

@@ -32,7 +32,12 @@ _MAX_START_ALTERNATIVES = 4  # other postures that the moved part is tried with
 
 @dataclass(frozen=True)
 class Improvement:
-    """A change, the standard deviation [m] that it would leave and the relative gain, ``1 − after/before``."""
+    """One change that would help.
+
+    Args:
+        change: what changes: an error, the knowledge of the arm, or the place of the part.
+        sigma_max: [m] that it would leave; ``gain`` is ``1 − after/before``.
+    """
 
     change: ClassVar[str]
     sigma_max: float
@@ -45,7 +50,11 @@ class Improvement:
 
 @dataclass(frozen=True)
 class HalvedSigma(Improvement):
-    """One stated standard deviation [rad or m] halved, the correlations kept."""
+    """One stated standard deviation [rad or m] halved, the correlations kept.
+
+    Args:
+        parameter: its name; ``sigma`` the value as it is stated.
+    """
 
     change = "halve_sigma"
     parameter: str
@@ -142,7 +151,10 @@ def improvements(
 
 
 def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tuple[str, float]]:
-    """Name and σ of the sources with the largest shares in the variance of any station."""
+    """Name and σ of the sources with the largest shares in the variance of any station.
+
+    Only these are tried: halving a source with a share of s reduces σ by ``1 − sqrt(1 − 3 s/4)`` where nothing correlates.
+    """
     shares: dict[str, float] = {}
     for station in stations:
         for share in station.budget:
@@ -188,7 +200,7 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
 
 
 def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
-    """Short ways [m] across the direction of the task and along it; a planar arm stays in its plane."""
+    """Short shifts (3,) [m] across the direction of the task and along it; of a planar arm within its plane."""
     length, within = _round_length(_SHIFT_SHARE * reach.radius), reach.directions @ reach.directions.T
     axes = [axis for axis in (*target.basis.T, target.direction) if np.linalg.norm(within @ axis) > 0.5]
     angles = 2 * np.pi * np.arange(_SHIFT_DIRECTIONS) / _SHIFT_DIRECTIONS

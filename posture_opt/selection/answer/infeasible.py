@@ -45,14 +45,22 @@ class Explanation:
 
 
 def explain_infeasibility(engine: Engine, found: MultistartResult) -> Explanation:
-    """What keeps a search from finding anything."""
+    """What keeps a search from finding anything.
+
+    Args:
+        found: the search, which ended without a feasible posture.
+    """
     return _Infeasibility(engine, found).explanation()
 
 
 def infeasible(
     problem: ProblemData, engine: Engine, found: MultistartResult, why: Explanation, seconds: float
 ) -> Solution:
-    """The infeasible solution: nearest posture, the reasons, and what would help."""
+    """The infeasible solution: nearest posture, the reasons, and what would help.
+
+    Args:
+        seconds: since the search began.
+    """
     counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
     statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
     asked, target = engine.optimisation_problem, found.target
@@ -73,7 +81,10 @@ def infeasible(
 
 @dataclass(frozen=True)
 class _Infeasibility:
-    """The inquiry into one search that found nothing: which requirement gives, and by how little."""
+    """The inquiry into one search that found nothing: which requirement gives, and by how little.
+
+    Each requirement is asked to give alone; where none suffices, terms and obstacles together, and then all.
+    """
 
     engine: Engine
     found: MultistartResult
@@ -129,7 +140,7 @@ class _Infeasibility:
         return []
 
     def _giving(self, way: Compromise) -> tuple[str, ...]:
-        """The requirements that give; none where nothing is missing."""
+        """The requirements that give in a compromise; none where nothing is missing."""
         lacks = way.lacking > ROW_TOLERANCE
         return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
 
@@ -151,7 +162,7 @@ class _Infeasibility:
         return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
-        """(N,) what the pool's postures lack in the requirements that are counted."""
+        """(N,) what the postures of the pool lack in the requirements that are ``counted`` (r,), in units of each."""
         return self.elastic.cost(np.where(counted, self._lacking, 0.0))
 
     @cached_property
@@ -169,7 +180,7 @@ class _Infeasibility:
 
     @cached_property
     def _free(self) -> InverseKinematics:
-        """That of the arm without its limits."""
+        """The inverse kinematics of the arm without its limits."""
         task, reach = self.problem.task, self.problem.reach
         return InverseKinematics(unlimited(self.problem.arm), task.tool_axis, reach.directions, self.engine.compiled)
 

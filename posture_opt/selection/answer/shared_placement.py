@@ -12,9 +12,12 @@ from posture_opt.selection.answer.placement import PlacementRange, placement_jso
 
 @dataclass(frozen=True)
 class PlacementFigure:
-    """A placement (4,) [m, rad] and the standard deviation there [m]: of the worst station, or the mean of all.
+    """What one placement costs.
 
-    ``success`` is the probability that all stations succeed, where that is what counts.
+    Args:
+        w: (4,) x, y, z [m] and yaw [rad] of the workpiece, world.
+        sigma: [m] of the worst station there, or the mean of all; infinite where one cannot be done.
+        success: probability that all stations succeed, where that is what counts.
     """
 
     w: Array

@@ -45,7 +45,13 @@ Status = Literal["optimal", "feasible", "infeasible"]
 
 @dataclass(frozen=True)
 class Alternative:
-    """A distinct posture (joint name -> rad or m), its tool point (3,) [m] and its σ_max [m]."""
+    """A distinct posture that does the task too.
+
+    Args:
+        posture: joint name -> rad or m.
+        position: (3,) its tool point, world [m].
+        sigma_max: of the part that counts [m].
+    """
 
     posture: Posture
     position: Array
@@ -57,7 +63,7 @@ class Alternative:
 
 
 class FollowedPath(Protocol):
-    """What an answer along a path has beside its stations."""
+    """What an answer along a path has in addition to its stations: the motion that joins them."""
 
     @property
     def listed(self) -> Mask:
@@ -144,12 +150,12 @@ class Solution(Result):
 
     @property
     def first(self) -> Solution:
-        """The answer at the first feature or listed point."""
+        """The answer at the first feature or listed point: the posture in which a program begins."""
         return self.stations[0]
 
     @property
     def targets(self) -> tuple[TaskTarget, ...]:
-        """The targets of all stations, listed and added."""
+        """The targets of all stations, listed and added, at the placement of the answer."""
         return tuple(point.target for point in self.points or (self,))
 
     @cached_property
@@ -169,7 +175,7 @@ class Solution(Result):
 
     @property
     def worst(self) -> Solution:
-        """The answer at the station with the largest spread."""
+        """The answer at the station with the largest spread; itself where there is one target."""
         return self.points[self.worst_index] if self.points else self
 
     @property
@@ -179,7 +185,9 @@ class Solution(Result):
 
     @property
     def combine(self) -> Combine:
-        """What is made of the stations' standard deviations."""
+        """What is made of the stations' standard deviations: the worst, their mean, or the probability that all
+        succeed.
+        """
         return "worst" if self.problem.task is None else self.problem.task.combine
 
     @property
@@ -218,27 +226,27 @@ class Solution(Result):
 
     @property
     def posture(self) -> Posture:
-        """Joint name -> value [rad or m], printed in degrees."""
+        """Joint name -> value [rad or m] at the first station, printed in degrees."""
         return Posture(self.optimisation_problem.robot, self.q)
 
     @cached_property
     def spread(self) -> Spread:
-        """The spread of the tool at the posture."""
+        """The spread of the tool at the worst station."""
         return self.worst.spread if self.points else propagate(self.problem, self.q)
 
     @property
     def covariance(self) -> Array:
-        """(3, 3) exact covariance of the tool point, world [m²]."""
+        """(3, 3) exact covariance of the tool point at the worst station, world [m²]."""
         return self.spread.covariance
 
     @property
     def ellipse(self) -> Ellipsoid:
-        """Ellipse of a planar arm, else ellipsoid, of the tool point."""
+        """Ellipse of a planar arm, else ellipsoid, of the tool point at the worst station."""
         return self.spread.ellipse
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """Distinct local optima, best first; the first is the answer itself."""
+        """Distinct local optima of the first station, best first; the first is the answer itself."""
         return self._alternatives
 
     @cached_property
@@ -255,12 +263,12 @@ class Solution(Result):
 
     @property
     def basis(self) -> Array:
-        """(3, m) basis of the part of the spread that counts."""
+        """(3, m) orthonormal basis of the part of the spread that counts, world, at the worst station."""
         return critical_basis(self.worst.optimisation_problem, self.worst.target)
 
     @cached_property
     def task_spread(self) -> TaskSpread:
-        """The spread as the task sees it."""
+        """The spread of the worst station as the task sees it: across, along, probability, peg and yaw."""
         if self.points:
             return self.worst.task_spread
         task, target, spread = self.optimisation_problem.task, self.target, self.spread
@@ -271,12 +279,15 @@ class Solution(Result):
 
     @property
     def critical(self) -> Critical:
-        """The spread across the direction (or along it, or all of it, as the task says)."""
+        """The spread across the direction (or along it, or all of it, as the task says) at the worst station."""
         return self.task_spread.critical
 
     @property
     def sigma_max(self) -> float:
-        """Largest standard deviation of the part that counts [m]."""
+        """Largest standard deviation of the part that counts [m], ``sqrt(λ_max(Bᵀ C B))``, at the worst station.
+
+        What answers are compared by, whatever the criterion that was minimised.
+        """
         return self.critical.sigma_max
 
     @property
@@ -286,27 +297,29 @@ class Solution(Result):
 
     @property
     def success_probability(self) -> float | None:
-        """Probability to stay within the clearance, bias included; None without a clearance."""
+        """Probability to stay within the clearance at the worst station, bias included; None without a clearance."""
         return self.task_spread.success_probability
 
     @property
     def budget(self) -> tuple[Share, ...]:
-        """Share of each source in the variance along the worst axis, largest first."""
+        """Share of each source in the variance along the worst axis of the worst station, largest first."""
         return self.task_spread.budget
 
     @cached_property
     def orientation(self) -> Orientation:
-        """How far the tool leans and turns."""
+        """How far the tool leans and turns by the errors, at the worst station."""
         return Orientation.of(self.spread, self.optimisation_problem.task.tool_axis)
 
     @cached_property
     def lower_bound(self) -> LowerBound | None:
-        """A spread that no posture can beat at this target."""
+        """A spread that no posture can beat at the target of the worst station; None where there is no such bound."""
         return lower_bound(self.worst.optimisation_problem.tool_point, self.worst.target, self.basis)
 
     @cached_property
     def clearance(self) -> Clearance | None:
-        """The least distance of the arm to what it is checked against; None where nothing is."""
+        """The least distance of the arm to what it is checked against, over all postures; None where nothing is
+        checked.
+        """
         found: Clearance | None = self.problem.scene.clearance(self.postures)
         return found
 
@@ -319,7 +332,7 @@ class Solution(Result):
         return improvements(self.points or (self,), combined, place=None if self.points else self)
 
     def sigma_under(self, sources: Sources) -> float:
-        """σ_max [m] of the part that counts, in this posture under other errors."""
+        """σ_max [m] of the part that counts, in this posture under other ``sources`` of error."""
         if not np.any(sources.covariance):
             return 0.0
         return replace(self, problem=replace(self.problem, sources=sources)).critical.sigma_max
@@ -382,7 +395,9 @@ class Solution(Result):
         return {key: document[key] for key in kept}
 
     def posture_json(self) -> dict[str, Any]:
-        """The posture, its tool pose, and what else could be chosen: plain data."""
+        """The posture, its tool pose, and what else could be chosen: the part of the first station in
+        ``solution.json``.
+        """
         spread = self.spread
         return {
             "posture": self.posture,
@@ -392,7 +407,9 @@ class Solution(Result):
         }
 
     def spread_json(self) -> dict[str, Any]:
-        """The spread of the tool point, what it is made of and what it is compared with: plain data."""
+        """The spread of the tool point, what it is made of and what it is compared with: the part of the worst
+        station.
+        """
         spread, statistics = self.spread, self.statistics
         return {
             "covariance": spread.covariance.tolist(),

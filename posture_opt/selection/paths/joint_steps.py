@@ -47,7 +47,10 @@ class JointSteps:
         return np.where(self.counted, Q, (np.array(self.robot.lower) + np.array(self.robot.upper)) / 2)
 
     def between(self, A: Array, B: Array) -> Array:
-        """(N, M) steps from each posture of A (N, n) to each of B (M, n)."""
+        """(N, M) the largest change of a joint from each posture of A (N, n) to each of B (M, n).
+
+        Of joints that turn more than once, the least over whole turns.
+        """
         largest = np.zeros((len(A), len(B)))
         for k in np.flatnonzero(self.counted):
             difference = B[None, :, k] - A[:, None, k]
@@ -74,7 +77,9 @@ class JointSteps:
         return np.clip(Q, lower, upper) if not np.any(beyond) else Q, np.flatnonzero(beyond)
 
     def along(self, Q: Array) -> Array:
-        """(K − 1,) steps of a motion (K, n), as it is."""
+        """(K − 1,) the largest change of a joint that counts between neighbours of a motion (K, n), without taking off
+        turns.
+        """
         moved = np.abs(np.diff(Q, axis=0))[:, self.counted]
         return np.asarray(np.max(moved, axis=1, initial=0.0))
 

@@ -44,7 +44,12 @@ class Motion:
     def of(
         cls, engine: Engine, targets: Sequence[TaskTarget], Q: Array, steps: Array, scene: Scene, optimal: bool
     ) -> Motion:
-        """The motion evaluated."""
+        """The motion through postures Q (K, n), evaluated at the targets of its points.
+
+        Args:
+            steps: (K − 1,) as they count; ``optimal`` as of `Motion`.
+            scene: what the arm must not collide with.
+        """
         inside = np.all((np.array(engine.robot.lower) <= Q) & (np.array(engine.robot.upper) >= Q))
         clear = bool(inside and np.all(is_clear(scene, Q)))
         objective, violation, _, variance = (column[:, 0] for column in engine.screen(Q, stacked(targets)))
@@ -52,7 +57,7 @@ class Motion:
 
     @property
     def objective(self) -> float:
-        """Of the worst point."""
+        """The objective of the worst point, scaled."""
         return float(np.max(self.objectives))
 
     @property
@@ -62,7 +67,7 @@ class Motion:
 
     @property
     def largest_step(self) -> float:
-        """Between listed points [rad or m]."""
+        """The largest change of a joint between listed points [rad or m]."""
         return float(np.max(self.steps))
 
     def to_json(self) -> dict[str, float]:

@@ -99,7 +99,10 @@ class MotionSearch(DerivedAgain):
         return best.largest_step, best
 
     def best(self, largest: float) -> Motion:
-        """The best motion found with no step above ``largest``."""
+        """The best motion found with no step above ``largest`` [rad or m].
+
+        Of ways through the candidates and of the smooth motions that they lead to; feasible ones before others.
+        """
         motions = [self._motion(Q) for Q in self._ways(largest)] + [self.smallest_step[1]]
         if not self.engine.optimisation_problem.freedom:
             motions = [self._on_path(motion) for motion in motions]
@@ -153,7 +156,7 @@ class MotionSearch(DerivedAgain):
         return [way for way in ways if way is not None]
 
     def _on_path(self, motion: Motion) -> Motion:
-        """The same motion, its points met to the last digits."""
+        """The same motion, its points met to the last digits by some steps of inverse kinematics."""
         Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
         for _ in range(_FINAL_IK_STEPS):
             Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])

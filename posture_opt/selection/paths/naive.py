@@ -1,4 +1,7 @@
-"""What simpler ways to choose the postures of a path give: each point by itself, or the first one and then on."""
+"""What simpler ways to choose the postures of a path give: each point by itself, or the first one and then on.
+
+They are the comparison for the planned motion: point by point the joints jump, onward the spread grows.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ class Naive:
 
 
 def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path: TaskPath, scene: Scene) -> Naive:
-    """What is to be had without look-ahead."""
+    """The motions that are to be had without look-ahead, from the candidates of the points."""
     best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
     apart = np.array([steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
     each = Motion.of(engine, found.targets, best, apart, scene, True)

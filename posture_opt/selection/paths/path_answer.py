@@ -70,7 +70,7 @@ class PathAnswer:
 
 
 def _point_json(point: Solution) -> dict[str, Any]:
-    """What the document of a path says of one listed point."""
+    """What the document of a path says of one listed point: posture, tool pose and spread."""
     spread = point.spread
     return {
         "posture": point.posture,

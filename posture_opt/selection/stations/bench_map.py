@@ -1,4 +1,7 @@
-"""``BenchMap``: the spread of the features over two coordinates of the placement."""
+"""``BenchMap``: the spread of the features over two coordinates of the placement.
+
+For an engineer whose fixture cannot be put at the best place: what another one costs.
+"""
 
 from __future__ import annotations
 

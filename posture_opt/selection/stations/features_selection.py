@@ -1,4 +1,7 @@
-"""``select_for_features``: the placement of a workpiece and a posture for each of its features."""
+"""``select_for_features``: the placement of a workpiece and a posture for each of its features.
+
+Placements are screened with the features taken one by one; the best go into one program of placement and all postures.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +75,7 @@ class _FeaturesSelection:
 
     @classmethod
     def of(cls, problem: ProblemData, seed: int | None) -> _FeaturesSelection:
-        """For a problem with a task that has features."""
+        """The selection for a problem with a task that has features; ``seed`` None is that of the problem."""
         assert problem.task is not None
         placement = PlacementRange.of(problem.task.workpiece)
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
@@ -120,7 +123,7 @@ class _FeaturesSelection:
         return self._by_success if combine == "success" else self._by_spread
 
     def _single(self, criterion: dict[str, str]) -> PostureSelector:
-        """Of one feature at a point: the placed features are its targets."""
+        """The selector of one feature, with keys of the task replaced: the placed features are its targets."""
         first = self.task.features[0]
         clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
         given = {
@@ -149,7 +152,9 @@ class _FeaturesSelection:
         return PlacedStations(engines, targets, self.placement, combine)
 
     def _target(self, selector: PostureSelector, feature: Any) -> TaskTarget:
-        """In the frame of the workpiece."""
+        """The target of a feature in the frame of the workpiece, with direction and clearance of its own or of the
+        task.
+        """
         target = selector.target.with_position(np.array(feature.position))
         direction = feature.direction or self.task.direction
         target = target.with_direction(np.array(direction), selector.reach)
@@ -157,7 +162,11 @@ class _FeaturesSelection:
         return replace(target, clearance=np.nan if clearance is None else clearance)
 
     def _check_plane(self, selector: PostureSelector) -> None:
-        """The yaw turns directions: in a plane that is not level they would leave it."""
+        """Refuses a yaw that would turn directions out of the plane of a planar arm.
+
+        Raises:
+            InputError: the plane is not level and the yaw is not zero.
+        """
         normal = selector.reach.normal
         turns = self.placement.lower[3] != 0 or self.placement.upper[3] != 0
         if normal is not None and turns and abs(normal[2]) < 1 - 1e-9:
@@ -252,7 +261,11 @@ class _FeaturesSelection:
         return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
 
     def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> Solution:
-        """A placement that is fixed leaves single problems."""
+        """The answer for a placement that is fixed: the features are single problems, and what joins them is the order.
+
+        Raises:
+            NoSolutionError: some feature cannot be done there.
+        """
         combine = self.task.combine
         selector = self._selector(combine)
         stations, w = self._stations(selector, combine), self.placement.lower
@@ -275,7 +288,7 @@ class _FeaturesSelection:
         return FeaturesFailure(self.problem, self.task, stations, self.seed)
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
-        """The placement at which least is missing, and why the features fail there that do."""
+        """The error with the placement at which least is missing, and why the features fail there that do."""
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
         selector = self._selector(stations.combine)
@@ -296,14 +309,14 @@ class _FeaturesSelection:
 
 @dataclass(frozen=True)
 class _Figures:
-    """What placements cost, beside the answer."""
+    """What placements cost, for comparison with the answer: the middle of the range, a typical one, other optima."""
 
     problem: ProblemData
     stations: PlacedStations
     with_success: bool
 
     def of(self, found: Postures, m: int) -> PlacementFigure:
-        """Of row m."""
+        """The figure of the placement in row m."""
         sigma = float(placement_sigma(self.stations, found)[m])
         p_success = self._success(found.W[m], found.Q[m]) if self.with_success and np.isfinite(sigma) else None
         return PlacementFigure(found.W[m], sigma, p_success)

@@ -52,7 +52,7 @@ class Postures:
     tried: int = 0
 
     def rows(self, chosen: Codes) -> Postures:
-        """Some of the placements, in this order."""
+        """The placements of the ``chosen`` rows, in this order."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
     def better_of(self, other: Postures) -> Postures:
@@ -67,7 +67,7 @@ class Postures:
         return replace(self, Q=Q, **best, tried=self.tried + other.tried)
 
     def joined(self, other: Postures) -> Postures:
-        """The placements of both."""
+        """The placements of both, in this order."""
         both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _COLUMNS}
         return replace(self, **both, tried=self.tried + other.tried)
 
@@ -104,7 +104,7 @@ class PlacedStations(DerivedAgain):
         return PlacedStations(self.engines, targets, self.placement, self.combine)
 
     def scale_of(self, found: Postures) -> float:
-        """What the objectives are divided by: the median over all feasible postures."""
+        """What the objectives are divided by [m²]: the median over all feasible postures; one where there is none."""
         own = found.main[np.isfinite(found.main)]
         return self.engines[0].scale_of(own * self.targets[0].scale) if len(own) else 1.0
 
@@ -113,7 +113,7 @@ class PlacedStations(DerivedAgain):
         return combined_numbers(self.combine, found.main, found.extra)
 
     def at(self, w: Array) -> list[TaskTarget]:
-        """The targets at a placement, world."""
+        """The targets of all stations at a placement w (4,) [m, rad], world."""
         return [target.moved(w) for target in self.targets]
 
     def in_plane(self, W: Array) -> Array:
