@@ -153,7 +153,7 @@ def improvements(
 def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tuple[str, float]]:
     """Name and σ of the sources with the largest shares in the variance of any station.
 
-    Only these are tried: halving a source with a share of s reduces σ by ``1 − sqrt(1 − 3 s/4)`` where nothing correlates.
+    Only these are tried: halving a source of share s reduces σ by ``1 − sqrt(1 − 3 s/4)`` where nothing correlates.
     """
     shares: dict[str, float] = {}
     for station in stations:
