@@ -82,7 +82,11 @@ def plot_errors(found: Diagnosis) -> Figure:
 
 
 def _course(lengths: Array) -> tuple[Array, Array]:
-    """(k,) middles and (k,) RMS of neighbouring rows, in the order of the rows."""
+    """Middles (k,) and RMS (k,) of neighbouring rows, in the order of the rows.
+
+    Args:
+        lengths: (N,) of errors [mm]; at most 30 groups of five rows or more.
+    """
     parts = np.array_split(np.arange(len(lengths)), max(min(_MAX_BINS, len(lengths) // _MIN_BIN_ROWS), 1))
     return np.array([p.mean() + 1 for p in parts]), np.array([rms(lengths[p]) for p in parts])
 
@@ -122,7 +126,12 @@ def plot_periodogram(found: Diagnosis) -> Figure:
 
 
 def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tuple[Array, Array]:
-    """(k,) cycles per revolution and (k,) the share of the residual sum of squares that each explains."""
+    """Cycles per revolution (k,) and the share (k,) of the residual sum of squares that each explains.
+
+    Args:
+        baseline: the model without the frequency that is scanned.
+        joint: its number; its range in the data sets the finest frequency that can be resolved.
+    """
     tangents = found.linearised.sensitivities
     q = found.model.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))

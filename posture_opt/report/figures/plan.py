@@ -148,7 +148,11 @@ def _dots(axes: Axes, y: Array, before: Array, after: Array, random: Array, coun
 
 
 def _errors(axes: Axes, plan: MeasurementPlan, rows: list[int], factor: float) -> None:
-    """Expected standard errors [deg or mm] of single parameters at the three stages, logarithmic."""
+    """Expected standard errors [deg or mm] of single parameters at the three stages, logarithmic.
+
+    Args:
+        rows: numbers of the parameters, from the top; ``factor`` from SI to the unit of the axis.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     y = np.arange(len(rows), dtype=float)

@@ -62,7 +62,11 @@ def plot_shape(shown: Shown) -> Figure:
 
 
 def _histogram(axes: Axes, values: Array) -> None:
-    """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation."""
+    """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation.
+
+    Args:
+        values: (n,) errors along one axis [mm].
+    """
     mean, sd = values.mean(), values.std(ddof=1)
     bins = int(np.clip(np.sqrt(len(values)), *_BIN_RANGE))
     _, edges, _ = axes.hist(values, bins, color=BLUE, alpha=0.6, zorder=2)
@@ -209,7 +213,7 @@ def _plane(shown: Shown, found: Assessment) -> Array:
 
 
 def _visits(shown: Shown, found: Assessment) -> list[Codes]:
-    """The rows of each posture that was visited more than once, slips left out."""
+    """The rows of each posture that was visited more than once, without postures whose repeats are outliers."""
     odd = found.repeats.outlying if found.repeats is not None else ()
     groups = rows_of(repeat_groups(shown.data, prismatic_joints(shown.residuals)))
     return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]

@@ -86,10 +86,10 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
 
 
 def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
-    """One panel.
+    """One panel: bars of estimates, lines of their intervals, diamonds of stated values.
 
     Args:
-        rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` turns them into ``unit``.
+        rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` converts them to ``unit``.
     """
     known = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
     largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)

@@ -49,7 +49,10 @@ def calibration_brief(problem: ProblemData, found: Calibration, seen: Assessment
 
 
 def _measured(problem: ProblemData, found: Calibration) -> str:
-    """Rows, poses, file and instrument."""
+    """Rows, poses, file and instrument; of touched points how many there are.
+
+    The σ of the instrument is that of one coordinate, as the file states it.
+    """
     data = found.request.data
     poses, file = len(np.unique(data.pose)), Path(data.file).name or "table"
     rows = f"{count(len(data), 'row')} in {count(poses, 'pose')} ({file})"
@@ -60,13 +63,16 @@ def _measured(problem: ProblemData, found: Calibration) -> str:
 
 
 def _errors(found: Calibration) -> str:
-    """How long the errors of held-out rows are."""
+    """How long the errors of held-out rows are [mm]: the length that 95 % of them do not exceed, and the largest."""
     s = found.calibrated
     return f"calibrated, 95 % of the held-out rows are within {mm(s.p95)} mm, all within {mm(s.max)} mm"
 
 
 def _test(found: Calibration) -> str:
-    """Errors on the test file before and after, and how it was used."""
+    """RMS errors [mm] on the test file before and after, and how it was used.
+
+    Rows outside of the joint ranges of the fit are counted: there a model extrapolates.
+    """
     other = found.test
     assert other is not None
     before, after = (mm(other.models[name].rms) for name in ("nominal", "calibrated"))

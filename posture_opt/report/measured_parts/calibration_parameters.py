@@ -56,7 +56,11 @@ def parameters_block(found: Calibration) -> Block:
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:
-    """One parameter as a row of the table, in deg or mm."""
+    """One parameter as a row of the table, in deg or mm.
+
+    A parameter that the data do not determine has no estimate, except a frame, whose value goes with the others of
+    this calibration only.
+    """
     p, std, prior = found.parameters[i], float(found.std[i]), float(found.prior[i])
     unit, factor = _unit(p)
     believed = "" if math.isnan(prior) else number(prior * factor)
@@ -79,7 +83,10 @@ def _unit(parameter: Parameter) -> tuple[str, float]:
 
 
 def _significance(found: Calibration) -> list[str]:
-    """How many parameters of the arm itself differ from the drawing by more than chance."""
+    """How many determined parameters of the arm differ from nominal at a level of 5 % each.
+
+    Of many parameters some differ by chance: the sentence counts, it does not correct for their number.
+    """
     judged = _judged(found)
     if not judged:
         return []
@@ -114,7 +121,11 @@ def differing(found: Calibration, most: int) -> str:
 
 
 def undetermined_names(found: Calibration, most: int) -> str:
-    """The parameters that neither the data nor a prior determine by themselves."""
+    """The parameters that neither the data nor a prior determine by themselves.
+
+    Args:
+        most: how many are named; the others are counted.
+    """
     names = [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if not fixed and p.group != "point"]
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 

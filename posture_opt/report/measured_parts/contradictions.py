@@ -24,7 +24,10 @@ _MIN_TURN_RAD = math.radians(0.01)  # less is no turn that anyone would correct
 
 
 def doubts_lead(found: Calibration) -> tuple[str, ...]:
-    """What comes before any answer: data that are hardly this arm's, what they refute of the file, runaway frames."""
+    """What comes before any answer: data that are hardly this arm's, what they refute of the file, runaway frames.
+
+    Each is one line and left out where the data give no reason for it; the most fundamental doubt comes first.
+    """
     return (
         *_disagreement(found),
         *(_line(contradiction) for contradiction in found.contradictions),
@@ -43,7 +46,10 @@ def refuted_of_robots(found: Sequence[Calibration]) -> tuple[str, ...]:
 
 
 def _disagreement(found: Calibration) -> tuple[str, ...]:
-    """Data that no calibration of this arm explains: another robot's, or other joints than the file's."""
+    """Data that no calibration of this arm explains: another robot's, or other joints than the file's.
+
+    Compared are the RMS error that is left and the RMS motion of the tool point in the data [mm].
+    """
     if found.disagreement is None:
         return ()
     left, motion = found.disagreement.left, found.disagreement.motion
@@ -53,7 +59,10 @@ def _disagreement(found: Calibration) -> tuple[str, ...]:
 
 
 def _implausible(found: Calibration) -> tuple[str, ...]:
-    """The geometry that is farthest off its drawing, where that is farther than any part is."""
+    """The geometry that is farthest off its nominal value, where that is farther than any part is.
+
+    At most three parameters are named, each with its deviation and one standard error [deg or mm].
+    """
     units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
     texts = [f"{name} by {plus_minus(x, std, *units[unit])}" for name, (x, std, unit) in found.implausible.items()]
     if not texts:

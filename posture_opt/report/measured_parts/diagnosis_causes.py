@@ -40,7 +40,10 @@ _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their error
 
 
 def finding_words(finding: Finding, problem: ProblemData) -> str:
-    """A finding in words; scatter of which the problem file states nothing is said to be so."""
+    """A finding in words; scatter of which the problem file states nothing is said to be so.
+
+    "… scatters more than stated" would be wrong where nothing is stated.
+    """
     noise = finding.noise
     if noise is not None and noise.unstated and not _states(problem, finding):
         return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
@@ -173,7 +176,10 @@ def _gain(found: Diagnosis, finding: Finding) -> str:
 
 
 def _covers(found: Diagnosis) -> str:
-    """The gain of stating uneven noise: regions that hold what they should; nothing of other noise."""
+    """The gain of stating uneven noise: regions that hold what they should; nothing of other noise.
+
+    Compared are shares of rows in their 95 % regions with and without it, of the quarter of rows that it spreads most.
+    """
     held = found.held
     shape = held["extended"].shape
     if shape is None or fitted_effects(found):
@@ -187,7 +193,10 @@ def _covers(found: Diagnosis) -> str:
 
 
 def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    """The most certain parameters of the arm with its effects, with their standard errors."""
+    """The most certain parameters of the arm with its effects, with their standard errors [deg or mm].
+
+    Left out are parameters whose standard error is mostly what the data leave open.
+    """
     calibration, model = found.calibration, found.model
     std = model.std[: len(calibration.parameters)]
     far = [

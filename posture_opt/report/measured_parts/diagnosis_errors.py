@@ -160,7 +160,10 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
 
 
 def tested_models(found: Diagnosis) -> dict[str, str]:
-    """The models that predict the test file: that with effects as it is delivered, if it has any."""
+    """The models that predict the test file, by name with their words.
+
+    With effects it is the model as it is delivered; without delivered effects it is left out.
+    """
     names = models_of(found)
     if not found.delivery.kept:
         names.pop("extended", None)

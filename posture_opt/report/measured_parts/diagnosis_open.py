@@ -85,7 +85,11 @@ def left_block(found: Diagnosis) -> Block:
 
 
 def uneven_words(errors: UnevenErrors) -> str:
-    """Errors that look like a noisy joint, and what repeats say of them."""
+    """Errors that look like a noisy joint, and what repeats say of them.
+
+    Refuted: repeats of one posture do not scatter so, the errors are systematic. Otherwise too few postures were
+    repeated.
+    """
     text = f"{errors.effect.uneven_words.format(target=errors.effect.target)} ({p_words(errors.p_value)})"
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
@@ -115,7 +119,10 @@ def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
 
 
 def _sums(found: Diagnosis) -> dict[str, list[str]]:
-    """Joints on which several slow curves are needed at once."""
+    """Joints on which several slow curves are needed at once, each with the names of its effects.
+
+    Several slow effects that add up to one curve are rather one cause that the catalogue does not have.
+    """
     slow: dict[str, list[str]] = {}
     for _, finding in fitted_effects(found):
         if finding.effect is not None and finding.effect.slow:
@@ -256,7 +263,10 @@ def _postures(found: Diagnosis, plan: DiscriminationPlan) -> Table:
 
 
 def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
-    """One planned posture as a row."""
+    """One planned posture as a row: number, joints [deg or mm], sides of approach, payload [kg].
+
+    Sides and payload have a column only where the plan varies them.
+    """
     rows = plan.rows
     values = [fixed(float(v) * joint_unit(j.type)[1]) for v, j in zip(rows.q[i], robot.joints, strict=True)]
     sides = ["upwards" if rows.approach[i, j] > 0 else "downwards" for j in plan.sided]

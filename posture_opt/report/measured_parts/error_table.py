@@ -37,7 +37,10 @@ def held_out_sentence(by: str, rounds: int) -> str:
 
 
 def error_cells(s: Statistics) -> tuple[str, ...]:
-    """Lengths of position errors in mm, without the name of the model."""
+    """Lengths of position errors in mm, without the name of the model.
+
+    RMS, its 95 % interval, mean, the length that 95 % do not exceed, and maximum, as `ERROR_HEADERS` names them.
+    """
     low, high = (value * 1e3 for value in s.interval)
     decimals = decimals_of(high, 3)
     return (mm(s.rms), f"{fixed(low, decimals)} to {fixed(high, decimals)}", mm(s.mean), mm(s.p95), mm(s.max))

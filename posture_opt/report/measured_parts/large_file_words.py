@@ -29,7 +29,10 @@ def thinned_words(large: LargeFile) -> str:
 
 
 def _block_words(large: LargeFile) -> str:
-    """How rows were drawn from a large file: by blocks of postures in the order in which they were measured."""
+    """How rows were drawn from a large file: by blocks of postures in the order in which they were measured.
+
+    One posture at random from every block keeps drift and workspace represented.
+    """
     thinning = large.thinning
     most = f", at most {thinning.most_of_posture} rows of each"
     if thinning.postures_used >= thinning.postures:

@@ -61,7 +61,10 @@ def file_words(file: OtherFile) -> str:
 
 
 def range_items(file: OtherFile, models: Mapping[str, str]) -> tuple[str | Table, ...]:
-    """Errors of rows inside and outside the joint ranges that were measured; nothing where all lie inside."""
+    """Errors of rows inside and outside the joint ranges that were measured; nothing where all are inside.
+
+    A sentence with the joints that leave their range, and a table of RMS errors [mm] with a row a model.
+    """
     out = int(file.outside.sum())
     if not out:
         return ()

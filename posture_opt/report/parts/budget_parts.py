@@ -39,7 +39,7 @@ def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: s
 
 
 def main_fact(arm: Arm, groups: Sequence[ShareGroup]) -> tuple[str, str]:
-    """The largest contributions in one line."""
+    """The largest contributions in one line: at most three sources with their shares of the variance [%]."""
     largest = [
         f"{group_words(group, arm)} {_share(group.share)}" for group in groups[:_MAX_NAMED_SOURCES] if group.share > 0
     ]
@@ -47,7 +47,10 @@ def main_fact(arm: Arm, groups: Sequence[ShareGroup]) -> tuple[str, str]:
 
 
 def main_groups(groups: Sequence[ShareGroup]) -> tuple[list[ShareGroup], list[ShareGroup]]:
-    """The lines that are shown one by one, and those that are lumped: none or at least two."""
+    """The lines that are shown one by one, and those that are lumped: none or at least two.
+
+    Shown are groups of at least 1 % of the variance, twelve at most, and always the first one.
+    """
     shown = [group for group in groups if group.share >= _MIN_SHARE][:_MAX_LINES] or list(groups[:1])
     rest = [group for group in groups if group not in shown]
     return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)

@@ -56,7 +56,10 @@ _MIN_SHIFT_M = 1e-7  # m
 
 
 def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """Name and size of the robot, and where its numbers come from."""
+    """Name and size of the robot, and where its numbers come from.
+
+    Source of the geometry, of the shape for collisions, and effects each have a line where they are known.
+    """
     robot: Robot = problem.robot
     size = f"{robot.n} joints"
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
@@ -77,7 +80,10 @@ def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:
 
 
 def input_facts(problem: ProblemData) -> list[tuple[str, str]]:
-    """What the task says, or leaves open, of the inputs that the effects depend on."""
+    """What the task says, or leaves open, of the inputs that the effects depend on.
+
+    Payload [kg], sides of approach, temperature [degC] and time [s], each where an effect of the arm needs it.
+    """
     texts = _inputs(problem.arm) if problem.arm.effects else []
     return [("Conditions", ", ".join(texts))] if texts else []
 
@@ -212,7 +218,11 @@ def _limits(joint: Joint) -> str:
 
 
 def joint_values(problem: HasSources, q: Vector) -> str:
-    """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
+    """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm.
+
+    Args:
+        q: (n,) [rad or m]; written with the digits of `joint_table`.
+    """
     digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
     joints = problem.arm.robot.joints
     return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
