@@ -69,7 +69,7 @@ def run(*words: str) -> Told:
             ["report and figures"],
             id="diagnose",
         ),
-        pytest.param(["--problem", "insert_scara_tray"], ["searching"], id="solve"),
+        pytest.param(["--problem", "insert_scara_tray"], ["searching"], id="solve", marks=pytest.mark.conformance),
     ],
 )
 def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str], tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def loaded(case: Draw, folder: Path) -> tuple[Any, Any]:
             (404, "planar", "joint_compliance", {"base": (-6, 7, 0), "turn": (2, 0, 0)}),
             (405, "scara", "gear_eccentricity", {"base": (3, -5, 1)}),
         ],
-        always=CASES[::4],
+        always=CASES[4:],
     ),
 )
 def test_a_base_that_is_off_is_named_and_what_is_hidden_beside_it_is_found(
@@ -95,7 +95,7 @@ FAMILIES = ("full", "kr16", "planar", "scara", "seven", "clean", "outside", "geo
     ("family", "seed"),
     conformance(
         product(FAMILIES, range(421, 425)),
-        [("full", 421), ("planar", 422), ("scara", 423), ("outside", 424), ("geometry", 421), ("clean", 422)],
+        [("planar", 422), ("scara", 423), ("clean", 422)],
     ),
 )
 def test_right_frames_are_not_named_whatever_is_hidden(family: str, seed: int, tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_right_frames_are_not_named_whatever_is_hidden(family: str, seed: int, t
     assert not po.calibrate(*loaded(case, tmp_path)).contradictions
 
 
-@pytest.mark.parametrize(("seed", "name"), [(431, "j2.theta"), (432, "j4.theta")])
+@pytest.mark.parametrize(("seed", "name"), conformance([(431, "j2.theta"), (432, "j4.theta")], [(431, "j2.theta")]))
 def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None:
     """A zero stated to 5 µrad and 8 mrad off; the others are right."""
     rng = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None
 
 
 @needs_real_arms
-@pytest.mark.parametrize("off", [0.0, 2.0, 5.0])
+@pytest.mark.parametrize("off", conformance([0.0, 2.0, 5.0], [0.0, 2.0]))
 def test_the_base_of_a_measured_arm_is_named_where_it_is_off(off: float) -> None:
     """The frames of a UR5 as its calibration found them, and the base stated some millimetres beside that."""
     free = po.load_problem(DATA / "jacobi_ur5" / "problem.yaml")

@@ -39,6 +39,7 @@ def arm(folder: Path, places: int, neighbours: int, seed: int) -> Calibration:
     return po.calibrate(po.problem_from_dict(PROBLEM), measured(folder, "data.csv", q, error, rng))
 
 
+@pytest.mark.large
 @pytest.mark.parametrize("seed", [1])
 def test_as_many_rows_as_tell_something_new(seed: int, tmp_path: Path) -> None:
     calibration = arm(tmp_path, 80, 12, seed)

@@ -18,6 +18,8 @@ from tests.golden.compare import differences
 LONG = {
     *("solve-insert_panda_block", "solve-dispense_panda", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt"),
     *("solve-weld_ur10", "solve-insert_ur10_plate", "solve-insert_ur10_cell", "diagnose-ur10", "calibrate-ur10"),
+    *("solve-insert_ur10_peg", "solve-insert_ur10_extended", "solve-kuka_iiwa14_sockets", "diagnose-batch"),
+    *("hidden-two-0", "hidden-kr16-0", "hidden-narrow-0"),
 }
 """Searches of some seconds: they run by ``pytest -m conformance``."""
 

@@ -12,6 +12,7 @@ import pytest
 from posture_opt.problem.load import problems_folder
 from tests.helpers import measured_ur10 as arm
 from tests.helpers.command_line import invoke
+from tests.helpers.variants import conformance
 
 LOAD, SIDE = 5.0, 1.0  # kg and side of shoulder_pan, as the task states them
 GRID = ["--grid", "3x2", "--min", "0.5 m, 0.1 m, 0.1 m", "--max", "0.8 m, 0.3 m, 0.1 m"]
@@ -55,7 +56,7 @@ def test_the_map_of_accuracy_tells_where_the_arm_lands_without_its_effects(exten
         assert np.linalg.norm(off) > 0.3e-3  # so that there is something to tell
 
 
-@pytest.mark.parametrize("purpose", ["parameters", "task"])
+@pytest.mark.parametrize("purpose", conformance(["parameters", "task"], ["task"]))
 def test_the_next_measurements_are_planned_with_the_extended_arm(purpose: str, extended: Path) -> None:
     found = run("plan-measurements", "--problem", extended, "--count", 12, "--for", purpose)
     assert len(found["postures"]) == 12

@@ -18,6 +18,7 @@ from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.report.page.style import FONT, WIDTH
 from posture_opt.report.scene import scene_image
 from posture_opt.result import Result
+from tests.helpers.variants import conformance
 
 _TELLS = 0.15  # of the way from black to white: what grey print tells apart
 _SLACK = 0.03  # inch: half a line or mark beyond its axes
@@ -59,7 +60,7 @@ RESULTS: dict[str, Callable[[], Result]] = {
 }
 
 
-@pytest.fixture(scope="module", params=list(RESULTS))
+@pytest.fixture(scope="module", params=conformance(RESULTS, ["planar", "in space", "map", "diagnosis"]))
 def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene_image, "_DPI", 40)  # the grain of the shaded arm changes no text

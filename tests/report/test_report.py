@@ -28,6 +28,7 @@ from posture_opt.uncertainty.simulation.cloud import cloud_of
 from tests.helpers import factors
 from tests.helpers.folders import names as names_in
 from tests.helpers.fresh import loaded_by
+from tests.helpers.variants import conformance
 
 DOWN = {"kind": "insert", "direction": [0, 0, -1]}
 PROBLEMS: dict[str, dict[str, Any]] = {
@@ -77,7 +78,7 @@ PROBLEMS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.fixture(scope="module", params=PROBLEMS)
+@pytest.fixture(scope="module", params=conformance(PROBLEMS, ["planar", "ur10"]))
 def solved(request: pytest.FixtureRequest) -> tuple[Any, Any]:
     problem = po.problem_from_dict(PROBLEMS[request.param])
     return problem, po.select_posture(problem)

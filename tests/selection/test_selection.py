@@ -149,6 +149,7 @@ def test_a_region_is_at_least_as_good_as_every_point_of_it() -> None:
         assert placed.critical.sigma_max <= selector.solve(position=point).critical.sigma_max * (1 + 1e-4)
 
 
+@pytest.mark.conformance  # always: a tilt that would do, test_a_tilt_that_would_do_is_measured_and_does
 def test_tilt_never_hurts_and_is_obeyed() -> None:
     task = {"position": ["0.5 m", "0.2 m", "0.2 m"]}
     straight = po.select_posture(problem("iiwa14", task))

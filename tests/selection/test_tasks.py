@@ -75,7 +75,9 @@ def test_every_task_is_solved_told_and_written(kind: str, robot: str) -> None:
     assert solution.critical.sigma_max <= worst * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(("kind", "robot"), conformance(product(SINGLE, FAR), [(kind, "scara") for kind in SINGLE]))
+@pytest.mark.parametrize(
+    ("kind", "robot"), conformance(product(SINGLE, FAR), [(kind, "scara") for kind in SINGLE[::3]])
+)
 def test_every_task_names_a_target_that_is_out_of_reach(kind: str, robot: str) -> None:
     with pytest.raises(NoSolutionError) as caught:
         po.select_posture(problem(robot, kind, position=FAR[robot]))
