@@ -18,7 +18,7 @@ from posture_opt.selection.select_posture import Answer, select_posture
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 
 CONVENTION = (
-    "Joint values are those of the joints of the model: its zeros and senses.",
+    "Joint values are those of the joints of the model: its zeros and directions.",
     "Check that the controller counts the same before the first run.",
 )
 

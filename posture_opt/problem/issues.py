@@ -211,7 +211,7 @@ def _unknown_task(key: KeyPath, value: Plain) -> Issue | None:
 
 def _unknown_word(key: KeyPath, value: Plain, words: Sequence[str]) -> Issue:
     """A value that is not one of the known words, with the nearest of them."""
-    message = "nothing stands here" if value is None else f"{as_given(value)} is not known here"
+    message = "nothing is given here" if value is None else f"{as_given(value)} is not known here"
     return Issue(message, key, value, one_of(str(value), words))
 
 
@@ -232,7 +232,7 @@ def _type_issue(key: KeyPath, kind: str, value: Plain, data: Plain, fallback: st
         message = fallback.removeprefix("Input ").replace("valid ", "")
         return Issue(f"{message} (here {as_given(value)})", key, value)
     if value is None:
-        return Issue(f"nothing stands here, {expected} is expected", key, value, _such_as(key, data))
+        return Issue(f"nothing is given here, {expected} is expected", key, value, _such_as(key, data))
     hint = f"put it in quotes: '{value}'" if kind == "string_type" and not _container(value) else _such_as(key, data)
     return Issue(f"{as_given(value)} is not {expected}", key, value, hint)
 

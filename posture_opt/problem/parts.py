@@ -201,13 +201,13 @@ def input_notes(arm: Arm) -> tuple[str, ...]:
     unknown = [joint for joint in unknown if joint not in arm.inputs.stated]
     notes = []
     if unknown:
-        hint = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
+        hint = f"task: {{approach: {{{unknown[0]}: 1}}}} states it"
         notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({hint})")
     left = [effect for effect in arm.effects if not effect.for_planning]
     timed = {effect.kind for effect in left if "time" in effect.needs}
     if timed:
         time = float(arm.inputs.time)
-        when = f"{time:g} s after the first measurement" if time else "at its beginning (task: {time: 2 h} tells when)"
+        when = f"{time:g} s after the first measurement" if time else "at its beginning (task: {time: 2 h} says when)"
         notes.append(f"{', '.join(sorted(timed))}: planned as {when}")
     read = {effect.kind for effect in left} - timed
     if read:

@@ -43,7 +43,7 @@ class ProblemSpec(Spec):
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="where the scatter comes from")
     task: SerializeAsAny[Task] | None = Field(None, description=_TASK_WORDS)
-    cell: CellSpec | None = Field(None, description="what stands around the arm; none leaves collisions unchecked")
+    cell: CellSpec | None = Field(None, description="obstacles around the arm; none leaves collisions unchecked")
     effects: tuple[SerializeAsAny[CatalogueEntry], ...] = Field((), description=_EFFECTS_WORDS)
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")

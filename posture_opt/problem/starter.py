@@ -28,7 +28,7 @@ $robot
   # tool: {xyz: [0 m, 0 m, 0.1 m], rpy: [0 deg, 0 deg, 0 deg]}   # the tool point in the flange
   # payload: 2 kg
 
-# cell:                             # what stands around the arm, in the world; cell: none checks no collisions at all
+# cell:                             # obstacles around the arm, in the world; cell: none checks no collisions at all
 #   obstacles:
 #     - {name: table, kind: box, size: [1.2 m, 0.8 m, 20 mm], xyz: [0.5 m, 0 m, -10 mm]}
 #     - {name: post, kind: cylinder, radius: 60 mm, length: 0.8 m, xyz: [0.3 m, 0.5 m, 0.4 m]}

@@ -215,7 +215,7 @@ class _Reader:
             name = self._name(name_node, key)
             if name in data:
                 first = self.lines[(*key, name)]
-                message = f"the key stands twice, first in line {first}"
+                message = f"the key is given twice, first in line {first}"
                 self.issues.append(Issue(message, (*key, name), None, "keep one of the two", self.file, line))
                 continue
             self.lines[(*key, name)] = line

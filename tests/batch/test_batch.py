@@ -301,4 +301,4 @@ def test_a_batch_whose_postures_are_measured_once_does_not_tell_which_joint_scat
     assert document["unexplained"]["p_value"] < 0.002
     text = " ".join(render(batch_diagnosis_report(found)).split())
     assert "The errors grow with joint1, as if it scattered" in text
-    assert "too few postures are repeated to tell scatter from structure" in text
+    assert "too few postures are repeated to discriminate scatter from structure" in text

@@ -55,7 +55,7 @@ def rapid(files: Files, types: Sequence[str]) -> list[list[float]]:
 
 
 def jointstate(files: Files, types: Sequence[str]) -> list[list[float]]:
-    """The YAML of a message; a point where the arm waits stands twice."""
+    """The YAML of a message; a point where the arm waits is in it twice."""
     (text,) = files.values()
     message = yaml.safe_load(text)
     if "position" in message:

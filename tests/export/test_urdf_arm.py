@@ -89,7 +89,7 @@ def test_so_does_an_arm_that_came_as_urdf(source: str, tmp_path: Path) -> None:
 
 
 def test_axes_in_any_direction(tmp_path: Path) -> None:
-    """Axes against a coordinate axis and askew: zeros and senses are those of the model's joints."""
+    """Axes against a coordinate axis and askew: zeros and directions are those of the model's joints."""
     joints = "".join(
         f'<link name="l{k + 1}"/><joint name="q{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/>'
         f'<origin xyz="0.1 {k} 0.3" rpy="0.2 {pitch} -0.7"/><axis xyz="{axis}"/>'

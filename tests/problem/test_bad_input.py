@@ -123,7 +123,7 @@ CASES = {
     "duplicate key": (
         "task: {kind: insert}\ntask: {kind: drill}",
         8,
-        "task: the key stands twice, first in line 7",
+        "task: the key is given twice, first in line 7",
         "",
     ),
     "beyond a bound": ("task: {kind: insert, tilt: 100 deg}", 7, "task.tilt: must be 90 deg or less", ""),

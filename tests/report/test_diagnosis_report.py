@@ -80,7 +80,7 @@ def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_p
     assert (asked["target"], asked["times"], len(asked["lines"])) == ("joint2", 5, 5)
     assert asked["lines"] == [int(line) for line in found.repeat_plans[0].rows.line]
     text = text_of(found)
-    assert "Errors grow with joint2: repeat 5 postures 5 times each to tell scatter from structure." in text
+    assert "Errors grow with joint2: repeat 5 postures 5 times each to discriminate scatter from structure." in text
     assert f"measure the postures of lines {', '.join(map(str, asked['lines']))} 5 times each" in text
     assert "noise alone" not in text
     assert "measurement noise" not in text

@@ -93,7 +93,7 @@ def uneven_words(errors: UnevenErrors) -> str:
     text = f"{errors.effect.uneven_words.format(target=errors.effect.target)} ({p_words(errors.p_value)})"
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
-    return f"{text}; too few postures are repeated to tell scatter from structure."
+    return f"{text}; too few postures are repeated to discriminate scatter from structure."
 
 
 def _to_repeat(plan: RepeatPlan) -> str:

@@ -78,7 +78,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     warnings = () if explained else found.request.data.warnings
     doubts = [sentence(note) for note in dict.fromkeys((*warnings, *found.fit.notes))]
     more = (
-        (f"{len(doubts) - _MAX_LEAD_NOTES} more notes of this kind stand under Data.",)
+        (f"{len(doubts) - _MAX_LEAD_NOTES} more notes of this kind are under Data.",)
         if len(doubts) > _MAX_LEAD_NOTES
         else ()
     )

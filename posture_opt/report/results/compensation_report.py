@@ -167,7 +167,7 @@ def rows_block(found: Compensation) -> Block:
         for k in range(min(len(found), _MAX_ROWS))
     )
     more = [f"{count(len(found) - _MAX_ROWS, 'row')} more in compensated.csv."] if len(found) > _MAX_ROWS else []
-    text = "Joint values are those of the model's joints, with its zeros and senses."
+    text = "Joint values are those of the model's joints, with its zeros and directions."
     views = tuple(f"line-{row[0]}" for row in rows)
     return Block("Compensated joint values", (text, Table(headers, rows, text_columns=0, views=views), *more))
 
