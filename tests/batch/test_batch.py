@@ -76,6 +76,7 @@ def index(found: Batch) -> list[int]:
     return [found.names.index("joint1.a"), found.names.index("joint2.a")]
 
 
+@pytest.mark.conformance
 def test_lengths_that_vary_together_are_found(batch: tuple[Batch, np.ndarray]) -> None:
     found, cut = batch
     first = found.pairs[0]

@@ -68,8 +68,9 @@ def run(*words: str) -> Told:
             ["diagnose", "problems/planar_2r_measured.csv", "--problem", "insert_planar_2r_measured", "--out", "OUT"],
             ["report and figures"],
             id="diagnose",
+            marks=pytest.mark.conformance,
         ),
-        pytest.param(["--problem", "insert_scara_tray"], ["searching"], id="solve", marks=pytest.mark.conformance),
+        pytest.param(["--problem", "insert_scara_tray"], ["searching"], id="solve"),
     ],
 )
 def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str], tmp_path: Path) -> None:

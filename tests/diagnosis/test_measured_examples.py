@@ -50,6 +50,7 @@ def test_the_loaded_files_hold_what_the_simulator_measures() -> None:
         assert np.allclose(table, loaded.rows(count, seed), rtol=0, atol=1e-3)  # µm, and thousandths of a degree
 
 
+@pytest.mark.conformance
 def test_what_is_hidden_in_the_loaded_arm_is_found_and_the_plan_with_it_hits() -> None:
     problem = load_builtin("insert_ur10_measured")
     data, other = (po.read_measurements(problems_folder() / f"{n}.csv", problem) for n in LOADED)
@@ -111,6 +112,7 @@ def test_sixty_postures_measured_once_do_not_tell_which_joint_scatters() -> None
     assert set(found.to_json()["unexplained"]["place"]) == {"joint1", "joint2"}
 
 
+@pytest.mark.conformance
 def test_a_real_arm_comes_with_the_program() -> None:
     problem = load_builtin("kuka_iiwa14_sockets")
     data = po.read_measurements(problems_folder() / "kuka_iiwa14_sockets.csv", problem)

@@ -96,6 +96,7 @@ def test_a_calibration_finds_the_standard_errors_that_were_promised() -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.conformance
 def test_the_tool_point_at_the_task_is_as_sure_as_was_promised() -> None:
     plan, problem = plan_of("task"), task_problem()
     B, off = plan.target.basis, []

@@ -15,19 +15,17 @@ from tests.golden.__main__ import FOLDER
 from tests.golden.cases import Case, document, quick
 from tests.golden.compare import differences
 
-LONG = {
-    *("solve-insert_panda_block", "solve-dispense_panda", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt"),
-    *("solve-weld_ur10", "solve-insert_ur10_plate", "solve-insert_ur10_cell", "diagnose-ur10", "calibrate-ur10"),
-    *("solve-insert_ur10_peg", "solve-insert_ur10_extended", "solve-kuka_iiwa14_sockets", "diagnose-batch"),
-    *("hidden-two-0", "hidden-kr16-0", "hidden-narrow-0"),
+ALWAYS = {
+    *("solve-insert_planar_2r", "solve-insert_panda", "solve-trace_planar_2r", "solve-weld_planar_2r"),
+    *("solve-insert_scara_cell", "calibrate-planar", "plan-planar", "map-panda", "hidden-planar-0", "hidden-clean-0"),
 }
-"""Searches of some seconds: they run by ``pytest -m conformance``."""
+"""One document of a kind runs always; the others run by ``pytest -m conformance``."""
 
 
 @pytest.mark.parametrize(
     ("name", "case"),
     [
-        pytest.param(name, case, id=name, marks=pytest.mark.conformance if name in LONG else ())
+        pytest.param(name, case, id=name, marks=() if name in ALWAYS else pytest.mark.conformance)
         for name, case in quick()
     ],
 )

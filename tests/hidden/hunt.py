@@ -88,7 +88,7 @@ def hunt(cases: list[Case], options: argparse.Namespace) -> list[dict[str, Any]]
     """All trials: here, in worker processes, or on the cluster of a scheduler."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # the workers share the cores, and inherit this
-    from posture_opt.workers import chosen_workers as opened
+    from posture_opt.workers import opened
     from posture_opt.workers.dask_cluster import scheduled
 
     pool = scheduled(options.scheduler, options.workers) if options.scheduler else opened(options.workers)

@@ -48,6 +48,7 @@ def test_what_tilts_a_planar_arm_is_no_cause_in_its_plane(tmp_path: Path) -> Non
     assert all(e["p_value"] < 0.05 for e in geometry)
 
 
+@pytest.mark.conformance
 def test_two_effects_are_both_named(tmp_path: Path) -> None:
     found, answer = hunted(tmp_path, "two", 100.0)
     assert found["inside"], (found["truth"], answer["verdict"], found["named"], found["confounded"])

@@ -535,6 +535,7 @@ def test_presets_know_their_joints(name: str) -> None:
     assert po.read_measurements(table, problem).joint_names == robot.joint_names
 
 
+@pytest.mark.large
 def test_a_hundred_thousand_rows(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     q = rng.uniform(-2.5, 2.5, (2000, 6))

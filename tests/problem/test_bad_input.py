@@ -427,6 +427,7 @@ def places(data: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from places(value, (*place, key))
 
 
+@pytest.mark.fuzz
 def test_junk_anywhere_is_told_in_plain_words() -> None:
     whole = parse_yaml(WHOLE).data
     problem_from_dict(whole)

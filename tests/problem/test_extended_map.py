@@ -39,6 +39,7 @@ def landed(target: dict[str, Any]) -> np.ndarray:
     return arm.reached(q, LOAD, SIDE) - target["position"]
 
 
+@pytest.mark.conformance
 def test_the_true_arm_hits_every_target_of_the_map(extended: Path) -> None:
     found = run("map", "--problem", extended, *GRID)
     assert len(found["targets"]) == 6
@@ -47,6 +48,7 @@ def test_the_true_arm_hits_every_target_of_the_map(extended: Path) -> None:
         assert np.linalg.norm(across) < SURE * target["sigma_max"] < 0.06e-3
 
 
+@pytest.mark.conformance
 def test_the_map_of_accuracy_tells_where_the_arm_lands_without_its_effects(extended: Path) -> None:
     found = run("map", "--problem", extended, "--quantity", "accuracy", *GRID)
     assert found["effects"] == 2
@@ -57,6 +59,7 @@ def test_the_map_of_accuracy_tells_where_the_arm_lands_without_its_effects(exten
 
 
 @pytest.mark.parametrize("purpose", conformance(["parameters", "task"], ["task"]))
+@pytest.mark.conformance
 def test_the_next_measurements_are_planned_with_the_extended_arm(purpose: str, extended: Path) -> None:
     found = run("plan-measurements", "--problem", extended, "--count", 12, "--for", purpose)
     assert len(found["postures"]) == 12

@@ -272,6 +272,7 @@ def test_a_planar_arm_keeps_its_plane(tmp_path: Path) -> None:
     assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias)[:2] < 5 * sigma / np.sqrt(n) + 1e-7)
 
 
+@pytest.mark.conformance
 def test_compiled_exported_and_interpreted_covariances_agree(uncertain: dict[str, Problem], tmp_path: Path) -> None:
     problem = uncertain["unknown"]
     Q = np.random.default_rng(3).uniform(-2, 2, (7, 6))
@@ -390,6 +391,7 @@ def test_predictions_hold_all_over_the_workspace(world: World) -> None:
     assert np.mean(distances) < 6.0
 
 
+@pytest.mark.conformance
 def test_inputs_of_the_task_change_the_answer(world: World) -> None:
     q = np.array(solved(world.extended).q)
     here = po.propagate(world.extended, q).position

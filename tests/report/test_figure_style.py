@@ -60,7 +60,7 @@ RESULTS: dict[str, Callable[[], Result]] = {
 }
 
 
-@pytest.fixture(scope="module", params=conformance(RESULTS, ["planar", "in space", "map", "diagnosis"]))
+@pytest.fixture(scope="module", params=conformance(RESULTS, ["planar", "in space", "map"]))
 def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene_image, "_DPI", 40)  # the grain of the shaded arm changes no text

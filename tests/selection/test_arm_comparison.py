@@ -90,6 +90,7 @@ def test_arms_with_other_joints_do_not_judge_each_other():
     assert "different joints" in found.report()
 
 
+@pytest.mark.conformance
 def test_features_are_judged_at_the_worst_of_them():
     tray = po.load_problem("insert_scara_tray")
     found = po.compare({"a": tray, "b": tray.with_robot({**tray.document["robot"], "payload": "1 kg"})})

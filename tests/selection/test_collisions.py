@@ -79,6 +79,7 @@ def test_a_selector_keeps_clear_at_every_target() -> None:
     assert 0 < with_rows < 5  # both ways
 
 
+@pytest.mark.conformance
 def test_every_target_of_a_map_keeps_clear() -> None:
     problem = problem_in_cell("scara", SCARA_POST, clearance="10 mm", position=["0.2 m", "0.15 m", "-80 mm"])
     found = po.map_targets(problem, counts=(5, 5), low=(0.1, 0.0, -0.08), high=(0.35, 0.25, -0.08), compiled=False)

@@ -120,6 +120,7 @@ def test_fixed_placement_gives_the_single_solves() -> None:
     assert fixed.sigma > found.sigma
 
 
+@pytest.mark.conformance
 def test_document_holds_what_the_interface_says() -> None:
     problem, found = solved("insert_scara_tray, success")
     document = found.to_json()
@@ -192,6 +193,7 @@ def test_failure_names_the_feature_and_a_move_that_suffices() -> None:
     assert po.select_posture(problem.with_task(workpiece=there)).status == "optimal"
 
 
+@pytest.mark.conformance
 def test_turning_the_part_is_told_where_that_suffices() -> None:
     stands = {"x": "0.9 m", "y": "0 m", "z": "0.1 m"}
     problem = plate(workpiece=stands, features=[{"name": "far", "position": ["0.5 m", "0 m", "0 m"]}])
@@ -233,6 +235,7 @@ def test_what_takes_one_target_says_so() -> None:
     assert not problem.with_task(position=["0.6 m", "0 m", "0.1 m"]).task.features
 
 
+@pytest.mark.conformance
 def test_the_worst_feature_stands_for_all_where_one_posture_is_asked_for() -> None:
     problem, found = solved("insert_scara_tray")
     posture = planned_posture(problem)
@@ -245,6 +248,7 @@ def test_the_worst_feature_stands_for_all_where_one_posture_is_asked_for() -> No
     assert predicted_error.distance < 1e-6
 
 
+@pytest.mark.conformance
 def test_workers_do_not_change_the_answer() -> None:
     problem, found = solved("insert_scara_tray")
     again = po.select_posture(problem, workers=2)

@@ -153,6 +153,7 @@ class TestWhatIsOffered:
         assert po.select_posture(po.problem_from_dict(moved)).status != "infeasible"
 
 
+@pytest.mark.conformance
 def test_the_move_is_the_least_one() -> None:
     """No point nearer to the target is reached with the axis held: some points on a sphere of 99 % of the distance."""
     data = asked("panda", FAR["panda"])

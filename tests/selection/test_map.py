@@ -121,6 +121,7 @@ def test_the_answer_does_not_depend_on_the_workers() -> None:
     np.testing.assert_array_equal(alone.postures, shared.postures)
 
 
+@pytest.mark.conformance
 def test_a_spatial_map_is_as_good_as_thorough_solves() -> None:
     problem = load_builtin("insert_ur10")
     found = map_targets(problem, counts=(3, 2), low=(0.45, -0.2, 0.1), high=(0.95, 0.3, 0.1))

@@ -78,6 +78,7 @@ def test_planar_motion_is_the_best_of_all_sequences_of_elbows():
     assert found.status == "optimal"
 
 
+@pytest.mark.conformance
 def test_panda_is_as_good_as_its_self_motion_searched_on_a_grid():
     """Six effective joints and five rows: one freedom, of which joint 3 is the coordinate."""
     points = bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 6)
@@ -299,6 +300,7 @@ def test_built_in_seams_come_near_their_bound(path):
     assert found.bound * (1 - 1e-6) <= found.critical.sigma_max <= 1.03 * found.bound
 
 
+@pytest.mark.conformance
 def test_a_placed_path_is_as_good_as_the_best_on_a_grid_of_placements():
     points = arc(4, centre=(0.0, 0.0), radius=0.15)
     free = {"x": ["0.5 m", "1.3 m"], "y": ["-0.2 m", "0.9 m"]}

@@ -317,6 +317,7 @@ def test_a_tilt_that_would_do_is_measured_and_does() -> None:
     assert enough.status in ("optimal", "feasible")
 
 
+@pytest.mark.conformance
 def test_a_further_requirement_in_the_way_is_named() -> None:
     task = {
         "position": ["0.6 m", "0.2 m", "0.3 m"],
@@ -327,6 +328,7 @@ def test_a_further_requirement_in_the_way_is_named() -> None:
     assert reason.amount > 0.3
 
 
+@pytest.mark.large
 def test_a_target_that_nothing_reaches_is_not_searched_for_again_and_again() -> None:
     # A further requirement does not bring a target into reach: the effort is that without it.
     task: dict[str, Any] = {"position": ["2.5 m", "0.3 m", "0.1 m"]}

@@ -18,7 +18,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from posture_opt.workers import chosen_workers as opened
+from posture_opt.workers import opened
 from posture_opt.workers.dask_cluster import scheduled
 from tests.helpers.command_line import invoke
 from tests.workers.parts import deadly, failing, squared
