@@ -70,7 +70,7 @@ def run(*words: str) -> Told:
             id="diagnose",
             marks=pytest.mark.conformance,
         ),
-        pytest.param(["--problem", "insert_scara_tray"], ["searching"], id="solve"),
+        pytest.param(["--problem", "insert_ur10_plate"], ["searching"], id="solve"),
     ],
 )
 def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str], tmp_path: Path) -> None:

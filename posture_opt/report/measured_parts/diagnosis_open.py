@@ -113,8 +113,8 @@ def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
     joints, one = " and ".join(plan.target for plan in plans[:2]), plans[0]
     more = f" and {count(len(plans) - 2, 'more joint')}" if len(plans) > 2 else ""
     return (
-        f"Errors grow with {joints}{more}: repeat {count(len(one.rows), 'posture')} {one.times} times each to tell "
-        "scatter from structure.",
+        f"Errors grow with {joints}{more}: repeat {count(len(one.rows), 'posture')} {one.times} times each to "
+        "discriminate scatter from structure.",
     )
 
 
