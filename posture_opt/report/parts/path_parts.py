@@ -80,9 +80,10 @@ def path_workpiece(found: Solution) -> list[tuple[str, str]]:
 
 
 def points_block(found: Solution) -> Block:
-    """The postures of some points, evenly along the path."""
+    """The postures of some points, evenly along the path, and of the listed point with the largest spread."""
     robot, listed = found.optimisation_problem.robot, np.flatnonzero(found.path.listed)
-    shown = listed[np.unique(np.linspace(0, len(listed) - 1, min(_MAX_POINTS_SHOWN, len(listed))).round().astype(int))]
+    even = np.linspace(0, len(listed) - 1, min(_MAX_POINTS_SHOWN, len(listed))).round().astype(int)
+    shown = listed[np.union1d(even, np.argmax(found.motion.sigma[listed]))]
     unit, factor = length_unit(found.motion.sigma.tolist())
     heads = ["point", f"std. dev. [{unit}]", *(f"{c} [mm]" for c in "xyz")]
     heads += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
