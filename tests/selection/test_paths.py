@@ -11,6 +11,8 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import problems_folder
+from posture_opt.report.parts.path_parts import points_block
+from posture_opt.report.text.blocks import Table
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, between, tangents
@@ -239,6 +241,14 @@ def test_a_seam_is_followed_at_its_stand_off():
     np.testing.assert_allclose(found.path.points - problem.task.points, [[0, 0.01, 0]] * 5, atol=1e-12)
     tool = [point["tool"]["position"] for point in found.to_json()["path"]]
     np.testing.assert_allclose(tool, found.path.points, atol=1e-8)
+
+
+def test_the_table_of_a_long_path_has_the_point_that_the_headline_names():
+    found = po.select_posture(planar(arc(17, centre=(0.5, 0.9))))
+    assert found.worst_station == "point 2"  # which an even choice of 8 of 17 points leaves out
+    table = points_block(found).items[0]
+    assert isinstance(table, Table)
+    assert [row[0] for row in table.rows[:3]] == ["1", "2", "3"]
 
 
 def test_a_torch_points_along_the_seams_own_axes():
