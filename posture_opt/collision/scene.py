@@ -171,7 +171,7 @@ class Scene:
         k = int(np.argmin(least))
         return Clearance(float(least[k]), self.pairs[k])
 
-    def rows(self, q: ca.SX) -> list[ClearanceRow]:
+    def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
         """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
         (n,).
 
@@ -179,10 +179,14 @@ class Scene:
         true distance, and half of `smooth_bounds.SOFT_MINIMUM_WIDTH_M` for each doubling of pairs that are equally
         near. Pairs that thousands of random postures leave farther apart than the margin and `SEPARATION_M` have no
         part in it, and it never exceeds that.
+
+        Args:
+            q: (n,) joint values.
+            obstacles: in place of those of the scene: the same ones, smaller or moved by symbols.
         """
         placed, near = self.placed.symbols(q), self._near_pairs
         found = []
-        for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
+        for obstacle, chosen in zip(obstacles or self.obstacles, self.against, strict=True):
             close = [k for k in chosen if near[k, obstacle.name]]
             bounds = [bound for k in close for bound in self._obstacle_bounds(placed[k], obstacle, k)]
             if bounds:

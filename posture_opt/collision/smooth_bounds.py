@@ -69,7 +69,7 @@ def point_bound(start: ca.SX, along: ca.SX, length: float, point: Sequence[float
         point: (3,) middle of the sphere [m].
         radius: sum of both radii [m].
     """
-    w, size = start - ca.DM(list(point)), max(length**2, _MIN_DIVISOR)
+    w, size = start - ca.vertcat(*point), max(length**2, _MIN_DIVISOR)
     s = _settled(_clipped_share(-ca.dot(along, w) / size))
     nearest = w + s * along
     return _bounded_root(_least_value(ca.sumsqr(nearest), s, ca.dot(nearest, along), ca.SX(size))) - radius
@@ -99,7 +99,7 @@ def box_bound(start: ca.SX, along: ca.SX, half: Sequence[float], radius: float) 
         radius: of the capsule [m].
     """
     eps = 4 * BOUND_SLACK_M * 2 * radius
-    h = ca.DM(list(half))
+    h = ca.vertcat(*half)
 
     def excess(s: ca.SX) -> ca.SX:
         point = start + s * along

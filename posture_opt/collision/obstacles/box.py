@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.facets import rectangle
-from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
 from posture_opt.collision.segment_distances import to_box
 from posture_opt.collision.smooth_bounds import box_bound
 from posture_opt.numerics import Array
@@ -31,6 +31,15 @@ class Box(PlacedObstacle):
         """(3,) half sides [m], frame of the box."""
         x, y, z = self.size
         return x / 2, y / 2, z / 2
+
+    def smaller(self, by: Size) -> Self:
+        """The same box with sides shorter by ``2 by`` [m]."""
+        return self.model_copy(update={"size": tuple(side - 2 * by for side in self.size)})
+
+    @property
+    def half_thickness(self) -> float:
+        """Half of the shortest side [m]."""
+        return min(self.half)
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""

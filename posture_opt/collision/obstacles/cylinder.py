@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.facets import revolved
-from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
 from posture_opt.collision.segment_distances import to_cylinder
 from posture_opt.collision.smooth_bounds import cylinder_bound
 from posture_opt.numerics import Array
@@ -26,6 +26,15 @@ class Cylinder(PlacedObstacle):
     radius: Side
     """[m]; ``length`` [m] along z of its frame."""
     length: Side
+
+    def smaller(self, by: Size) -> Self:
+        """The same cylinder, its radius smaller by ``by`` and its length by ``2 by`` [m]."""
+        return self.model_copy(update={"radius": self.radius - by, "length": self.length - 2 * by})
+
+    @property
+    def half_thickness(self) -> float:
+        """The radius or half the length [m], whichever is less."""
+        return min(self.radius, self.length / 2)
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
 from pydantic import field_validator
 
 from posture_opt.collision.facets import rectangle
-from posture_opt.collision.obstacles.obstacle import Obstacle
+from posture_opt.collision.obstacles.obstacle import Obstacle, Size
 from posture_opt.collision.segment_distances import to_half_space
 from posture_opt.collision.smooth_bounds import half_space_bounds
 from posture_opt.errors import BadValueError
@@ -50,6 +51,20 @@ class HalfSpace(Obstacle):
         x, y, z = self.normal
         size = math.hypot(x, y, z)
         return x / size, y / size, z / size
+
+    def smaller(self, by: Size) -> Self:
+        """The same half-space with its surface ``by`` [m] farther in."""
+        return self.model_copy(update={"offset": self.offset - by})
+
+    @property
+    def half_thickness(self) -> float:
+        """Infinite: there is always something left."""
+        return math.inf
+
+    def moved(self, shift: Sequence[Size]) -> Self:
+        """The same half-space shifted by (3,) [m], world: only the part along its normal counts."""
+        along = sum(n * d for n, d in zip(self.unit_normal, shift, strict=True))
+        return self.model_copy(update={"offset": self.offset + along})
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) least height of segments (..., 3) over the surface [m], world; negative by the depth below it."""

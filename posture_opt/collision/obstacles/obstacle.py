@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -19,6 +20,8 @@ from posture_opt.units import Angle, Length
 
 Side = Annotated[Length, Field(gt=0)]
 """A length greater than zero [m]."""
+Size = float | ca.SX
+"""A length [m] as a number or as a symbol."""
 Points = tuple[ca.SX, ca.SX]
 """Start (3,) of a segment and the vector (3,) to its end [m]."""
 
@@ -61,6 +64,21 @@ class Obstacle(Spec):
         """
 
     @abstractmethod
+    def smaller(self, by: Size) -> Self:
+        """The same solid with every face ``by`` [m] farther in; a symbol gives one whose `bounds` are expressions of
+        it.
+        """
+
+    @property
+    @abstractmethod
+    def half_thickness(self) -> float:
+        """By how much [m] it can be made smaller before nothing of it is left."""
+
+    @abstractmethod
+    def moved(self, shift: Sequence[Size]) -> Self:
+        """The same solid shifted by (3,) [m], world; symbols give one whose `bounds` are expressions of them."""
+
+    @abstractmethod
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its surface [m], world, for drawing.
 
@@ -88,7 +106,11 @@ class PlacedObstacle(Obstacle):
     def local_symbols(self, start: ca.SX, along: ca.SX) -> Points:
         """A segment of the world, its start (3,) and the vector to its end (3,) [m], in its frame."""
         R = ca.DM(self.rotation.T)
-        return R @ (start - ca.DM(list(self.xyz))), R @ along
+        return R @ (start - ca.vertcat(*self.xyz)), R @ along
+
+    def moved(self, shift: Sequence[Size]) -> Self:
+        """The same solid with its origin shifted by (3,) [m], world."""
+        return self.model_copy(update={"xyz": tuple(x + d for x, d in zip(self.xyz, shift, strict=True))})
 
     @property
     def placed(self) -> Array:

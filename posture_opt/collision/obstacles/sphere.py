@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.collision.facets import capsule_facets
-from posture_opt.collision.obstacles.obstacle import Obstacle, Side
+from posture_opt.collision.obstacles.obstacle import Obstacle, Side, Size
 from posture_opt.collision.segment_distances import to_point
 from posture_opt.collision.smooth_bounds import point_bound
 from posture_opt.numerics import Array
@@ -24,6 +25,19 @@ class Sphere(Obstacle):
     radius: Side
     """[m]; ``xyz`` (3,) its middle [m], world."""
     xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+
+    def smaller(self, by: Size) -> Self:
+        """The same sphere with a radius smaller by ``by`` [m]."""
+        return self.model_copy(update={"radius": self.radius - by})
+
+    @property
+    def half_thickness(self) -> float:
+        """The radius [m]."""
+        return self.radius
+
+    def moved(self, shift: Sequence[Size]) -> Self:
+        """The same sphere with its middle shifted by (3,) [m], world."""
+        return self.model_copy(update={"xyz": tuple(x + d for x, d in zip(self.xyz, shift, strict=True))})
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; negative where they enter it."""
