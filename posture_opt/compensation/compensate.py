@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of
 from posture_opt.compensation.compensation import Compensation, joint_column
 from posture_opt.compensation.expected_miss import expected_miss
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
+from posture_opt.compensation.refusal import refusal_text
 from posture_opt.compensation.targets import Targets, read_targets
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
-from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
@@ -29,9 +27,6 @@ from posture_opt.units import number
 _MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
 _FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
 _JOINT_TOLERANCE = 1e-10  # rad or m
-_LIMIT_TOLERANCE = 1e-9  # rad or m
-_OTHER_UNIT_LENGTHS = 3.0  # times the length of the arm: a target beyond is probably in another unit
-_MAX_LISTED_LINES = 20  # lines named in an error
 _TOOL_AXIS = (0.0, 0.0, 1.0)
 _RANDOM_STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
 _KEPT_STARTS = 24  # of them, those that come nearest
@@ -72,14 +67,16 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
     digits = joint_digits(problem, exact)
     q = _rounded_joints(problem.robot, rows, exact, digits)
     came = arrivals_of(problem.arm, rows, q)
+    reasons = _off_plane(solver, problem.arm.under(came.inputs(problem.arm, rows)), wanted, q)
+    reached[list(reasons)] = False
     found = Compensation(
-        problem, rows, wanted, near, q, digits, reached,
+        problem, rows, wanted, near, q, digits, reached, reasons,
         before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals_of(problem.arm, rows, near)),
         after=expected_miss(problem.arm, problem.sources, rows, wanted, q, came),
         unsettled=_sided_joints(problem.arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
-        raise NoSolutionError(_out_of_reach(found, solver), found)
+        raise NoSolutionError(refusal_text(found), found)
     return found
 
 
@@ -132,6 +129,16 @@ def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
     return Poses(position, turned.transpose(0, 2, 1) @ wanted.rotation)
 
 
+def _off_plane(solver: NearestPostures, arm: Arm, wanted: Poses, q: Array) -> dict[int, str]:
+    """Row -> why it is refused, of targets outside of the plane that the arm moves in; its postures are q (N, n)."""
+    p, bare = np.asarray(arm.position(q), dtype=float), np.asarray(Arm(arm.robot).position(q), dtype=float)
+    distance = solver.off_plane(p, p - bare, wanted)
+    return {
+        int(k): f"the target lies {number(1e3 * distance[k])} mm outside the plane that this arm moves in"
+        for k in np.flatnonzero(distance)
+    }
+
+
 def _rounded_joints(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
     """Joint values (N, n) [rad or m] as they are written: rounded in the unit of each column."""
     columns = []
@@ -145,48 +152,6 @@ def _sided_joints(arm: Arm) -> Mask:
     """Joints (n,) that have an effect which depends on the side of arrival."""
     asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
     return np.array([joint.name in asked for joint in arm.robot.joints])
-
-
-def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
-    """The message of an error: a line for each target that is not reached, how far off, and joints at limits."""
-    bad = np.flatnonzero(~found.reached)
-    places = [
-        f"{found.targets.file}:{found.targets.line[k]}: {_unreached_reason(found, k)}" for k in bad[:_MAX_LISTED_LINES]
-    ]
-    more = [f"and {len(bad) - _MAX_LISTED_LINES} more"] if len(bad) > _MAX_LISTED_LINES else []
-    head = f"{len(bad)} of {len(found)} targets cannot be reached"
-    return "\n".join([head, *places, *more, *_why_all(found, solver)])
-
-
-def _why_all(found: Compensation, solver: NearestPostures) -> tuple[str, ...]:
-    """A hint where every target is farther off than the arm is long: another unit, or another frame."""
-    if not solver.beyond(found.wanted).all():
-        return ()
-    robot = found.problem.robot
-    first, longest = stretched(robot)
-    distance = float(np.linalg.norm(found.wanted.position - first, axis=1).min())
-    if distance > _OTHER_UNIT_LENGTHS * longest:
-        return (f"the arm stretches to {longest * 1e3:.0f} mm: is the unit of x, y, z right?",)
-    origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
-    return (
-        f"the arm stretches to {longest * 1e3:.0f} mm from its first joint, at ({origin}) mm in the world frame of the "
-        'problem file: if the targets are in the frame of the robot, add --base "0, 0, 0"',
-    )
-
-
-def _unreached_reason(found: Compensation, k: int) -> str:
-    """Why target k is not reached: distance or angle that is left, and the joints at their limits."""
-    robot = found.problem.robot
-    held = [
-        f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
-        for joint, value in zip(robot.joints, found.q[k], strict=True)
-        if min(value - joint.lower, joint.upper - value) < max(_LIMIT_TOLERANCE, found.digits.turn)
-    ]
-    because = f" ({', '.join(held)})" if held else ""
-    off, turned = found.after.off[k], found.after.turned[k]
-    if off > 10 * found.digits.turn * robot.length + 1e-6:
-        return f"the tool point stays {number(1e3 * off)} mm away{because}"
-    return f"the tool comes there only turned by {number(math.degrees(turned))} deg{because}"
 
 
 def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:

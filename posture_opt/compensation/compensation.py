@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,7 +34,7 @@ class Compensation(Result):
         near: (N, n) the postures to stay near [rad or m]: those given, else those of the nominal arm.
         q: (N, n) the compensated joint values, rounded to the digits that are written [rad or m].
         digits: how far they are rounded.
-        reached: (N,) whether the arm comes to the target.
+        reached: (N,) whether the arm comes to the target; ``reasons`` row -> why it is refused, where that is known.
         before: what is expected with ``near``; after: with ``q``.
         unsettled: (N, n) joints that hardly move, so that rounding decides from which side they arrive.
     """
@@ -45,6 +46,7 @@ class Compensation(Result):
     q: Array
     digits: JointDigits
     reached: Mask
+    reasons: Mapping[int, str]
     before: ExpectedMiss
     after: ExpectedMiss
     unsettled: Mask

@@ -84,7 +84,9 @@ class NearestPostures:
         self.robot: Robot = robot
         self._arm = Arm(robot)
         self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
-        self.directions: Array = Reach.of(self._arm, (0.0, 0.0, 1.0)).directions
+        reach = Reach.of(self._arm, (0.0, 0.0, 1.0))
+        self.directions: Array = reach.directions
+        self._normals, self._plane_slack = reach.normals, reach.plane_slack
         self._first, self._stretched = stretched(robot)
         self.turns: int = self._freedom() - self.directions.shape[1]
 
@@ -109,6 +111,16 @@ class NearestPostures:
                 one, q[row], _MAX_FIT_EVALUATIONS_BEYOND if beyond[row] else _MAX_FIT_EVALUATIONS
             )
         return q
+
+    def off_plane(self, p: Array, by_effects: Array, wanted: Poses) -> Array:
+        """(N,) distance [m] of targets from the plane, or line, that the arm moves its tool point in; 0 for in it.
+
+        Args:
+            p: (N, 3) where the tool point comes nearest to its target [m], world.
+            by_effects: (N, 3) shift of the tool point by effects, which may lead out of the plane [m].
+        """
+        off, allowed = (np.linalg.norm(v @ self._normals, axis=1) for v in (wanted.position - p, by_effects))
+        return np.asarray(np.where(off > self._plane_slack + allowed, off, 0.0))
 
     def beyond(self, wanted: Poses) -> Mask:
         """(N,) whether tool points are farther from the first joint than the arm is long: no posture gets there."""

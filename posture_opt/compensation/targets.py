@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.measurements.columns import AXES, Cells, Column, read_cells
+from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, known_columns
 from posture_opt.measurements.measurements import nominal_poses, still_axes
@@ -79,6 +79,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     if not len(cells.line) and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each target", table.line)
     faults.refuse()
+    check_inputs(cells, faults)
     near = _near_postures(cells, columns, robot, faults)
     position = _wanted_positions(cells, columns, robot)
     rotation = rotation_of(cells, columns, robot, faults)

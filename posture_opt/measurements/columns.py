@@ -21,6 +21,12 @@ AXES = ("x", "y", "z")
 LABELS = ("pose", "goal", "target", "robot", "point")
 """Columns whose cells name groups of rows."""
 
+LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
+    "payload": (0.0, "a payload is not negative", "write 0 or more"),
+    "temperature": (-273.15, "a temperature is not below absolute zero", "is the unit of the column right?"),
+}
+"""Column -> its least value [kg, degC], what is wrong below, and how to fix it."""
+
 Kind = Literal["number", "label", "side"]
 """A number with a unit, a name, or a side of approach (−1, +1 or nothing)."""
 _MAX_MAGNITUDE = 1e15
@@ -101,6 +107,15 @@ def read_cells(
             values = _column_numbers(texts, block.lines, column, marks, faults) * column.factor + column.offset
             cells.numbers.setdefault(column.name, []).append(values)
     return cells
+
+
+def check_inputs(cells: Cells, faults: Faults) -> None:
+    """A fault for each payload and temperature that nothing can have, by `LEAST_INPUTS`."""
+    for name, (least, message, hint) in LEAST_INPUTS.items():
+        values = cells.number(name)
+        if values is not None:
+            for row in np.flatnonzero(values < least):
+                faults.add(message, name, values[row], hint, int(cells.line[row]))
 
 
 def _number_marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: DataSpec) -> NumberText:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from posture_opt.errors import did_you_mean, listed
-from posture_opt.measurements.columns import AXES, Cells, Column, read_cells
+from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
@@ -84,7 +84,7 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     line = cells.line
     q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
     _check_limits(q, robot, columns, line, faults)
-    _check_payload(cells, faults)
+    check_inputs(cells, faults)
     pose, goal = cells.code("pose"), cells.code("goal")
     poses = pose[0] if pose else _codes_of_rows(q)
     without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
@@ -117,14 +117,6 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
     )
-
-
-def _check_payload(cells: Cells, faults: Faults) -> None:
-    """A fault for each negative payload."""
-    payload = cells.number("payload")
-    if payload is not None:
-        for row in np.flatnonzero(payload < 0):
-            faults.add("a payload is not negative", "payload", payload[row], "write 0 or more", int(cells.line[row]))
 
 
 def _approach_sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, Array, bool]:

@@ -239,3 +239,23 @@ def test_oriented_targets_far_from_the_middle_are_searched_for() -> None:
     T = np.asarray(problem.arm.pose(found.q[0]), dtype=float)
     assert np.allclose(T[:3, 3], [-0.7, -0.4, 0.05], atol=1e-6)
     assert np.allclose(T[:3, 2], [0.0, 0.0, -1.0], atol=1e-6)
+
+
+def test_targets_outside_the_plane_of_a_planar_arm_are_out_of_reach(tmp_path: Path) -> None:
+    path, out = tmp_path / "targets.csv", tmp_path / "out"
+    path.write_text("x [mm], y [mm], z [mm]\n1000,200,0\n1000,100,100\n")
+    answer = invoke("compensate", path, "--problem", "insert_planar_2r", "--out", out)
+    assert answer.exit_code == 3
+    assert "targets.csv:3: the target lies 100 mm outside the plane that this arm moves in" in answer.output
+    assert "targets.csv:2" not in answer.output
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [("payload [kg]", -5, "a payload is not negative"), ("temperature [degC]", -300, "not below absolute zero")],
+)
+def test_inputs_that_nothing_can_have_are_refused(column: str, value: float, message: str) -> None:
+    targets = {"x [mm]": [600.0], "y [mm]": [200.0], "z [mm]": [300.0], column: [value]}
+    with pytest.raises(InputError, match=message):
+        po.compensate(ur10(SAG), targets)
