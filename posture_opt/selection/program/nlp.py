@@ -14,6 +14,9 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import TURN
+
+_POINTS_OF_TURNS = 3  # at which whole turns are compared: random ones, so that one would nearly do
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,25 @@ class Nlp:
         matters = [used for used, one in zip(uses, equal, strict=True) if one or np.count_nonzero(used) > 1]
         matters.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
         return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))
+
+    @cached_property
+    def unlike_turns(self) -> tuple[int, ...]:
+        """Angles with more than a turn between their bounds whose turns the program tells apart.
+
+        A distance from a posture or from a limit does so, and an error that does not repeat after a turn of the joint:
+        objective or rows at ``x`` and ``x + 2π e_k`` differ, at some random points.
+        """
+        lower, upper = self.variable_bounds
+        angles = np.array([variable.unit == "rad" for variable in self.variables])
+        wide = np.flatnonzero(angles & (upper - lower > TURN))
+        if not len(wide):
+            return ()
+        rng, values = np.random.default_rng(0), ca.Function("values", [self.x, self.p], [self.objective, self.g])
+        batch = BatchFunction(values, compiled=False)
+        x, p = rng.uniform(lower, upper, (_POINTS_OF_TURNS, len(lower))), rng.normal(size=(1, self.p.numel()))
+        here = np.hstack(batch(x, p))
+        turned = {int(k): np.hstack(batch(x + TURN * np.eye(len(lower))[k], p)) for k in wide}
+        return tuple(k for k, there in turned.items() if not np.allclose(there, here, 1e-6, 1e-9, equal_nan=True))
 
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) lower and upper bounds of the rows for one target."""

@@ -25,10 +25,11 @@ STARTS_PER_BATCH = 32  # where two degrees of freedom are left or fewer; as many
 MAX_STARTS_PER_BATCH = 128
 BATCHES_THAT_AGREE = 2  # that are to find the best optimum
 MAX_BATCHES = 12  # batches
+SEARCHES_IN_ALL = 6  # local searches of all batches that are to find it: one as easy to find is missed once in e⁶ = 400
 SEARCHES_THAT_AGREE = 4  # local searches that are to find it, in a repeated solve
 UNSEEN_PROBABILITY = 0.01  # probability that one more start leads to something better
 MAX_PASSES = 6
-EXPECTED_BETTER_OPTIMA = 0.2  # better optima that as many starts again may be expected to find, in a thorough search
+EXPECTED_BETTER_OPTIMA = 0.05  # better optima that as many starts again may be expected to find, in a thorough search
 
 
 def usual_starts(engine: Engine) -> int:
@@ -64,8 +65,9 @@ def until_recurrence(
 ) -> MultistartResult:
     """Batches of starts, seeded by their number, until the best optimum has been found by two of them.
 
-    By six, where so many optima were seen only once that better ones are likely. Independent batches that agree are
-    evidence that a share of the starts cannot give: the starts of one batch are screened against each other.
+    By six, where fewer than `SEARCHES_IN_ALL` local searches found it, or so many optima were seen only once that
+    better ones are likely. Independent batches that agree are evidence that a share of the starts cannot give: the
+    starts of one batch are screened against each other.
 
     Args:
         starts: of each batch; default: by the freedom that is left.
@@ -83,14 +85,16 @@ def until_recurrence(
         values.append(_best(batch))
         if progress is not None:
             progress(len(values), MAX_BATCHES)
-        enough = (
-            BATCHES_THAT_AGREE
-            if whole.unseen_better * whole.polished <= EXPECTED_BETTER_OPTIMA
-            else 3 * BATCHES_THAT_AGREE
-        )
-        if recurrences(values, as_good) >= enough:
+        if recurrences(values, as_good) >= _batches_wanted(whole):
             break
     return replace(whole, batches=len(values), recurred=recurrences(values, as_good))
+
+
+def _batches_wanted(whole: MultistartResult) -> int:
+    """How many batches are to find the best optimum, by how rare it is and how many others were seen only once."""
+    expected = whole.unseen_better * whole.polished
+    sure = whole.hits >= SEARCHES_IN_ALL and expected <= EXPECTED_BETTER_OPTIMA
+    return BATCHES_THAT_AGREE if sure else 3 * BATCHES_THAT_AGREE
 
 
 def recurrences(values: Sequence[float], limit: Callable[[float], float]) -> int:

@@ -91,7 +91,8 @@ class Engine(DerivedAgain):
         """Brings random postures onto the target."""
         problem = self.optimisation_problem
         arm, task, spun = problem.arm, problem.task, problem.task.heading is not None
-        return InverseKinematics(arm, task.tool_axis, problem.reach.directions, self.compiled, spun=spun)
+        whole = problem.nlp.unlike_turns
+        return InverseKinematics(arm, task.tool_axis, problem.reach.directions, self.compiled, spun=spun, whole=whole)
 
     @cached_property
     def screen(self) -> BatchFunction:

@@ -9,7 +9,7 @@ A joint at a limit that the gradient pushes outward is held for the step, as in 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -77,6 +77,7 @@ class InverseKinematics:
     Args:
         compiled: None compiles where a C compiler is found; False never; True or an error.
         spun: whether the spin of the tool is part of the residual.
+        whole: indices of joints that random postures are drawn for between the limits, however wide.
 
     Attributes:
         step: ``(q, request) -> (next q, error at q)``.
@@ -90,8 +91,9 @@ class InverseKinematics:
         compiled: bool | None,
         *,
         spun: bool = False,
+        whole: Collection[int] = (),
     ) -> None:
-        self._drawn = drawn_between(arm.robot)
+        self._drawn = drawn_between(arm.robot, whole)
         self._compiled = compiled
         self.step: ca.Function = _step_function(arm, tool_axis, directions, spun)
 
@@ -106,7 +108,7 @@ class InverseKinematics:
         return BatchFunction(self.step, compiled=False)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) postures drawn uniformly between the limits (within one turn where these are wider)."""
+        """(count, n) postures drawn uniformly between the limits, in one turn of them where turns are alike."""
         low, high = self._drawn
         return rng.uniform(low, high, (count, len(low)))
 
