@@ -105,8 +105,9 @@ class _FeaturesSelection:
 
     @property
     def _combinations(self) -> tuple[Combine, ...]:
-        """The aims to search with, the task's own first."""
-        return ("success", "worst", "mean") if self.task.combine == "success" else (self.task.combine,)
+        """The aims to search with, the own one first; others where errors stay, so that the product is not exact."""
+        shared = bool(np.any(np.diag(self.problem.sources.constant) > 0))
+        return ("success", "worst", "mean") if self.task.combine == "success" and shared else (self.task.combine,)
 
     @cached_property
     def _by_success(self) -> PostureSelector:
