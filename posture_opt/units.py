@@ -29,6 +29,8 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "mass": ("kg", "2.5 kg"),
     "temperature": ("K", "20 K"),
     "time": ("s", "10 s"),
+    "velocity": ("m/s", "20 mm/s"),
+    "angular velocity": ("rad/s", "120 deg/s"),
     "torque": ("N*m", "50 N m"),
     "angle per torque": ("rad/(N*m)", "8 urad/(N m)"),
     "angle mass per torque": ("rad*kg/(N*m)", "30 urad kg/(N m)"),
@@ -112,6 +114,9 @@ _COMMON_FACTORS: dict[tuple[str, str], float] = {
     ("mrad", "angle"): 1e-3,
     ("deg", "angle"): math.pi / 180,
     ("kg", "mass"): 1.0,
+    ("mm/s", "velocity"): 1e-3,
+    ("rad/s", "angular velocity"): 1.0,
+    ("deg/s", "angular velocity"): math.pi / 180,
 }
 
 
@@ -221,6 +226,14 @@ BY_NAME = "angle or length"
 
 # A parameter's name decides, so the text is read when the robot is known.
 Quantity = Annotated[Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["1 deg", "10 mm"], "dimension": BY_NAME})]
+
+
+# The type of the joint decides, so the text is read when the robot is known.
+BY_JOINT_TYPE = "angular velocity or velocity"
+"""The dimension of what the type of a joint decides."""
+JointVelocity = Annotated[
+    Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["120 deg/s", "0.5 m/s"], "dimension": BY_JOINT_TYPE})
+]
 
 
 @dataclass(frozen=True)
@@ -402,6 +415,7 @@ if TYPE_CHECKING:
     Angle = float
     Mass = float
     Time = float
+    Velocity = float
     Torque = float
     LengthPerLength = float
 else:
@@ -412,5 +426,6 @@ else:
     Angle = _quantity_type("angle")
     Mass = _quantity_type("mass")
     Time = _quantity_type("time")
+    Velocity = _quantity_type("velocity")
     Torque = _quantity_type("torque")
     LengthPerLength = _quantity_type("length per length")

@@ -14,7 +14,7 @@ from posture_opt.problem.schema import nodes_at
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.tasks import known_to
-from posture_opt.units import BY_NAME, DIMENSIONS
+from posture_opt.units import BY_JOINT_TYPE, BY_NAME, DIMENSIONS
 
 _TARGET_KEYS: dict[str, tuple[str, ...]] = {
     "position": (),
@@ -139,9 +139,11 @@ def _unit_at(key: KeyPath, data: Section, robot: Robot) -> str:
     dimensions = [node["dimension"] for node in nodes_at(key, data) if "dimension" in node]
     if not dimensions:
         return ""
-    if dimensions[0] != BY_NAME:
-        return DIMENSIONS[dimensions[0]][0]
     name = str(key[-1])
     joints = {joint.name: joint.unit for joint in robot.joints}
+    if dimensions[0] == BY_JOINT_TYPE:
+        return f"{joints[name]}/s" if name in joints else ""
+    if dimensions[0] != BY_NAME:
+        return DIMENSIONS[dimensions[0]][0]
     parameters = {known: "rad" if factor.kind == "rotate" else "m" for known, factor in robot.parameters.items()}
     return (joints | parameters).get(name, "")

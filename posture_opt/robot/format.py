@@ -13,10 +13,11 @@ from pydantic_core import CoreSchema
 from posture_opt.errors import BadValueError, as_given
 from posture_opt.numerics import TURN, Json
 from posture_opt.robot.corrections import corrected
+from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
 from posture_opt.spec import Spec
-from posture_opt.units import Angle, Length, Mass, Quantity, parse_quantity
+from posture_opt.units import Angle, JointVelocity, Length, Mass, Quantity, parse_quantity
 
 MAX_JOINTS = 20
 """More than any serial arm has; the table and the symbolic expressions are bounded by it."""
@@ -177,6 +178,7 @@ class RobotFormat(Spec):
     """Mass at the tool point [kg]."""
     gravity: tuple[float, float, float] = Field((0.0, 0.0, -9.81), description="m/s², world")
     corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
+    velocity: dict[str, JointVelocity] = Field({}, description="JOINT: its largest speed, for the time along a path")
     shape: ShapeSpec | None = Field(None, description="capsules that base, links and tool lie in, for collision checks")
 
     @field_validator("payload")
@@ -206,14 +208,15 @@ class RobotFormat(Spec):
         """
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """A ``Robot`` of these links between the base and the tool of this section, in the shape that it states.
+        """A ``Robot`` of these links between the base and the tool of this section, with the shape and the joint
+        velocities that it states.
 
         Args:
             name: of the arm, for reports.
             joints: (n,) with limits and masses; ``links``: (n,) the factors of each.
 
         Raises:
-            InputError: a shape with capsules of joints that are not among these.
+            InputError: a shape with capsules, or velocities, of joints that are not among these.
         """
         robot = Robot(
             name=name,
@@ -226,7 +229,7 @@ class RobotFormat(Spec):
             base_free=self.base.free,
             tool_free=self.tool.free,
         )
-        return shaped(robot, self.shape)
+        return with_velocities(shaped(robot, self.shape), self.velocity)
 
 
 class TableRobot(RobotFormat):

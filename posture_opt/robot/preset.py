@@ -14,6 +14,7 @@ from posture_opt.files import packaged
 from posture_opt.files import preset_names as preset_names
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
+from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.robot import Repeatability, Robot
 from posture_opt.robot.shape_section import shaped
@@ -76,7 +77,7 @@ class PresetRobot(RobotFormat):
         if "tool" in given:
             robot = replace(robot, tool=self.tool.factors("tool"), tool_free=self.tool.free)
         robot = replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
-        return shaped(robot, self.shape)
+        return with_velocities(shaped(robot, self.shape), self.velocity)
 
 
 def preset_text(name: str) -> str:

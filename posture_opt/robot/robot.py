@@ -48,6 +48,7 @@ class Joint:
         mass: of the link behind the joint [kg]; NaN where unknown.
         com: (3,) centre of mass of that link [m], frame behind the joint; NaN where unknown.
         gear_ratio: motor turns per joint turn; NaN where unknown.
+        velocity: largest speed of the joint [rad/s] or [m/s]; NaN where unknown.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Joint:
     mass: float = math.nan
     com: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     gear_ratio: float = math.nan
+    velocity: float = math.nan
 
     @property
     def unit(self) -> Literal["rad", "m"]:
@@ -72,7 +74,7 @@ class Joint:
     @property
     def _known_values(self) -> tuple[object, ...]:
         """All values, None in place of NaN, which from Python 3.13 on makes a dataclass differ from itself."""
-        numbers = (self.lower, self.upper, self.mass, self.gear_ratio, *self.com)
+        numbers = (self.lower, self.upper, self.mass, self.gear_ratio, self.velocity, *self.com)
         return (self.name, self.type, *(None if math.isnan(number) else number for number in numbers))
 
 
@@ -164,6 +166,11 @@ class Robot:
     def upper(self) -> tuple[float, ...]:
         """(n,) upper limits of the joints [rad or m]."""
         return tuple(joint.upper for joint in self.joints)
+
+    @property
+    def velocities(self) -> tuple[float, ...]:
+        """(n,) largest speeds of the joints [rad/s or m/s]; NaN where unknown."""
+        return tuple(joint.velocity for joint in self.joints)
 
     @property
     def length(self) -> float:

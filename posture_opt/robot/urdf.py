@@ -207,4 +207,5 @@ def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
         x, y, z = (T_child_end[:3, :3].T @ (centre - T_child_end[:3, 3])).tolist()
         com = (x, y, z)
     kind: Literal["revolute", "prismatic"] = "prismatic" if moving.type == "prismatic" else "revolute"
-    return Joint(moving.name, kind, *_joint_limits(moving), mass, com)
+    velocity = moving.velocity if moving.velocity is not None and moving.velocity > 0 else math.nan
+    return Joint(moving.name, kind, *_joint_limits(moving), mass, com, velocity=velocity)

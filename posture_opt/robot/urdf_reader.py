@@ -210,6 +210,7 @@ class _UrdfReader:
             else np.array([1.0, 0.0, 0.0]),
             lower=self._one_number(limit, "lower", owner),
             upper=self._one_number(limit, "upper", owner),
+            velocity=self._one_number(limit, "velocity", owner),
             mimics=mimic.attributes.get("joint", "another joint") if mimic else "",
             line=element.line,
         )

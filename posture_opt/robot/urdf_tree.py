@@ -24,7 +24,7 @@ class UrdfJoint:
         origin: (4, 4) T_parent_joint, lengths in [m]; ``rpy`` (3,) the angles that the file states for it [rad], which
             cannot be recovered from the matrix at a pitch of ±90°.
         axis: (3,) in the joint frame, of any length.
-        lower, upper: [rad] or [m]; None where the file has none.
+        lower, upper: [rad] or [m]; ``velocity`` [rad/s] or [m/s]; None where the file has none.
         mimics: the joint that this one follows, or an empty text.
         line: where in the file it begins.
     """
@@ -38,6 +38,7 @@ class UrdfJoint:
     axis: Array
     lower: float | None
     upper: float | None
+    velocity: float | None
     mimics: str
     line: int
 
