@@ -29,7 +29,9 @@ def with_velocities(robot: Robot, given: Mapping[str, object]) -> Robot:
         for name in given
         if name not in names
     ]
-    joints = tuple(_driven(joint, given[joint.name], issues) if joint.name in given else joint for joint in robot.joints)
+    joints = tuple(
+        _driven(joint, given[joint.name], issues) if joint.name in given else joint for joint in robot.joints
+    )
     if issues:
         raise InputError(issues)
     return replace(robot, joints=joints)

@@ -169,6 +169,19 @@ def test_nothing_in_reach_has_no_map() -> None:
         map_targets(po.problem_from_dict(planar()), counts=(2, 2), low=(2, 2, 0), high=(3, 3, 0))
 
 
+@pytest.mark.parametrize(
+    ("task", "box"),
+    [
+        ({"position": ["0.9 m", "0.4 m", "0.1 m"]}, {}),
+        ({}, {"low": (0.2, 0.0, 0.1), "high": (1.0, 1.0, 0.1)}),
+        ({"position": None, "region": {"min": ["0 m", "0 m", "0.1 m"], "max": ["1 m", "1 m", "0.2 m"]}}, {}),
+    ],
+)
+def test_another_plane_than_that_of_the_arm_is_refused(task: dict[str, Any], box: dict[str, Any]) -> None:
+    with pytest.raises(NoSolutionError, match="100 mm outside the plane that this arm moves in"):
+        map_targets(po.problem_from_dict(planar(**task)), counts=(3, 3), compiled=False, **box)
+
+
 def test_the_command_writes_table_document_and_figure(tmp_path: Path) -> None:
     file, out = written_problem(tmp_path, planar(clearance="1 mm")), tmp_path / "out"
     words = ["--problem", file, "--grid", "7x5", "--min", "-1.8 m, -1 m, 0 m", "--max", "1.8 m, 1 m, 0 m"]

@@ -214,6 +214,27 @@ def test_a_point_out_of_reach_is_named_with_the_distance():
         po.select_posture(planar(points))
 
 
+def test_a_path_off_the_plane_of_the_arm_is_refused_with_its_worst_point():
+    points = np.array([[1.0, 0.0, 0.0], [1.0, 0.1, 0.05], [1.0, 0.2, -0.1]])
+    with pytest.raises(NoSolutionError, match=r"point 3: the target lies 100 mm outside the plane") as caught:
+        po.select_posture(planar(points))
+    assert caught.value.exit_code == 3
+    assert caught.value.solution.reasons[0].amount == pytest.approx(0.1)
+
+
+def test_a_path_of_too_many_points_is_refused_with_the_number_that_is_accepted(tmp_path):
+    points = [["1 m", f"{k} um", "0 m"] for k in range(20_001)]
+    with pytest.raises(InputError, match="20001 points are more than the 20000") as caught:
+        po.problem_from_dict({"robot": PLANAR, "task": {"kind": "trace", "points": points}})
+    assert caught.value.exit_code == 2
+    file = tmp_path / "long.csv"
+    file.write_text("x [m], y [um]\n" + "".join(f"1, {k}\n" for k in range(20_001)))
+    with pytest.raises(InputError, match="more than the 20000 points"):
+        po.problem_from_dict({"robot": PLANAR, "task": {"kind": "trace", "path": str(file)}})
+    with pytest.raises(InputError, match=r"task.spacing: 200001 points are more than the 20000"):
+        po.select_posture(planar([[1, 0, 0], [1.2, 0, 0]], spacing="1 um"))
+
+
 def test_tangents_bisect_corners_and_go_round_closed_paths():
     corner = np.array([[0, 0, 0], [1, 0, 0], [1, 5, 0.0]])
     np.testing.assert_allclose(tangents(corner), [[1, 0, 0], [0.5**0.5, 0.5**0.5, 0], [0, 1, 0]], atol=1e-12)

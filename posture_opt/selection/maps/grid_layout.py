@@ -7,15 +7,16 @@ else 30 % of the reach about its position, else the workspace. Cells are square,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array
 from posture_opt.selection.maps.map_points import ALIGNED, Grid, along_world_axes
 from posture_opt.selection.program.task_target import Reach, TaskTarget
+from posture_opt.selection.search.relaxation import plane_reason
 
 Plane = Literal["xy", "xz", "yz"]
 
@@ -101,8 +102,10 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
 
     Raises:
         InputError: a request that makes no grid, or that is not in the plane of this arm.
+        NoSolutionError: a box, or a target of the task, outside of the plane (or line) that this arm moves in.
     """
     request.check()
+    _check_plane(request, target, reach)
     axes = _frame(request, target, reach)
     aligned = along_world_axes(axes)
     if not aligned and (request.low is not None or (request.counts is not None and len(request.counts) == 3)):
@@ -123,6 +126,15 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
     order = [0, 1, 2] if max(counts[:2]) > 1 else [2, 0, 1]  # a line is drawn along the first axis
     u, v, w = (_values(ends[0, k], ends[1, k], counts[k]) for k in order)
     return Grid(origin, axes[order], (u, v, w))
+
+
+def _check_plane(request: GridRequest, target: TaskTarget, reach: Reach) -> None:
+    """Raise NoSolutionError where all that is asked for lies outside of the plane that the tool point cannot leave."""
+    if request.low is not None and request.high is not None:
+        target = replace(target, lower=np.array(request.low), upper=np.array(request.high))
+    outside = plane_reason(reach, target)
+    if outside is not None:
+        raise NoSolutionError(outside.message)
 
 
 def _values(low: float, high: float, count: int) -> Array:

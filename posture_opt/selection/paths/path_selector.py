@@ -161,6 +161,7 @@ class PathSelector(DerivedAgain):
             NoSolutionError: a point without any.
         """
         scene = self.problem.scene
+        self._check_plane(began)
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
             steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp)
@@ -211,6 +212,14 @@ class PathSelector(DerivedAgain):
                 f"From {names[k]} to {names[k + 1]} the arm has to change its posture off the path: "
                 f"{self.problem.robot.joints[joint].name} moves by {motion.steps[k] * 180 / math.pi:.3g} deg there."
             )
+
+    def _check_plane(self, began: float) -> None:
+        """Raises the error of the point that lies farthest outside the plane (or line) that the arm moves in."""
+        reach = self.selector.reach
+        off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
+        k = int(np.argmax(off))
+        if off[k] > reach.plane_slack:
+            self._explain(self.selector.engine_of_all(self.targets), self.targets[k], k, began)
 
     def _explain(self, engine: Engine, target: TaskTarget, k: int, began: float) -> None:
         """Raises the error of a point that no posture does, with the reasons."""

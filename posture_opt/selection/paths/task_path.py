@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.errors import BadValueError, InputError
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_about_z
-from posture_opt.selection.tasks.path_task import PathTask
+from posture_opt.selection.tasks.path_task import PathTask, check_count
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
 _CLOSED_DISTANCE_M = 1e-9  # m: first and last point of a closed path are one
@@ -38,7 +39,11 @@ class TaskPath:
 
     @classmethod
     def of(cls, task: PathTask) -> TaskPath:
-        """The path of a task that its points are known of: where the tool point goes, travel as of the points."""
+        """The path of a task that its points are known of: where the tool point goes, travel as of the points.
+
+        Raises:
+            InputError: ``spacing`` adds more points than a path may have.
+        """
         points, axes, along = np.array(task.tool_points), np.array(task.unit_axes), tangents(np.array(task.points))
         count = len(points) - 1
         listed = cls(points, along, axes, np.ones(count + 1, dtype=bool), np.ones(count, dtype=int))
@@ -79,8 +84,13 @@ class TaskPath:
         """The same path with points between those that are farther apart than ``spacing`` [m]."""
         rows: list[tuple[Array, Array, Array, bool]] = []
         parts: list[int] = []
-        for k, gap in enumerate(np.linalg.norm(np.diff(self.points, axis=0), axis=1)):
-            count = max(int(np.ceil(gap / spacing - 1e-9)), 1)
+        gaps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        counts = np.maximum(np.ceil(gaps / spacing - 1e-9), 1)
+        try:
+            check_count(int(min(counts.sum(), 1e12)) + 1)
+        except BadValueError as error:
+            raise InputError(replace(error.issue(("task", "spacing"), f"{spacing:g} m"), hint="widen it")) from None
+        for k, (gap, count) in enumerate(zip(gaps.tolist(), counts.astype(int).tolist(), strict=True)):
             along = (self.points[k + 1] - self.points[k]) / gap
             rows.append((self.points[k], self.tangents[k], self.axes[k], True))
             for s in (np.arange(1, count) / count).tolist():
