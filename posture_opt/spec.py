@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Union
+from typing import Annotated, Any, ClassVar, Union, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
+from posture_opt.units import is_bare_zero
 
-_MIN_MAGNITUDE, _MAX_MAGNITUDE = 1e-30, 1e12
-"""SI values beyond which a number is a slip of the exponent; squares of smaller or larger ones lose all digits."""
+_MAX_MAGNITUDE = 1e12
+"""SI value beyond which a number is a slip of the exponent; squares of larger ones lose all digits."""
 
 
 class Spec(BaseModel):
@@ -22,18 +23,39 @@ class Spec(BaseModel):
 
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _round_to_zero(cls, given: object) -> object:
+        """The section as given with zeros for its `NEGLIGIBLE` numbers; names and other texts stay as they are."""
+        if not isinstance(given, dict):
+            return given
+        texts = {
+            key for key, field in cls.model_fields.items() if str in (field.annotation, *get_args(field.annotation))
+        }
+        return {key: value if key in texts else _without_rounding(value) for key, value in given.items()}
+
     @field_validator("*", mode="after")
     @classmethod
     def _refuse_implausible(cls, value: object, info: ValidationInfo) -> object:
-        """The value as it is, if all its numbers are zero or of a plausible magnitude; a seed may be any number.
+        """The value as it is, if all its numbers are of a plausible magnitude; a seed may be any number.
 
         Raises:
             BadValueError: a number that nobody can mean, and whose square would lose all digits.
         """
         for number in _numbers_in(value) if info.field_name != "seed" else ():
-            if number and not _MIN_MAGNITUDE <= abs(number) <= _MAX_MAGNITUDE:
+            if abs(number) > _MAX_MAGNITUDE:
                 raise BadValueError(f"{number:.6g} is not plausible", "is the exponent right?")
         return value
+
+
+def _without_rounding(value: object) -> object:
+    """A number, the text of one, or a list of these, with zeros for what is `NEGLIGIBLE`.
+
+    The entries of a section are fields of their own.
+    """
+    if isinstance(value, tuple | list):
+        return [_without_rounding(entry) for entry in value]
+    return 0.0 if isinstance(value, float | str) and is_bare_zero(value) and float(value) else value
 
 
 def _numbers_in(value: object) -> Iterator[float]:

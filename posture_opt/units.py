@@ -1,7 +1,7 @@
 """Quantities with units in files and reports, SI and radians inside.
 
 A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``. Zero needs
-none: it is the same in every unit.
+none: it is the same in every unit. So is what is `NEGLIGIBLE`.
 
 The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
 `shown` goes the other way, with a standard error where there is one: ``0.261 ± 0.012 mrad``.
@@ -51,8 +51,8 @@ LARGEST: dict[str, float] = {
 }
 _MAX_OTHER = 1e8
 """SI value beyond which no quantity of a dimension without an entry in ``LARGEST`` is."""
-_MIN_MAGNITUDE = 1e-30
-"""Squares of smaller numbers lose their digits."""
+NEGLIGIBLE = 1e-15
+"""SI value up to which a number is zero: the rounding of programs that write −2.09e-37, far below any arm's errors."""
 
 SHOWN: dict[str, tuple[float, str]] = {
     # dimension -> factor from SI and unit that reports use
@@ -157,7 +157,7 @@ def _unit_factor(unit: str, dimension: str) -> float:
 
 
 def parse_quantity(value: object, dimension: str) -> float:
-    """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit.
+    """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit, and so is what is `NEGLIGIBLE`.
 
     Args:
         value: what is in the file.
@@ -178,7 +178,7 @@ def parse_quantity(value: object, dimension: str) -> float:
     if isinstance(value, int | float):
         if not math.isfinite(value):
             raise BadValueError(f"{value} is not a finite number", f"write for example {example}")
-        if value == 0:
+        if abs(value) <= NEGLIGIBLE:
             return 0.0
         units = dict.fromkeys((example.split(" ", 1)[1], si))
         hint = " or ".join(f"{value:g} {unit}" for unit in units)
@@ -192,17 +192,17 @@ def parse_quantity(value: object, dimension: str) -> float:
     result = float(number) * _unit_factor(unit, dimension)
     if not math.isfinite(result):
         raise BadValueError(f"{as_given(value)} is not a finite number", f"write for example {example}")
-    if result and not _MIN_MAGNITUDE <= abs(result) <= LARGEST.get(dimension, _MAX_OTHER):
+    if abs(result) > LARGEST.get(dimension, _MAX_OTHER):
         raise ImplausibleError(f"{as_given(value)} is not plausible", "is the exponent right?")
-    return result
+    return result if abs(result) > NEGLIGIBLE else 0.0
 
 
 class ImplausibleError(BadValueError):
-    """A quantity that is written as it should be, and far too large or too small to be meant."""
+    """A quantity that is written as it should be, and far too large to be meant."""
 
 
-_TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": 0, "maximum": 0}
-"""Schema of a text with a unit; the bounds are those of a bare number, which can only be zero."""
+_TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": -NEGLIGIBLE, "maximum": NEGLIGIBLE}
+"""Schema of a text with a unit; the bounds are those of a bare number, which can only be zero, rounding allowed."""
 
 
 def _quantity_type(dimension: str) -> Any:
@@ -259,9 +259,9 @@ class JointQuantity:
 
 
 def is_bare_zero(text: Any) -> bool:
-    """Whether this is zero without a unit, which is an angle or a length alike."""
+    """Whether this is zero without a unit, rounding allowed, which is an angle or a length alike."""
     try:
-        return not isinstance(text, bool) and float(text) == 0
+        return not isinstance(text, bool) and abs(float(text)) <= NEGLIGIBLE
     except (TypeError, ValueError):
         return False
 

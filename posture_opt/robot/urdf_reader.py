@@ -19,6 +19,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
+from posture_opt.units import NEGLIGIBLE
 
 MAX_ELEMENTS = 100_000
 """Elements of a file; a humanoid with hands has some ten thousand."""
@@ -278,11 +279,11 @@ class _UrdfReader:
         return None if element is None or given is None else self._finite_numbers(element, key, [given], 1, owner)[0]
 
     def _finite_numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
-        """``count`` finite numbers; zeros and an issue where the words are none."""
+        """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where the words are none."""
         numbers = [_float_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
         if finite and all(abs(number) < _MAX_NUMBER for number in numbers):
-            return numbers
+            return [number if abs(number) > NEGLIGIBLE else 0.0 for number in numbers]
         given, wanted = element.attributes[key], "one finite number" if count == 1 else f"{count} finite numbers"
         fault = "is not plausible" if finite else f"does not hold {wanted}"
         message = f'{owner}: <{element.tag} {key}="{given}"> {fault}'

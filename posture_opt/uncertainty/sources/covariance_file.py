@@ -16,7 +16,7 @@ from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.files import content, naming
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
-from posture_opt.units import parse_quantity
+from posture_opt.units import NEGLIGIBLE, parse_quantity
 
 _HEADER_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _MAX_BYTES = 10_000_000
@@ -50,7 +50,16 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
     if issues:
         raise InputError([issue.placed(str(path), line) for issue in issues])
     scale = np.array(factors)
-    return tuple(names), matrix * np.outer(scale, scale)
+    return tuple(names), _without_rounding(matrix * np.outer(scale, scale))
+
+
+def _without_rounding(covariance: Array) -> Array:
+    """The matrix (k, k) [SI] with zeros for errors whose σ is `NEGLIGIBLE`, rounding below zero among them."""
+    variance = np.diag(covariance)
+    none = np.abs(variance) <= NEGLIGIBLE**2
+    most = NEGLIGIBLE * np.maximum(np.sqrt(np.abs(variance)), NEGLIGIBLE)
+    row = none[:, None] & (np.abs(covariance) <= most)
+    return np.where(row | row.T, 0.0, covariance)
 
 
 def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str]) -> str:
