@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of
@@ -9,28 +11,23 @@ from posture_opt.compensation.compensation import Compensation, joint_column
 from posture_opt.compensation.expected_miss import expected_miss
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
 from posture_opt.compensation.refusal import refusal_text
+from posture_opt.compensation.requirements import Requirements
+from posture_opt.compensation.starting_postures import starting_postures
 from posture_opt.compensation.targets import Targets, read_targets
 from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Mask
-from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.answer.held_joints import with_held_joints
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.program.pose_request import PoseRequest
-from posture_opt.selection.program.task_target import spin_axis
-from posture_opt.selection.search.inverse_kinematics import InverseKinematics
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
 _MAX_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
 _FREE_SIDE_ROUNDS = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not converge
 _JOINT_TOLERANCE = 1e-10  # rad or m
-_TOOL_AXIS = (0.0, 0.0, 1.0)
-_RANDOM_STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
-_KEPT_STARTS = 24  # of them, those that come nearest
-_SAME_ORIENTATION_RAD = 1e-3  # rad: orientations that are as near as each other
 
 
 @interruptible()
@@ -60,24 +57,31 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
         ((2, 2), True, True)
     """
     rows = targets if isinstance(targets, Targets) else read_targets(targets, problem.robot)
-    wanted = _wanted_poses(problem, rows)
-    solver = NearestPostures(problem.robot)
-    near = start_postures(problem.nominal, solver, wanted) if rows.near is None else rows.near
-    exact, solved_for, reached = _settled_postures(problem.arm, solver, rows, wanted, near)
+    wanted, arm = _wanted_poses(problem, rows), _planned_arm(problem)
+    solver = NearestPostures(arm.robot)
+    start = starting_postures(problem, solver, rows, wanted)
+    exact, solved_for, reached = _settled_postures(arm, solver, rows, start.aim, start.kept)
     digits = joint_digits(problem, exact)
     q = _rounded_joints(problem.robot, rows, exact, digits)
-    came = arrivals_of(problem.arm, rows, q)
-    reasons = _off_plane(solver, problem.arm.under(came.inputs(problem.arm, rows)), wanted, q)
-    reached[list(reasons)] = False
+    came = arrivals_of(arm, rows, q)
+    refused = {**_off_plane(solver, arm.under(came.inputs(arm, rows)), wanted, q), **start.refused}
+    met = reached & ~np.isin(np.arange(len(q)), list(refused))
+    refused |= Requirements(problem).broken(q, start.kept, np.flatnonzero(met))
+    reached[list(refused)] = False
     found = Compensation(
-        problem, rows, wanted, near, q, digits, reached, reasons,
-        before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals_of(problem.arm, rows, near)),
-        after=expected_miss(problem.arm, problem.sources, rows, wanted, q, came),
-        unsettled=_sided_joints(problem.arm) & (came.side != solved_for.side),
+        problem, rows, wanted, start.near, q, digits, reached, refused, start.notes,
+        before=expected_miss(arm, problem.sources, rows, wanted, start.near, arrivals_of(arm, rows, start.near)),
+        after=expected_miss(arm, problem.sources, rows, wanted, q, came),
+        unsettled=_sided_joints(arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
         raise NoSolutionError(refusal_text(found), found)
     return found
+
+
+def _planned_arm(problem: ProblemData) -> Arm:
+    """The arm, with the joints held that its task holds."""
+    return problem.arm if problem.task is None else with_held_joints(problem.arm, problem.task)
 
 
 def _wanted_poses(problem: ProblemData, rows: Targets) -> Poses:
@@ -123,10 +127,10 @@ def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
     """
     T, bare = np.asarray(arm.pose(q), dtype=float), np.asarray(Arm(arm.robot).pose(q), dtype=float)
     position = wanted.position - (T[:, :3, 3] - bare[:, :3, 3])
-    if wanted.rotation is None:
-        return Poses(position, None)
-    turned = T[:, :3, :3] @ bare[:, :3, :3].transpose(0, 2, 1)
-    return Poses(position, turned.transpose(0, 2, 1) @ wanted.rotation)
+    back = (T[:, :3, :3] @ bare[:, :3, :3].transpose(0, 2, 1)).transpose(0, 2, 1)
+    rotation = None if wanted.rotation is None else back @ wanted.rotation
+    axis = None if wanted.axis is None else np.einsum("nij,nj->ni", back, wanted.axis)
+    return replace(wanted, position=position, rotation=rotation, axis=axis)
 
 
 def _off_plane(solver: NearestPostures, arm: Arm, wanted: Poses, q: Array) -> dict[int, str]:
@@ -152,46 +156,3 @@ def _sided_joints(arm: Arm) -> Mask:
     """Joints (n,) that have an effect which depends on the side of arrival."""
     asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
     return np.array([joint.name in asked for joint in arm.robot.joints])
-
-
-def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
-    """Postures (N, n) [rad or m] of the nominal arm at poses that the ``chain`` with corrections reaches.
-
-    Each row starts from the one before it, so that the arm moves little. The first row, and one that cannot be reached
-    so, takes of `_RANDOM_STARTS` random starts the posture nearest to the one before, or to the middle of the joints'
-    ranges. Draws are seeded: the same targets give the same postures.
-
-    Args:
-        drawn: the robot without corrections; chain: the solver of the robot with them.
-        wanted: N poses, world.
-    """
-    low, high = drawn_between(chain.robot)
-    before = (low + high) / 2
-    search = InverseKinematics(Arm(chain.robot), _TOOL_AXIS, chain.directions, None, spun=chain.turns >= 3)
-    rng, found = np.random.default_rng(0), []
-    for row in range(len(wanted.position)):
-        one = wanted.take(np.arange(len(wanted.position)) == row)
-        q = chain.solve(one, before[None]) if row else before[None]
-        if not chain.reached(q, one)[0] and not chain.beyond(one)[0]:
-            q = _searched_posture(search, chain, one, before, rng)
-        found.append(q[0])
-        before = q[0]
-    return NearestPostures(drawn).solve(wanted, np.array(found))
-
-
-def _searched_posture(
-    search: InverseKinematics, chain: NearestPostures, one: Poses, before: Array, rng: np.random.Generator
-) -> Array:
-    """A posture (1, n) that random starts lead to, the nearest to ``before`` (n,); else what comes nearest."""
-    oriented = one.rotation is not None and chain.turns >= 3
-    R = np.eye(3) if one.rotation is None else one.rotation[0]
-    request = PoseRequest(one.position[0], R[:, 2], R @ spin_axis(_TOOL_AXIS), np.array([1.0, *[float(oriented)] * 2]))
-    led, errors = search.solve(search.random_postures(_RANDOM_STARTS, rng), request)
-    led = led[np.argsort(errors, kind="stable")[:_KEPT_STARTS]]
-    every = one.repeated(len(led))
-    led = chain.followed(every, np.broadcast_to(before, led.shape), led)
-    left = chain.misses(led, every)
-    off = np.linalg.norm(left.position @ chain.directions, axis=1) + np.linalg.norm(left.rotation, axis=1)
-    good = off <= off.min() + (_SAME_ORIENTATION_RAD if chain.turns < 3 else 1e-6)
-    distance = np.where(good, np.abs(led - before).max(axis=1), np.inf)
-    return chain.solve(one, before[None], led[[int(np.argmin(distance))]])

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.collision.scene import Clearance
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
@@ -35,6 +36,7 @@ class Compensation(Result):
         q: (N, n) the compensated joint values, rounded to the digits that are written [rad or m].
         digits: how far they are rounded.
         reached: (N,) whether the arm comes to the target; ``reasons`` row -> why it is refused, where that is known.
+        remarks: on where the postures come from.
         before: what is expected with ``near``; after: with ``q``.
         unsettled: (N, n) joints that hardly move, so that rounding decides from which side they arrive.
     """
@@ -47,6 +49,7 @@ class Compensation(Result):
     digits: JointDigits
     reached: Mask
     reasons: Mapping[int, str]
+    remarks: tuple[str, ...]
     before: ExpectedMiss
     after: ExpectedMiss
     unsettled: Mask
@@ -69,6 +72,11 @@ class Compensation(Result):
     def oriented(self) -> bool:
         """Whether the orientation of the tool is wanted too."""
         return self.wanted.rotation is not None
+
+    @cached_property
+    def clearance(self) -> Clearance | None:
+        """The least distance over all rows, and between which; None where nothing is checked."""
+        return self.problem.scene.clearance(self.q)
 
     @property
     def postures(self) -> list[dict[str, float]]:
@@ -124,6 +132,7 @@ class Compensation(Result):
                     "position": self.wanted.position[k].tolist(),
                     "posture": posture,
                     "reached": bool(reached),
+                    "refused": self.reasons.get(k),
                     "off": float(self.off[k]),
                     "left": float(self.left[k]),
                     "off_rotation": float(self.before.turned[k]) if self.oriented else None,
@@ -134,6 +143,7 @@ class Compensation(Result):
             "off_rms": rms(self.off),
             "left_rms": rms(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
+            "clearance": None if self.clearance is None else self.clearance.to_json(),
             "notes": list(self.notes),
         }
 
@@ -142,10 +152,11 @@ class Compensation(Result):
         """What the reader should know."""
         joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
         if not joints:
-            return ()
+            return self.remarks
         lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_MAX_LISTED_LINES])
         verb = "moves" if len(joints) == 1 else "move"
         return (
+            *self.remarks,
             f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
             f"a column {joints[0]}.approach and arrive from there",
         )

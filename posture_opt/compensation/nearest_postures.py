@@ -36,20 +36,29 @@ _FREEDOM_SAMPLES = 12  # random postures at which freedom is counted
 class Poses:
     """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world.
 
-    ``rotation`` is None where any orientation serves.
+    ``rotation`` is None where any orientation serves, or where ``axis`` says more of it.
+
+    Args:
+        axis: (N, 3) unit vectors, world, that the tool axis is held along; rows of NaN leave it free.
+        tool_axis: (3,) unit vector, tool frame.
     """
 
     position: Array
     rotation: Array | None
+    axis: Array | None = None
+    tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def take(self, rows: Mask) -> Poses:
         """The poses of some rows, given as a mask (N,)."""
-        return Poses(self.position[rows], None if self.rotation is None else self.rotation[rows])
+        rotation, axis = (None if given is None else given[rows] for given in (self.rotation, self.axis))
+        return Poses(self.position[rows], rotation, axis, self.tool_axis)
 
     def repeated(self, count: int) -> Poses:
         """One pose ``count`` times, to be compared with as many postures."""
-        rotation = None if self.rotation is None else np.repeat(self.rotation, count, axis=0)
-        return Poses(np.repeat(self.position, count, axis=0), rotation)
+        rotation, axis = (
+            None if given is None else np.repeat(given, count, axis=0) for given in (self.rotation, self.axis)
+        )
+        return Poses(np.repeat(self.position, count, axis=0), rotation, axis, self.tool_axis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +67,8 @@ class Misses:
 
     Args:
         position: (N, 3) of the tool point [m], world.
-        rotation: (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one.
+        rotation: (N, 3) rotation vectors [rad], world, that turn the reached orientation into the wanted one; where
+            the tool axis alone is held, those that turn it.
     """
 
     position: Array
@@ -175,7 +185,8 @@ class NearestPostures:
         """Whether postures (N, n) are at their poses (N,), to `REACHED_TOLERANCE`, in what the arm moves at will."""
         left = self.misses(q, wanted)
         off = np.linalg.norm(left.position @ self.directions, axis=1)
-        turned = np.linalg.norm(left.rotation, axis=1) if self.turns >= 3 else np.zeros(len(q))
+        held = self.turns >= (3 if wanted.axis is None else 2)
+        turned = np.linalg.norm(left.rotation, axis=1) if held else np.zeros(len(q))
         return np.asarray((off < REACHED_TOLERANCE) & (turned < REACHED_TOLERANCE))
 
     def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
@@ -188,6 +199,8 @@ class NearestPostures:
         parts = [(self.directions.T @ J[:, :3], left.position @ self.directions, self.directions.shape[1])]
         if wanted.rotation is not None:
             parts.append((J[:, 3:], left.rotation, min(self.turns, 3)))
+        elif wanted.axis is not None:
+            parts.append((_across(wanted.axis) @ J[:, 3:], left.rotation, min(self.turns, 2)))
         free, held = np.ones_like(q), np.zeros_like(q)
         step = held
         for _ in range(self.robot.n):
@@ -216,12 +229,30 @@ class NearestPostures:
 def pose_misses(T: Array, wanted: Poses) -> Misses:
     """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation.
 
-    ``wanted.position − p`` and the rotation vector of ``R_wanted Rᵀ``, both in the world.
+    ``wanted.position − p`` and the rotation vector of ``R_wanted Rᵀ``, both in the world; of an axis the shortest
+    rotation that turns the reached one into it.
     """
     position = wanted.position - T[:, :3, 3]
+    if wanted.rotation is None and wanted.axis is not None:
+        return Misses(position, _turns_between(T[:, :3, :3] @ np.array(wanted.tool_axis), wanted.axis))
     if wanted.rotation is None:
         return Misses(position, np.zeros_like(position))
     return Misses(position, rotation_vectors(wanted.rotation @ T[:, :3, :3].transpose(0, 2, 1)))
+
+
+def _turns_between(reached: Array, wanted: Array) -> Array:
+    """(N, 3) rotation vectors [rad] across both of unit vectors (N, 3) that turn one into the other; 0 for NaN."""
+    held = np.where(np.isnan(wanted), reached, wanted)
+    across, cosine = np.cross(reached, held), (reached * held).sum(axis=1)
+    sine = np.linalg.norm(across, axis=1)
+    angle = np.arctan2(sine, cosine)
+    return np.asarray(across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None])
+
+
+def _across(axis: Array) -> Array:
+    """(N, 3, 3) projectors across unit vectors (N, 3); zero for NaN, which holds nothing."""
+    projector = np.eye(3) - axis[:, :, None] * axis[:, None, :]
+    return np.asarray(np.nan_to_num(projector, nan=0.0))
 
 
 def rotation_vectors(R: Array) -> Array:

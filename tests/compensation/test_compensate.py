@@ -186,8 +186,8 @@ def test_what_cannot_be_reached_is_told_by_line_and_nothing_is_written(tmp_path:
     answer = invoke("compensate", path, "--problem", tmp_path / "arm.yaml", "--out", out)
     assert answer.exit_code == 3
     assert "2 of 3 targets cannot be reached" in answer.stderr
-    assert f"{path}:4: the tool point stays" in answer.stderr
-    assert f"{path}:5: the tool point stays" in answer.stderr
+    assert f"{path}:4: the target lies at least" in answer.stderr
+    assert f"{path}:5: the target lies at least" in answer.stderr
     assert not out.exists()
     with pytest.raises(NoSolutionError) as error:
         po.compensate(ur10(SAG), path)

@@ -20,6 +20,7 @@ from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
+from posture_opt.report.parts.collision_parts import collision_facts, distance_facts
 from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import angle, count, length, length_unit
@@ -97,6 +98,8 @@ def gain_block(problem: ProblemData, found: Compensation) -> Block:
         *_computed_for(found),
         ("Joints", _given(found)),
         ("Largest change", ", ".join(_changes(found, change))),
+        *distance_facts(problem.scene, found.clearance),
+        *collision_facts(problem.scene),
         *note_facts((*problem.sources.notes, *frame_notes(problem.robot))),
     )
     text = (
@@ -136,18 +139,21 @@ def _range(values: Array | None, stated: float) -> str:
 def _given(found: Compensation) -> str:
     """Where the joint values of the rows come from, in words."""
     if found.targets.near is None:
-        return "none were given: those of the drawn arm count, each row near the one before"
+        near = "the first row" if found.problem.task is None or found.remarks else "the posture of the task"
+        return f"none were given: near {near}, with its tool axis and further requirements"
     if found.targets.position is None:
         return "given, and the targets are where the drawn arm would be with them"
     return "given; the compensated ones stay as near to them as the target allows"
 
 
 def _changes(found: Compensation, change: np.ndarray) -> list[str]:
-    """The largest change of each joint over the rows, given as (n,) [rad or m]."""
-    return [
-        f"{joint.name} {angle(float(v)) if joint.type == 'revolute' else length(float(v))}"
-        for joint, v in zip(found.problem.robot.joints, change, strict=True)
-    ]
+    """The largest change of each joint over the rows, given as (n,) [rad or m]; 0 below the digits that are written."""
+    words = []
+    for joint, v in zip(found.problem.robot.joints, change, strict=True):
+        turns = joint.type == "revolute"
+        size = 0.0 if v < (found.digits.turn if turns else found.digits.slide) else float(v)
+        words.append(f"{joint.name} {angle(size) if turns else length(size)}")
+    return words
 
 
 def rows_block(found: Compensation) -> Block:
