@@ -135,7 +135,10 @@ def test_optima_are_those_of_ipopt_from_the_same_starts() -> None:
     starts, errors = engine.ik.solve(engine.ik.random_postures(60, rng), engine.request(target, 60, rng), enough=24)
     found = engine.descended(starts[errors < 1e-7], target, 60)
     assert np.mean(found.optimal) > 0.9
-    ends = [engine.fallback_solver(q, target.parameters) for q in starts[errors < 1e-7]]
+    ends = [
+        engine.fallback_solver(q, target.parameters, engine.optimisation_problem.nlp.ends(target.parameters))
+        for q in starts[errors < 1e-7]
+    ]
     values = np.array([engine.candidates(end.x[None], target)[0].objective if end.optimal else np.nan for end in ends])
     # A start may fall into another valley; the best of all must agree, and most others.
     scale = np.nanmin(values)
@@ -160,5 +163,5 @@ def test_what_is_called_optimal_in_a_region_lies_where_its_multipliers_say() -> 
     assert len(values) > 20
     # IPOPT from where the search ended gains nothing.
     for q, value in zip(found.q[found.optimal][:10], values[:10], strict=True):
-        end = engine.fallback_solver(q, target.parameters)
+        end = engine.fallback_solver(q, target.parameters, engine.optimisation_problem.nlp.ends(target.parameters))
         assert engine.candidates(end.x[None], target)[0].objective > value * (1 - 1e-5)

@@ -18,11 +18,13 @@ from posture_opt.units import UNKNOWN, number
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.program.nlp import Nlp, Row
+    from posture_opt.selection.search.confirmation import Confirmation
     from posture_opt.selection.search.search_statistics import Sweep
 
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
 GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
+_ROUNDING = 1e-12  # of a standard deviation: less is not worth a digit
 _MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTH_PARAMETERS = ("lower", "upper", "clearance")
 _PARAMETER_MEANINGS = {
@@ -132,9 +134,22 @@ def _search(solution: Solution) -> list[tuple[str, str]]:
     again = f", in {e.recurred} of {e.batches} independent batches" if e.batches > 1 else ""
     proof = "a local optimum" if solution.status == "optimal" else "not confirmed as a local optimum"
     rows = [("Search", text), ("", found + again), ("", f"the result is {proof}, the best of these searches")]
+    if e.confirmation is not None:
+        rows.append(("", confirmation_words(e.confirmation)))
     if e.sweep is not None:
         rows.append(("Sweep", _sweep(solution, e.sweep)))
     return rows
+
+
+def confirmation_words(said: Confirmation) -> str:
+    """What IPOPT says of the answer: whether it ends there too, in how many iterations, and how exactly."""
+    effort = f"{count(said.iterations, 'iteration')}, optimality conditions met to {said.kkt:.0e}"
+    if not said.differs:
+        return f"confirmed by IPOPT: the same standard deviation within {max(said.agrees, _ROUNDING):.0e}, {effort}"
+    if math.isnan(said.agrees):
+        return f"IPOPT found no optimum from there ({count(said.iterations, 'iteration')})"
+    other = "IPOPT found a better posture, which is the answer" if said.taken else "IPOPT ended at a worse posture"
+    return f"{other}: the standard deviation differs by {percent(said.agrees)} ({effort})"
 
 
 def _sweep(solution: Solution, sweep: Sweep) -> str:

@@ -55,7 +55,8 @@ def most_manipulable(
     starts = Q[np.argsort(-sizes[:, 0], kind="stable")[:_IMPROVED_STARTS]]
     if problem.freedom:
         polish = solver.build(asked)
-        starts = np.vstack([starts, *_met(asked, target, [polish(q, target.parameters).x for q in starts])])
+        ends = asked.ends(target.parameters)
+        starts = np.vstack([starts, *_met(asked, target, [polish(q, target.parameters, ends).x for q in starts])])
     sizes, variances = (column[:, 0] for column in measured(starts, target.parameters))
     best = min(
         np.flatnonzero(sizes >= (1 - _MANIPULABILITY_TOLERANCE) * sizes.max()), key=lambda k: float(variances[k])

@@ -20,6 +20,7 @@ from posture_opt.selection.program.optimisation_problem import Alignment, Optimi
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.search.axis_alignment import Aligner
 from posture_opt.selection.search.batches import until_found_often, until_recurrence
+from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart
 from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, searched
@@ -92,6 +93,7 @@ class PostureSelector:
         *,
         seed: int | None = None,
         starts: int | None = None,
+        confirm: bool = False,
     ) -> Solution:
         """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
 
@@ -102,16 +104,22 @@ class PostureSelector:
             seed: of the random starts; default: the problem's.
             starts: feasible postures that local searches start from; default: as many as it takes to find the best
                 optimum several times.
+            confirm: whether IPOPT is started at the answer, and the better of both taken, as `select_posture` does.
 
         Raises:
             NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
             InputError: a target that is not three finite numbers.
         """
         seed = self._problem.solver.seed if seed is None else seed
-        return self.solve_target(self._target(position, direction, clearance), seed, starts)
+        return self.solve_target(self._target(position, direction, clearance), seed, starts, confirm=confirm)
 
     def solve_target(
-        self, target: TaskTarget, seed: int, starts: int | None = None, known: Array | None = None
+        self,
+        target: TaskTarget,
+        seed: int,
+        starts: int | None = None,
+        known: Array | None = None,
+        confirm: bool = False,
     ) -> Solution:
         """The best posture for a target; a ``known`` one (n,) is improved beside the random starts."""
         began = time.perf_counter()
@@ -120,7 +128,7 @@ class PostureSelector:
             found = until_found_often(engine, target, np.random.default_rng(seed), starts)
             return found if known is None else found.with_known(engine, known), None
 
-        return self._answer(self._searched(seek, target), began)
+        return self._answer(self._searched(seek, target), began, confirm)
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
@@ -152,7 +160,7 @@ class PostureSelector:
             found = until_recurrence(engine, aim, first, solver.starts, workers, progress)
             return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
 
-        return self._answer(self._searched(seek, aim), began)
+        return self._answer(self._searched(seek, aim), began, confirm=True)
 
     def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
         """The search without rows against collisions, and again with them where the answer collides."""
@@ -174,21 +182,27 @@ class PostureSelector:
             target = replace(target, clearance=float(clearance))
         return target
 
-    def _answer(self, outcome: SearchOutcome, began: float) -> Solution:
+    def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
         """The solution of a search, or the error with the reasons.
 
         Alternatives are the distinct optima that a search ended at, at most eight.
+
+        Args:
+            confirm: whether the solver of the problem is started at the best of them.
         """
         found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
         problem = outcome.engine.optimisation_problem
         feasible = outcome.feasible or self._rescued(found, began)
-        best = feasible[0]
+        best, confirmation = feasible[0], None
+        if confirm:
+            feasible, confirmation = confirmed(outcome.engine, feasible, found.target, self._problem.scene)
+            best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
         apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
         optima = [ended[k] for k in apart]
         seconds = time.perf_counter() - began
-        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds)
+        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
 
         ranked = np.array([c.q for c in optima[:_MAX_ALTERNATIVES]])
         notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())

@@ -7,7 +7,7 @@ Names, units and bounds travel with the expressions: a report can say which requ
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -129,6 +129,19 @@ class Nlp:
         """(p,) -> lower and upper bounds (m,) of the rows, interpreted: they are a few additions."""
         low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
         return BatchFunction(ca.Function("row_bounds", [self.p], [low, high]), compiled=False)
+
+    def ends(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Lower and upper ends of the variables (n,), then of the rows (m,) for one target."""
+        return (*self.variable_bounds, *self.row_bounds(parameters))
+
+    @cached_property
+    def row_values(self) -> BatchFunction:
+        """``(x (n,), p) -> g (m,)``, interpreted."""
+        return BatchFunction(ca.Function("rows", [self.x, self.p], [ca.densify(self.g)]), compiled=False)
+
+    def with_rows(self, chosen: Sequence[int]) -> Nlp:
+        """The same program with the rows of these numbers alone."""
+        return replace(self, rows=tuple(self.rows[k] for k in chosen))
 
     @cached_property
     def row_values(self) -> BatchFunction:

@@ -24,6 +24,9 @@ _OPTIONS: dict[str, Any] = {
     "calc_lam_p": False,  # the multipliers of the parameters cost one more evaluation and nobody reads them
 }
 
+_SCALE = 100.0
+"""Mean multiplier above which residuals are divided by it (s_max of IPOPT)."""
+
 _ONE_AT_A_TIME = threading.RLock()
 """MUMPS, which solves IPOPT's linear systems, keeps data in global variables: of all threads, one may solve."""
 
@@ -40,12 +43,15 @@ class SolverAnswer:
         optimal: IPOPT's status is ``Solve_Succeeded``; a merely acceptable point is not.
         message: IPOPT's status.
         iterations: that it took.
+        row_multipliers: (m,) and ``bound_multipliers`` (n,), positive at upper ends: ``∇f + Jᵀλ + z = 0``.
     """
 
     x: Array
     optimal: bool
     message: str
     iterations: int
+    row_multipliers: Array
+    bound_multipliers: Array
 
 
 class NonlinearSolver:
@@ -74,5 +80,31 @@ class NonlinearSolver:
         with _ONE_AT_A_TIME, interruptible():
             found = self._function(x0=x0, p=p, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
             stats = self._function.stats()
-        x, message = np.asarray(found["x"]).ravel(), str(stats["return_status"])
-        return SolverAnswer(x, message == "Solve_Succeeded", message, int(stats["iter_count"]))
+        x, rows, bounds = (np.asarray(found[name]).ravel() for name in ("x", "lam_g", "lam_x"))
+        message = str(stats["return_status"])
+        return SolverAnswer(x, message == "Solve_Succeeded", message, int(stats["iter_count"]), rows, bounds)
+
+    def residual(
+        self, found: SolverAnswer, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
+    ) -> float:
+        """The largest residual of the optimality conditions at an answer, scaled as IPOPT scales them.
+
+        ``max(|∇f + Jᵀλ + z|/s, |(λ, z)|·room/s, violation)`` with ``s = max(100, mean |(λ, z)|)/100`` (Wächter and
+        Biegler 2006, eqs. 5 and 6), evaluated here and not taken from the solver. ``room`` is what a value has left to
+        the end that its multiplier belongs to. Arguments as of `solve`.
+        """
+        slope = np.asarray(self._function.get_function("nlp_grad_f")(found.x, p)[1]).ravel()
+        g, jacobian = self._function.get_function("nlp_jac_g")(found.x, p)
+        free = lower < upper  # the solver takes the others as numbers
+        stationarity = (slope + np.asarray(jacobian.T @ found.row_multipliers).ravel() + found.bound_multipliers)[free]
+        value, low, high = (
+            np.concatenate(pair) for pair in ((np.asarray(g).ravel(), found.x), (row_lower, lower), (row_upper, upper))
+        )
+        y = np.concatenate([found.row_multipliers, np.where(free, found.bound_multipliers, 0.0)])
+        room = np.maximum(np.where(y > 0, high - value, value - low), 0.0)
+        ended = np.isfinite(room)  # where there is no end, a multiplier is what is left of a barrier
+        complementarity = np.abs(y[ended]) * room[ended]
+        violation = np.maximum(low - value, value - high)
+        scale = max(_SCALE, float(np.mean(np.abs(y)))) / _SCALE
+        scaled = max(np.max(np.abs(stationarity), initial=0.0), np.max(complementarity, initial=0.0)) / scale
+        return float(max(scaled, np.max(violation, initial=0.0)))

@@ -17,6 +17,7 @@ from posture_opt.selection.program.optimisation_problem import OptimisationProbl
 from posture_opt.selection.program.pose_request import PoseRequest, held_request, request_for
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.clusters import clusters
+from posture_opt.selection.search.confirming_solver import ConfirmingSolver
 from posture_opt.selection.search.elastic_problem import ElasticProblem
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics
 from posture_opt.selection.search.local_search import LocalOptima, LocalSearch
@@ -118,6 +119,11 @@ class Engine(DerivedAgain):
         """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
         return self.solver.build(self.optimisation_problem.nlp)
 
+    @cached_property
+    def confirming(self) -> ConfirmingSolver:
+        """The solver of the problem, for optima that the local search has found."""
+        return ConfirmingSolver(self.optimisation_problem.nlp, self.solver)
+
     def request(
         self, target: TaskTarget, count: int, rng: np.random.Generator, *, whole_box: bool = False
     ) -> PoseRequest:
@@ -206,7 +212,8 @@ class Engine(DerivedAgain):
         """Where IPOPT ends from a candidate, the candidate itself where that is not better."""
         if self.optimisation_problem.freedom == 0:
             return start  # nothing is left to choose, and IPOPT would refuse more equalities than joints
-        outcome: Outcome = self.fallback_solver(start.q, target.parameters)
+        ends = self.optimisation_problem.nlp.ends(target.parameters)
+        outcome: Outcome = self.fallback_solver(start.q, target.parameters, ends)
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
         end = replace(self.candidates(outcome.x[None], target)[0], optimal=outcome.optimal, message=outcome.message)

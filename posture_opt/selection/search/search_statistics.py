@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.numerics import Array, Json
 from posture_opt.selection.program.pose_request import PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.search.multistart import MultistartResult, Sampled, as_good
@@ -48,6 +49,7 @@ class SearchStatistics:
         sweep: a systematic sweep in addition to the random starts, or None; ``sweep_sigma`` its best [m].
         batches: independent searches of as many starts; ``recurred`` of them found the best optimum.
         seconds: wall time.
+        confirmation: what the solver of the problem says of the answer; None where it was not asked.
     """
 
     starts: int
@@ -62,6 +64,7 @@ class SearchStatistics:
     batches: int
     recurred: int
     seconds: float
+    confirmation: Confirmation | None = None
 
     @classmethod
     def of(
@@ -72,6 +75,7 @@ class SearchStatistics:
         best: CandidatePosture,
         distinct: int,
         seconds: float,
+        confirmation: Confirmation | None = None,
     ) -> SearchStatistics:
         """What the search did; ``feasible`` are the answers that its starts led to, ``best`` is the final one."""
         return cls(
@@ -87,6 +91,7 @@ class SearchStatistics:
             batches=found.batches,
             recurred=found.recurred,
             seconds=seconds,
+            confirmation=confirmation,
         )
 
     @property
@@ -118,7 +123,8 @@ class SearchStatistics:
             "recurred",
             "seconds",
         )
-        return {name: getattr(self, name) for name in counts}
+        said = UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json()
+        return {**said, **{name: getattr(self, name) for name in counts}}
 
 
 def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.selection.solvers.ipopt import Ipopt
-from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
+from posture_opt.selection.solvers.solver import Ends, Outcome, Polish, Solver
 from posture_opt.spec import one_of
 
 SOLVERS: tuple[type[Solver], ...] = (Ipopt,)
@@ -15,4 +15,4 @@ if TYPE_CHECKING:
 else:
     SolverSpec = one_of(SOLVERS)
 
-__all__ = ["SOLVERS", "Outcome", "Polish", "Solver", "SolverSpec"]
+__all__ = ["SOLVERS", "Ends", "Outcome", "Polish", "Solver", "SolverSpec"]

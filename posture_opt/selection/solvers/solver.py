@@ -25,15 +25,25 @@ class Outcome:
         x: (n,) the point where it ended, within the bounds of the variables.
         optimal: whether the solver's own test of optimality is met.
         message: its status in its own words.
+        iterations: that it took.
+        residual: the largest one of the optimality conditions, scaled.
+        row_multipliers: (m,) and ``bound_multipliers`` (n,) of the scaled objective, positive at upper ends.
     """
 
     x: np.ndarray
     optimal: bool
     message: str
+    iterations: int
+    residual: float
+    row_multipliers: np.ndarray
+    bound_multipliers: np.ndarray
 
 
-Polish = Callable[[np.ndarray, np.ndarray], Outcome]
-"""(start (n,), target parameters) -> outcome."""
+Ends = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Lower and upper ends of the variables (n,), then of the rows (m,)."""
+
+Polish = Callable[[np.ndarray, np.ndarray, Ends], Outcome]
+"""(start (n,), target parameters, ends) -> outcome."""
 
 
 class Solver(Spec):
@@ -52,5 +62,10 @@ class Solver(Spec):
     tolerance: float = Field(default=1e-6, gt=0)
 
     @abstractmethod
-    def build(self, nlp: Nlp) -> Polish:
-        """A function that solves ``nlp`` locally, again and again: (start (n,), target parameters (30,)) -> outcome."""
+    def build(self, nlp: Nlp, *, confirms: bool = False) -> Polish:
+        """A function that solves ``nlp`` locally, again and again: (start (n,), target parameters (30,), ends of
+        variables and rows) -> outcome.
+
+        Args:
+            confirms: starts are optima that another method found: tolerances are as tight as rounding allows.
+        """
