@@ -18,6 +18,7 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.model.effects import CatalogueEntry, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.problem.effects_section import of_a_type
+from posture_opt.problem.fitting import WORKPIECE_KEYS
 from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.yaml_source import dump_yaml
@@ -28,7 +29,7 @@ from posture_opt.validation.prediction import joint_errors
 _MIN_EIGENVALUE = (
     1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
 )
-_KEPT_KEYS = ("scatter", "repeatability", "weights", "measurement")
+_KEPT_KEYS = ("scatter", "repeatability", "weights", "measurement", *WORKPIECE_KEYS)
 
 
 def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
@@ -83,7 +84,8 @@ def batch_uncertainty(problem: ProblemData, batch: Batch) -> Section:
     kept = {key: former[key] for key in _KEPT_KEYS if former.get(key) is not None}
     if "repeatability" in kept and set(sigma) & set(joint_errors(problem.robot)):
         # With a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
-        kept = {"scatter": _scatter(problem)} | {key: kept[key] for key in kept if key == "measurement"}
+        rest = ("measurement", *WORKPIECE_KEYS)
+        kept = {"scatter": _scatter(problem)} | {key: kept[key] for key in rest if key in kept}
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.selection.problem_data import ProblemData
 
+WORKPIECE_KEYS = ("workpiece", "feature")
+"""Keys of the section ``uncertainty`` that speak of what the tool works on, and not of the arm."""
 _FRAME_PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -191,7 +193,7 @@ def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fi
 
 
 def uncertainty_section(section: Mapping[str, Plain], robot: Robot, fit: FittedArm) -> Section:
-    """The section ``uncertainty`` of a file after a fit: covariance, scatter, and the instrument as it was stated.
+    """The section ``uncertainty`` of a file after a fit: covariance, scatter; instrument and workpiece as they were.
 
     A covariance replaces σ's and correlations of parameters; without one in the fit the section stays as it was.
     """
@@ -201,8 +203,14 @@ def uncertainty_section(section: Mapping[str, Plain], robot: Robot, fit: FittedA
     return {
         **({"covariance": fit.covariance_file} if fit.known.names else {}),
         **({"scatter": scatter} if scatter else {}),
-        **({"measurement": section["measurement"]} if section.get("measurement") is not None else {}),
+        **{key: section[key] for key in ("measurement", *WORKPIECE_KEYS) if section.get(key) is not None},
     }
+
+
+def with_workpiece(section: Mapping[str, Plain] | None, other: Mapping[str, Plain] | None) -> Section:
+    """A section ``uncertainty`` with the errors of the workpiece that another one states, in place of its own."""
+    kept = {key: value for key, value in (section or {}).items() if key not in WORKPIECE_KEYS}
+    return kept | {key: other[key] for key in WORKPIECE_KEYS if other and other.get(key) is not None}
 
 
 def fitted_document(

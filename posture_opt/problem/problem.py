@@ -21,6 +21,7 @@ from posture_opt.problem.fitting import (
     released_document,
     rounded,
     sources_text,
+    with_workpiece,
 )
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.path_file import with_path
@@ -124,6 +125,8 @@ class Problem(ProblemData):
     def with_task_of(self, other: Problem) -> Problem:
         """The same arm in the same cell with the task of another problem, whose path stays where it is.
 
+        Errors of the workpiece belong to the task.
+
         Raises:
             InputError: the task names joints that this arm lacks.
         """
@@ -131,8 +134,10 @@ class Problem(ProblemData):
         if task.get("path"):
             task["path"] = str(other.folder.absolute() / task["path"])
         arm = arm_with(self.robot, self.effects, other.task)
+        uncertainty = with_workpiece(self.document.get("uncertainty"), other.document.get("uncertainty"))
         return replace(
-            self, arm=arm, task=other.task, document={**self.document, "task": task},
+            self, arm=arm, task=other.task, workpiece_sources=other.workpiece_sources,
+            document={**self.document, "task": task, **({"uncertainty": uncertainty} if uncertainty else {})},
             notes=(*(note for note in self.notes if note not in input_notes(self.arm)), *input_notes(arm)),
             overridden=self.overridden | {("task",)},
         )  # fmt: skip
@@ -140,6 +145,8 @@ class Problem(ProblemData):
     def of_robot(self) -> Problem:
         """The robot, what is uncertain about it, its effects and its data, without a task and a cell."""
         kept = {key: value for key, value in self.document.items() if key in _ROBOT_SECTIONS}
+        if kept.get("uncertainty"):
+            kept["uncertainty"] = with_workpiece(kept["uncertainty"], None)
         document = Document(kept, self.origin.file, self.origin.lines)
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
@@ -275,6 +282,7 @@ def build_problem(document: Document, folder: Path, name: str, *, attached: Mapp
         nominal=nominal,
         stated=stated,
         sources=sources,
+        workpiece_sources=spec.uncertainty.of_workpiece,
         task=spec.task,
         solver=spec.solver,
         effects=spec.effects,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -34,6 +34,7 @@ class ProblemData(Summarised, ABC):
         arm: the robot with its corrections and effects, under the inputs of the task.
         nominal: the robot without corrections and effects.
         stated: the sources of error as they are stated; ``sources`` with what effects add from repeat to repeat.
+        workpiece_sources: errors of the workpiece and its features, which belong to the task and not to the arm.
         task: None where none is stated.
         effects: those that move the tool point, ``arm.effects``, and those that only add scatter.
         measurement: the standard deviations of the instrument; None where none is stated.
@@ -54,6 +55,12 @@ class ProblemData(Summarised, ABC):
     data: DataSpec
     cell: CellSpec | None = None
     notes: tuple[str, ...] = ()
+    workpiece_sources: Sources = field(default_factory=Sources)
+
+    @cached_property
+    def task_sources(self) -> Sources:
+        """Whose errors a task sees: those of the arm and those of the workpiece."""
+        return self.sources if self.workpiece_sources.empty else self.sources.plus(self.workpiece_sources)
 
     @property
     def robot(self) -> Robot:

@@ -225,7 +225,7 @@ def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, 
         )
         return float(axis @ np.asarray(ToolPoint.of(problem.arm, sources).moments(POSTURE).covariance) @ axis)
 
-    assert tool_point.effects is not None
+    assert tool_point.linear is not None
     for share in spread.budget:
         if share.parameter.endswith(".side"):
             continue

@@ -126,6 +126,7 @@ def plot_cross_section(
         n: number of samples, drawn with ``seed``.
         origin: what the origin of the axes is, in words.
     """
+    spread = spread.seen
     B = view_basis(spread, seen)
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
     ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.scene.arm_geometry import TargetGeometry
 from posture_opt.report.text.units_text import length, length_unit, place
-from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.spread import relative_spread
 
 if TYPE_CHECKING:
     from posture_opt.selection.maps.map_points import MapPoint
@@ -33,7 +33,7 @@ def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView 
             f"{place(point.position)}: {length(size)}",
             point.q,
             ((what.capitalize(), length(size)), ("Target", place(point.position))),
-            propagate(found.problem, point.q),
+            relative_spread(found.problem, point.q, found.target.lever),
             TargetGeometry.of(replace(found.target, lower=point.position, upper=point.position)),
             value=round(factor * size, 5),
         )

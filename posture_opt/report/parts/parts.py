@@ -36,6 +36,7 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
+from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
 from posture_opt.uncertainty.spread.joint_digits import (
     READABLE_ROUNDING_SHARE,
     JointDigits,
@@ -129,6 +130,30 @@ def source_facts(problem: ProblemData) -> list[tuple[str, str]]:
         texts = [*texts[:_MAX_SOURCES], f"and {len(texts) - _MAX_SOURCES} more"]
     correlated = ", some of them correlated" if sources.correlated else ""
     return [("Uncertainty", ", ".join(texts) + f" (standard deviations{correlated})")]
+
+
+def workpiece_facts(problem: ProblemData) -> list[tuple[str, str]]:
+    """The standard deviations of workpiece and features, and the point that the angle is about; below the sources."""
+    errors, task = problem.workpiece_sources, problem.task
+    if errors.empty or task is None:
+        return []
+    sigma = dict(zip(map(stated_name, errors.names), map(float, errors.sigma), strict=True))
+    sizes = ", ".join(
+        f"{source_words(name, problem.arm)} {source_size(name, s, problem.arm)}" for name, s in sigma.items()
+    )
+    return [("", f"{sizes}{_about(problem) if ANGLE in sigma else ''}")]
+
+
+def _about(problem: ProblemData) -> str:
+    """Which point the workpiece turns about by its error."""
+    task = problem.task
+    assert task is not None
+    if task.workpiece is not None:
+        return " (angle about the origin of the workpiece)"
+    if not task.places:
+        return " (angle about the target)"
+    what = "features" if task.features else "path"
+    return f" (angle about the middle of the {what}, {place(task.origin)}; task: {{workpiece: ...}} states the origin)"
 
 
 def _group_words(names: Sequence[str], arm: Arm) -> str:
@@ -316,8 +341,9 @@ def method_fact(spread: Spread) -> tuple[str, str]:
 
 
 def sigma_of(problem: ProblemData) -> dict[str, float]:
-    """Standard deviation of every source [rad or m]."""
-    return dict(zip(problem.sources.names, map(float, problem.sources.sigma), strict=True))
+    """Standard deviation of every source that the task sees [rad or m], by the names that the file has."""
+    sources = problem.task_sources
+    return dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
 
 
 def validity_sentence(spread: Spread) -> str:

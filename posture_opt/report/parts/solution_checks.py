@@ -26,7 +26,7 @@ SMALL_GAIN = 0.05
 GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
 _ROUNDING = 1e-12  # of a standard deviation: less is not worth a digit
 _MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
-_LENGTH_PARAMETERS = ("lower", "upper", "clearance")
+_LENGTH_PARAMETERS = ("lower", "upper", "clearance", "lever")
 _PARAMETER_MEANINGS = {
     "lower": "box of the target, lower corner",
     "upper": "box of the target, upper corner",
@@ -40,6 +40,7 @@ _PARAMETER_MEANINGS = {
     "a1": "first axis across that",
     "a2": "second axis across that",
     "spin": "where the y axis of the tool is to point",
+    "lever": "from the origin of the workpiece to the target",
 }
 _AXIS_PARAMETERS = ("axis", "a1", "a2")
 
@@ -208,7 +209,9 @@ def explain_report(solution: Solution) -> Report:
         Block("Objective", (_objective(nlp, values),)),
         Block("Variables", (_variables(nlp, solution.q),)),
         Block("Rows", (_rows(nlp, values) if nlp.rows else "None: the tool point is free.",)),
-        Block("Parameters of the target", (_parameters(solution.target),)),
+        Block(
+            "Parameters of the target", (_parameters(solution.target, not solution.problem.workpiece_sources.empty),)
+        ),
     )
     return Report(f"Nonlinear program of: {solution.problem.name}", lead, blocks)
 
@@ -255,14 +258,24 @@ def _binding(low: float, value: float, high: float) -> str:
     return "at its bound" if min(value - low, high - value) < tolerance else ""
 
 
-def _parameters(target: TaskTarget) -> Table:
-    """Parameters of the target with their meaning."""
-    rows, at, along = [], 0, np.array_equal(target.axis, target.direction)
+def _parameters(target: TaskTarget, levered: bool) -> Table:
+    """Parameters of the target with their meaning, but for those that say nothing here.
+
+    Args:
+        levered: whether the workpiece errs, so that the lever counts.
+    """
+    rows, at = [], 0
+    along = np.array_equal(target.axis, target.direction)  # then the tool axis is told above
+    hidden = (
+        *(_AXIS_PARAMETERS if along else ()),
+        *(() if target.spun else ("spin",)),
+        *(() if levered else ("lever",)),
+    )
     for name, size in SIZES.items():
         entries = [float(v) for v in target.parameters[at : at + size]]
         at += size
-        if (name in _AXIS_PARAMETERS and along) or (name == "spin" and not target.spun):
-            continue  # the tool axis is held along the direction, which is told above
+        if name in hidden:
+            continue
         rows.append((name, _PARAMETER_MEANINGS[name], _entries(name, entries)))
     return Table(("parameter", "is", "value"), tuple(rows), text_columns=2)
 

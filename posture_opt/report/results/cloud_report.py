@@ -113,7 +113,7 @@ def _axes_table(cloud: Cloud) -> Table:
         (line_words(a), *_beside([c, s, *pair], closed[0], factor), fixed(ratio, 4))
         for a, c, s, pair, ratio in zip(axes, closed, sampled, intervals, ratios, strict=True)
     )
-    rows += tuple((words, *_task_cells(cloud, axis, factor)) for words, axis in _task_axes(cloud))
+    rows += tuple((words, *_task_cells(cloud.seen, axis, factor)) for words, axis in _task_axes(cloud))
     headers = ("standard deviation along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval", "ratio")
     return Table(headers, rows)
 

@@ -9,7 +9,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from posture_opt.report.page.presenter import SummaryPresenter
-from posture_opt.report.parts.parts import effect_facts, robot_facts, source_facts
+from posture_opt.report.parts.parts import effect_facts, robot_facts, source_facts, workpiece_facts
 from posture_opt.report.text.blocks import Summary
 from posture_opt.report.text.units_text import place, stated_length
 
@@ -26,7 +26,13 @@ class ProblemPresenter(SummaryPresenter["Problem"]):
     def summary(self) -> Summary:
         """Robot, effects, sources of error, task, target, and obstacles where there are any."""
         problem: Problem = self.result
-        facts = [robot_facts(problem)[0], *effect_facts(problem), *source_facts(problem), *_task_facts(problem.task)]
+        facts = [
+            robot_facts(problem)[0],
+            *effect_facts(problem),
+            *source_facts(problem),
+            *workpiece_facts(problem),
+            *_task_facts(problem.task),
+        ]
         if problem.cell is not None and problem.cell.obstacles:
             facts.append(("Obstacles", ", ".join(obstacle.name for obstacle in problem.cell.obstacles)))
         return Summary(

@@ -20,6 +20,7 @@ from posture_opt.report.parts.parts import (
     robot_facts,
     sentence,
     source_facts,
+    workpiece_facts,
 )
 from posture_opt.report.parts.path_parts import (
     ACROSS,
@@ -162,9 +163,17 @@ class SolutionPresenter(Presenter["Solution"]):
         if task.subject_to:
             rows.append(("Requirements", ", ".join(bound_words(term) for term in task.subject_to)))
         rows += self._clearance()
-        rows += [*collision_facts(problem.scene), *source_facts(problem), *notes]
+        rows += [*collision_facts(problem.scene), *source_facts(problem), *workpiece_facts(problem), *notes]
         briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece")]
-        short = (rows[0], ("Task", task.kind), *briefly, *input_facts(problem), *source_facts(problem), *notes)
+        short = (
+            rows[0],
+            ("Task", task.kind),
+            *briefly,
+            *input_facts(problem),
+            *source_facts(problem),
+            *workpiece_facts(problem),
+            *notes,
+        )
         return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:

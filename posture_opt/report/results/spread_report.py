@@ -30,6 +30,7 @@ from posture_opt.report.parts.parts import (
     source_facts,
     tool_facts,
     validity_sentence,
+    workpiece_facts,
 )
 from posture_opt.report.parts.task_parts import (
     beside_target,
@@ -88,8 +89,22 @@ def arm_block(problem: ProblemData, spread: Spread) -> Block:
         *task_facts(task, seen.direction), *clearance_facts(seen), *beside_target(spread),
     ]  # fmt: skip
     notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
-    facts = (*robot_facts(problem), *asked, *input_facts(problem), *source_facts(problem), *notes)
-    short = (facts[0], *beside_target(spread), *input_facts(problem), *source_facts(problem), *notes)
+    facts = (
+        *robot_facts(problem),
+        *asked,
+        *input_facts(problem),
+        *source_facts(problem),
+        *workpiece_facts(problem),
+        *notes,
+    )
+    short = (
+        facts[0],
+        *beside_target(spread),
+        *input_facts(problem),
+        *source_facts(problem),
+        *workpiece_facts(problem),
+        *notes,
+    )
     return Block("Problem", (Facts(facts),), brief=(Facts(short),))
 
 

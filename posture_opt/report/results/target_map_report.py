@@ -16,7 +16,15 @@ from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import collision_facts
-from posture_opt.report.parts.parts import frame_notes, input_facts, joint_values, note_facts, robot_facts, source_facts
+from posture_opt.report.parts.parts import (
+    frame_notes,
+    input_facts,
+    joint_values,
+    note_facts,
+    robot_facts,
+    source_facts,
+    workpiece_facts,
+)
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, joint_unit, length, length_unit, percent, place
 from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words, part_words
@@ -79,10 +87,18 @@ def problem_block(problem: ProblemData, found: TargetMap) -> Block:
         ("Targets", grid_words(found.grid)),
         *collision_facts(problem.scene),
         *source_facts(problem),
+        *workpiece_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
     notes = note_facts((*problem.notes, *found.notes))
-    short = (rows[0], ("Task", task.kind), ("Targets", grid_words(found.grid)), *source_facts(problem), *notes)
+    short = (
+        rows[0],
+        ("Task", task.kind),
+        ("Targets", grid_words(found.grid)),
+        *source_facts(problem),
+        *workpiece_facts(problem),
+        *notes,
+    )
     return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
 

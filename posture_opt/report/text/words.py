@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from posture_opt.model.arm import Arm
 from posture_opt.report.text.units_text import stated_angle, stated_length
 from posture_opt.selection.registered_tasks import direction_name
+from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION
 from posture_opt.units import fixed, shown
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
@@ -28,6 +29,11 @@ _PARAMETERS = {
     "roll": "frame, roll",
     "pitch": "frame, pitch",
     "yaw": "frame, yaw",
+}
+_OF_WORKPIECE = {
+    POSITION: "workpiece position",
+    ANGLE: "workpiece angle",
+    FEATURE: "feature position",
 }
 CRITERIA = {
     "worst": "the largest standard deviation {part}",
@@ -66,7 +72,7 @@ def part_words(within: str, kind: str) -> str:
 
 def source_words(name: str, arm: Arm) -> str:
     """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
-    if said := _source_of_effect(name, arm):
+    if said := _OF_WORKPIECE.get(name) or _source_of_effect(name, arm):
         return said
     owner, _, parameter = name.rpartition(".")
     prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in arm.robot.joints)
@@ -81,6 +87,8 @@ def source_size(name: str, sigma: float, arm: Arm) -> str:
     """The standard deviation of a source with its unit."""
     if said := _spread_of_effect(name, sigma, arm):
         return said
+    if name in _OF_WORKPIECE:
+        return stated_angle(sigma) if name == ANGLE else stated_length(sigma)
     factor = arm.robot.parameters.get(name)
     return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
 

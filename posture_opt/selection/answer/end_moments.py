@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.peg_spread import peg_spread
@@ -29,12 +30,12 @@ class EndMoments:
     sigma: Array
 
 
-def end_moments(problem: OptimisationProblem, Q: Array, basis: Array) -> EndMoments:
-    """Moments of postures Q (N, n) [rad or m] in the ``basis`` (3, m) of what counts.
+def end_moments(problem: OptimisationProblem, Q: Array, basis: Array, lever: Array) -> EndMoments:
+    """Moments of postures Q (N, n) [rad or m] in the ``basis`` (3, m) of what counts, at targets of one ``lever``.
 
     Of a peg both ends are evaluated, and each posture keeps the end with the larger σ_max.
     """
-    tip, part = problem.tool_point, problem.task.part
+    tip, part = problem.tool_point.seen_from(lever.tolist()), problem.task.part
     columns = [np.ascontiguousarray(column) for column in Q.T]
     ends = []
     for point in [tip] if part is None else [tip, part.behind(tip)]:
@@ -53,12 +54,13 @@ def end_moments(problem: OptimisationProblem, Q: Array, basis: Array) -> EndMome
     return EndMoments(ends[0].position, C, bias, np.maximum(ends[0].sigma, ends[1].sigma))
 
 
-def success_with_peg(problem: OptimisationProblem, q: Array, basis: Array, clearance: float) -> float | None:
+def success_with_peg(problem: OptimisationProblem, q: Array, basis: Array, target: TaskTarget) -> float | None:
     """The probability that both ends of the task's peg stay within the clearance; None without a peg or a clearance."""
     part = problem.task.part
     if part is None:
         return None
-    moments = problem.tool_point.moments(q.tolist())
+    point = problem.tool_point.seen_from(target.lever.tolist())
+    moments = point.moments(q.tolist())
     C, bias = (np.asarray(v, dtype=float) for v in (moments.covariance, moments.mean - moments.position))
     tip = Critical.of(problem.task.within, basis, C, bias)
-    return peg_spread(part, problem.tool_point, tuple(q.tolist()), (tip, basis), clearance).success
+    return peg_spread(part, point, tuple(q.tolist()), (tip, basis), target.clearance).success

@@ -21,6 +21,7 @@ from posture_opt.selection.search.engine import STEPS, Engine
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.workpiece import stated_name
 from posture_opt.uncertainty.spread.budget import Share
 
 _MIN_VARIANCE_SHARE = 0.01  # of the variance: sources with a smaller share are not asked about
@@ -138,12 +139,13 @@ def improvements(
         return gain(float(combined(np.array([station.sigma_under(sources) for station in stations]))))
 
     found: list[Improvement] = [
-        HalvedSigma(*under(_halved(problem.sources, name)), name, sigma)
-        for name, sigma in _weighty(stations, problem.sources)
+        HalvedSigma(*under(_halved(problem.task_sources, name)), name, sigma)
+        for name, sigma in _weighty(stations, problem.task_sources)
     ]
     known = after_calibration(problem, Calibrating.of(problem))
     if known is not None:
-        found.append(CalibratedArm(*under(known.sources), known.postures, known.instrument, known.assumed))
+        left = known.sources.plus(problem.workpiece_sources)
+        found.append(CalibratedArm(*under(left), known.postures, known.instrument, known.assumed))
     moved = None if place is None else _moved(place, before)
     if moved is not None:
         found.append(MovedPart(*gain(moved[0]), moved[1]))
@@ -159,7 +161,7 @@ def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tupl
     for station in stations:
         for share in station.budget:
             shares[share.parameter] = max(shares.get(share.parameter, 0.0), share.share)
-    sigma = dict(zip(sources.names, map(float, sources.sigma), strict=True))
+    sigma = dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
     ranked = sorted(
         (name for name in shares if shares[name] >= _MIN_VARIANCE_SHARE and name in sigma), key=lambda n: -shares[n]
     )
@@ -167,8 +169,8 @@ def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tupl
 
 
 def _halved(sources: Sources, name: str) -> Sources:
-    """The same sources with one standard deviation halved, its correlations kept."""
-    scale = np.where(np.array(sources.names) == name, 0.5, 1.0)
+    """The same sources with one standard deviation, as the file states it, halved, its correlations kept."""
+    scale = np.where([stated_name(one) == name for one in sources.names], 0.5, 1.0)
     both = np.outer(scale, scale)
     return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
 

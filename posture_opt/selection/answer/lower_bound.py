@@ -3,7 +3,8 @@
 An error that acts before any joint has moved – the base, the first joint – shifts the tool point by
 ``a × (x − o)`` (or ``a``), and neither axis nor lever depends on the posture once the target ``x`` is given.
 By the law of total covariance the tool point scatters at least as much as these errors alone make it scatter
-when all others are held fixed, so ``B' C_fixed(x) B`` bounds the projected covariance from below.
+when all others are held fixed, so ``B' C_fixed(x) B`` bounds the projected covariance from below. Errors of the
+workpiece are independent of the arm's and the same in every posture: they are added to it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from posture_opt.numerics import Array
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import deviation
+from posture_opt.uncertainty.sources.workpiece import of_workpiece, relative_twist, stated_name
 
 
 @dataclass(frozen=True)
@@ -40,27 +42,58 @@ def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> Lowe
     what is does not move the tool point in that part.
 
     For a region it is the least over the region: the bound is a convex function of the point.
+
+    Args:
+        tool_point: at the lever of the target.
     """
-    fixed = _fixed_sources(tool_point)
-    if not fixed or target.kind == "anywhere":
+    fixed, beside = _fixed_sources(tool_point), _WorkpieceErrors.of(tool_point)
+    if not (fixed or beside.names) or target.kind == "anywhere":
         return None
     covariance = _conditional(tool_point.covariance, fixed)
     columns = _Levers.of(tool_point, fixed)
-    point = target.lower if target.kind == "point" else _least(columns, covariance, target, basis)
-    J = basis.T @ columns.at(point)
-    values, vectors = np.linalg.eigh(J @ covariance @ J.T)
-    sigma = deviation(float(values[-1]), columns.scale(covariance))
+    point = _least(columns, covariance, target, basis) if fixed and target.kind == "region" else target.lower
+    # At a region the lever of the workpiece is zero: its errors raise the bound by as much at every point.
+    J, both = basis.T @ np.hstack([columns.at(point), beside.columns]), _joined(covariance, beside.covariance)
+    values, vectors = np.linalg.eigh(J @ both @ J.T)
+    sigma = deviation(float(values[-1]), _joined(columns.scale(covariance), beside.moved))
     if sigma == 0:
         return None
-    gains = (vectors[:, -1] @ J) ** 2 * np.diag(covariance)
-    first = int(np.argmax(gains))
-    return LowerBound(
-        sigma,
-        tool_point.names[fixed[first]],
-        float(gains[first] / gains.sum()),
-        point,
-        columns.radius(first, point),
-    )
+    gains: dict[str, float] = {}
+    names = [*(tool_point.names[k] for k in fixed), *map(stated_name, beside.names)]
+    for name, gain in zip(names, (vectors[:, -1] @ J) ** 2 * np.diag(both), strict=True):
+        gains[name] = gains.get(name, 0.0) + float(gain)
+    source = max(gains, key=gains.__getitem__)
+    first = names.index(source)
+    radius = columns.radius(first, point) if first < len(fixed) else np.nan
+    return LowerBound(sigma, source, gains[source] / sum(gains.values()), point, radius)
+
+
+@dataclass(frozen=True)
+class _WorkpieceErrors:
+    """Errors of the workpiece: names, shift of the target by each (3, w), and covariance (w, w)."""
+
+    names: tuple[str, ...]
+    columns: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, tool_point: ToolPoint) -> _WorkpieceErrors:
+        linear = tool_point.linear
+        rows = [] if linear is None else [k for k, name in enumerate(linear.names) if of_workpiece(name)]
+        names = tuple(linear.names[k] for k in rows) if linear is not None else ()
+        shifts = [relative_twist(name, tool_point.lever)[0] for name in names]
+        covariance = np.zeros((0, 0)) if linear is None else linear.covariance[np.ix_(rows, rows)]
+        return cls(names, np.array(shifts, dtype=float).reshape(-1, 3).T, covariance)
+
+    @property
+    def moved(self) -> Array:
+        """(3, 3) what they add to the covariance of the tool relative to the target [m²]."""
+        return np.asarray(self.columns @ self.covariance @ self.columns.T)
+
+
+def _joined(A: Array, B: Array) -> Array:
+    """Both square matrices as the blocks of one."""
+    return np.block([[A, np.zeros((len(A), len(B)))], [np.zeros((len(B), len(A))), B]])
 
 
 @dataclass(frozen=True)
@@ -77,9 +110,9 @@ class _Levers:
         reached = walk(factors, factor_values(factors, [0.0] * tool_point.robot.n))
         screws = [reached.screws[tool_point.indices[k]] for k in fixed]
         return cls(
-            np.array([s.axis for s in screws], dtype=float),
-            np.array([s.origin for s in screws], dtype=float),
-            np.array([s.rotates for s in screws]),
+            np.array([s.axis for s in screws], dtype=float).reshape(-1, 3),
+            np.array([s.origin for s in screws], dtype=float).reshape(-1, 3),
+            np.array([s.rotates for s in screws], dtype=bool),
         )
 
     def at(self, point: Array) -> Array:

@@ -296,11 +296,14 @@ def one_target(task: Task) -> Task:
 
 
 def sources_of(problem: ProblemData) -> Sources:
-    """The sources of error, or an InputError where there are none that could make a difference."""
+    """The sources of error that the task sees, or an InputError where none of the arm could make a difference.
+
+    Errors of the workpiece alone are the same in every posture.
+    """
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         raise InputError(
             Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
-    return problem.sources
+    return problem.task_sources

@@ -36,7 +36,7 @@ from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.orientation import Orientation
-from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, propagate
+from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, relative_spread
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
@@ -231,8 +231,8 @@ class Solution(Result):
 
     @cached_property
     def spread(self) -> Spread:
-        """The spread of the tool at the worst station."""
-        return self.worst.spread if self.points else propagate(self.problem, self.q)
+        """The spread of the tool at the worst station, relative to the workpiece where that errs too."""
+        return self.worst.spread if self.points else relative_spread(self.problem, self.q, self.target.lever)
 
     @property
     def covariance(self) -> Array:
@@ -254,7 +254,7 @@ class Solution(Result):
         """Computed once: σ of every ranked posture."""
         if not len(self.ranked):
             return ()
-        moments = end_moments(self.optimisation_problem, self.ranked, self.basis)
+        moments = end_moments(self.optimisation_problem, self.ranked, self.basis, self.target.lever)
         robot = self.problem.robot
         return tuple(
             Alternative(Posture(robot, q), x, float(s))
@@ -271,7 +271,11 @@ class Solution(Result):
         """The spread of the worst station as the task sees it: across, along, probability, peg and yaw."""
         if self.points:
             return self.worst.task_spread
-        task, target, spread = self.optimisation_problem.task, self.target, self.spread
+        return self._seen(self.spread)
+
+    def _seen(self, spread: Spread) -> TaskSpread:
+        """A spread in the posture of the answer as the task sees it."""
+        task, target = self.optimisation_problem.task, self.target
         critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
         axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
         seen = TaskSpread(task.kind, axes, target.clearance, critical, along, spread.tool_point, spread.q)
@@ -313,7 +317,10 @@ class Solution(Result):
     @cached_property
     def lower_bound(self) -> LowerBound | None:
         """A spread that no posture can beat at the target of the worst station; None where there is no such bound."""
-        return lower_bound(self.worst.optimisation_problem.tool_point, self.worst.target, self.basis)
+        worst = self.worst
+        return lower_bound(
+            worst.optimisation_problem.tool_point.seen_from(worst.target.lever.tolist()), worst.target, self.basis
+        )
 
     @cached_property
     def clearance(self) -> Clearance | None:
@@ -332,10 +339,11 @@ class Solution(Result):
         return improvements(self.points or (self,), combined, place=None if self.points else self)
 
     def sigma_under(self, sources: Sources) -> float:
-        """σ_max [m] of the part that counts, in this posture under other ``sources`` of error."""
+        """σ_max [m] of the part that counts, in this posture under other ``sources`` of error, of the workpiece too."""
         if not np.any(sources.covariance):
             return 0.0
-        return replace(self, problem=replace(self.problem, sources=sources)).critical.sigma_max
+        spread = relative_spread(self.problem, self.q, self.target.lever, sources)
+        return self._seen(spread).critical.sigma_max
 
     def sigma_at(self, target: TaskTarget, q: Array) -> float:
         """σ_max [m] of the part that counts, at another target in the posture (n,)."""

@@ -123,7 +123,7 @@ def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemDa
     asked: dict[str, ProblemData] = {}
     notes = []
     for other, problem in problems.items():
-        same = problem.task == first.task
+        same = problem.task == first.task and problem.workpiece_sources.same_as(first.workpiece_sources)
         asked[other] = problem if same else problem.with_task_of(first)
         if not same:
             own = f"; the task stated in {other} is not used" if problem.task is not None else ""

@@ -16,7 +16,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
 from posture_opt.uncertainty.regions.regions import deviation
-from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.spread import relative_spread
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts, spread_parts
 
 _TURN = 2 * math.pi
@@ -114,7 +114,7 @@ def judged_answer(
 
 def predicted_error(problem: ProblemData, solution: Solution, basis: Array, measured: Array | None) -> PredictedError:
     """As ``problem`` predicts it in the posture of a solution that another model may have chosen."""
-    spread = propagate(problem, solution.q)
+    spread = relative_spread(problem, solution.q, solution.target.lever)
     wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)
     miss = spread.position + spread.bias - wanted
     across, C = basis.T @ miss, basis.T @ spread.covariance @ basis

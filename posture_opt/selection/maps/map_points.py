@@ -218,7 +218,7 @@ def map_points_of(
             _empty(target, candidate.status, nothing) for target, candidate in zip(targets, candidates, strict=True)
         ]
     Q = np.array([postures[k] for k in found])
-    moments = end_moments(problem, Q, B)
+    moments = end_moments(problem, Q, B, targets[0].lever)  # that of the task, wherever it is done
     C, bias = moments.covariance, moments.bias
     own = B.T @ C @ B
     row, central = {k: i for i, k in enumerate(found)}, central_radii(0.95, own)
@@ -232,7 +232,7 @@ def map_points_of(
         radius = float(central[i])
         if float(np.linalg.norm(b)) > NEGLIGIBLE_BIAS * sigma:
             radius = coverage_radius(0.95, own[i], b)
-        hit = success_with_peg(problem, Q[i], B, target.clearance)
+        hit = success_with_peg(problem, Q[i], B, target)
         hit = within_clearance(own[i], target.clearance, b) if hit is None else hit
         along = sigma_along(d, C[i])
         map_points.append(

@@ -29,6 +29,7 @@ class TaskPath:
         axes: (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points.
         listed: (K,) whether the point is one of the task's own.
         parts: (K − 1,) into how many steps the step between two listed points is divided there.
+        origin: (3,) of the workpiece that the points lie on [m], world: what its angle turns them about.
     """
 
     points: Array
@@ -36,6 +37,7 @@ class TaskPath:
     axes: Array
     listed: Mask
     parts: Codes
+    origin: Array
 
     @classmethod
     def of(cls, task: PathTask) -> TaskPath:
@@ -46,22 +48,24 @@ class TaskPath:
         """
         points, axes, along = np.array(task.tool_points), np.array(task.unit_axes), tangents(np.array(task.points))
         count = len(points) - 1
-        listed = cls(points, along, axes, np.ones(count + 1, dtype=bool), np.ones(count, dtype=int))
+        every, steps = np.ones(count + 1, dtype=bool), np.ones(count, dtype=int)
+        listed = cls(points, along, axes, every, steps, np.array(task.origin))
         return listed if task.spacing is None else listed._spaced(task.spacing)
 
     def moved(self, w: Array) -> TaskPath:
         """The same path in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
-        points, along, axes = (
-            turned_about_z(rows.T, np.cos(w[3]), np.sin(w[3])).T for rows in (self.points, self.tangents, self.axes)
+        points, along, axes, origin = (
+            turned_about_z(rows.T, np.cos(w[3]), np.sin(w[3])).T
+            for rows in (self.points, self.tangents, self.axes, self.origin)
         )
-        return replace(self, points=points + w[:3], tangents=along, axes=axes)
+        return replace(self, points=points + w[:3], tangents=along, axes=axes, origin=origin + w[:3])
 
     def targets(self, base: TaskTarget, reach: Reach) -> list[TaskTarget]:
         """The target of each point: the spread across the tangent, the tool along the axis."""
         return [
             replace(
                 base, lower=x, upper=x, direction=t, basis=across_basis(t, reach.normal),
-                axis=a, axis_basis=across_basis(a, reach.normal),
+                axis=a, axis_basis=across_basis(a, reach.normal), lever=x - self.origin,
             )
             for x, t, a in zip(self.points, self.tangents, self.axes, strict=True)
         ]  # fmt: skip
@@ -98,8 +102,8 @@ class TaskPath:
                 rows.append((point, along, between(self.axes[k], self.axes[k + 1], s), False))
             parts += [count] * count
         rows.append((self.points[-1], self.tangents[-1], self.axes[-1], True))
-        points, directions, axes, listed = zip(*rows, strict=True)
-        return TaskPath(np.array(points), np.array(directions), np.array(axes), np.array(listed), np.array(parts))
+        points, directions, axes, listed = (np.array(column) for column in zip(*rows, strict=True))
+        return TaskPath(points, directions, axes, listed, np.array(parts), self.origin)
 
 
 def tangents(points: Array) -> Array:

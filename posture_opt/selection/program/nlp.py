@@ -60,7 +60,7 @@ class Nlp:
     """``minimise objective(x, p)`` subject to the rows ``lower(p) ≤ g(x, p) ≤ upper(p)`` and to the bounds of x.
 
     Args:
-        x: (n,) variables; ``p`` (30,) the parameters of the target.
+        x: (n,) variables; ``p`` (33,) the parameters of the target.
         objective: of order one, the sum of ``terms``, each with its name, the task's own first.
         variance: [m²] along the worst axis of the spread that counts, whatever the criterion: what postures are
             compared by in words.

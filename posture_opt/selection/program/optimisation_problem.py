@@ -127,10 +127,15 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _moments(self) -> Moments:
-        """Mean and covariance of the tool point as expressions in the joints, world [m], [m²]."""
+        """Mean and covariance of the tool point as expressions in joints and lever, world [m], [m²]."""
         # Correlated errors of a spatial arm have few nodes for their shared factors here: the graph stays small, the
         # covariance positive semidefinite and complete to fourth order in σ. The answer is reported in full.
-        return self.tool_point.moments(ca.vertsplit(self.q))
+        return self._seen.moments(ca.vertsplit(self.q))
+
+    @cached_property
+    def _seen(self) -> ToolPoint:
+        """The tool point as a target sees it whose lever is a parameter."""
+        return self.tool_point.seen_from(ca.vertsplit(self._symbols[1]["lever"]))
 
     @cached_property
     def q(self) -> ca.SX:
@@ -139,7 +144,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
-        """The parameters of the target: (30,) all of them, and by their names."""
+        """The parameters of the target: (33,) all of them, and by their names."""
         return target_symbols()
 
     @cached_property
@@ -159,7 +164,7 @@ class OptimisationProblem(DerivedAgain):
             "all": all_axes,
         }
         return Quantities(
-            tool_point=self.tool_point,
+            tool_point=self._seen,
             walk=moments.walk,
             q=self.q,
             position=position,

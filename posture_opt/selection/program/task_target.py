@@ -169,6 +169,7 @@ SIZES = {
     "a1": 3,
     "a2": 3,
     "spin": 3,
+    "lever": 3,
 }
 FREE = 1e6
 """A bound on the tool point that no arm reaches: the target is free."""
@@ -188,6 +189,7 @@ class TaskTarget:
         tilt: allowed angle between the tool axis and ``axis`` [rad].
         scale: variance [m²] that the objective is divided by.
         spin: (3,) unit vector, world: where `spin_axis` of the tool is to point; zero where the spin is free.
+        lever: (3,) from the workpiece's origin to the target [m], world: what the workpiece's angle acts with.
     """
 
     lower: Array
@@ -200,6 +202,7 @@ class TaskTarget:
     tilt: float = 0.0
     scale: float = 1.0
     spin: Array = field(default_factory=lambda: np.zeros(3))
+    lever: Array = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def of(cls, task: Task, reach: Reach) -> TaskTarget:
@@ -213,7 +216,8 @@ class TaskTarget:
         B = across_basis(d, reach.normal)
         clearance = math.nan if task.clearance is None else task.clearance
         spin = np.zeros(3) if task.heading is None else np.cross(d, task.heading)
-        return cls(lower, upper, d, B, d, B, clearance, task.tilt, spin=spin)
+        lever = np.zeros(3) if task.position is None else np.array(task.lever_at(task.position))
+        return cls(lower, upper, d, B, d, B, clearance, task.tilt, spin=spin, lever=lever)
 
     def with_position(self, position: Array) -> TaskTarget:
         """The same target at another point (3,), world [m].
@@ -257,11 +261,11 @@ class TaskTarget:
         assert self.kind == "point", "a box that is turned is none"
         turn = math.cos(w[3]), math.sin(w[3])
         point = turned_about_z(self.lower, *turn) + w[:3]
-        vectors = (self.direction, *self.basis.T, self.axis, *self.axis_basis.T, self.spin)
-        d, b1, b2, a, a1, a2, spin = (turned_about_z(vector, *turn) for vector in vectors)
+        vectors = (self.direction, *self.basis.T, self.axis, *self.axis_basis.T, self.spin, self.lever)
+        d, b1, b2, a, a1, a2, spin, lever = (turned_about_z(vector, *turn) for vector in vectors)
         basis, axis_basis = np.column_stack([b1, b2]), np.column_stack([a1, a2])
         moved = replace(self, lower=point, upper=point, direction=d, basis=basis, axis=a, axis_basis=axis_basis)
-        return replace(moved, spin=spin)
+        return replace(moved, spin=spin, lever=lever)
 
     @property
     def given_clearance(self) -> float | None:
@@ -277,11 +281,11 @@ class TaskTarget:
 
     @cached_property
     def parameters(self) -> Array:
-        """(30,) the parameters of the optimisation problem, in the order of ``SIZES``."""
+        """(33,) the parameters of the optimisation problem, in the order of ``SIZES``."""
         clearance = 1.0 if math.isnan(self.clearance) else self.clearance
         numbers = [clearance, math.sin(self.tilt), self.scale]
         spread = [self.lower, self.upper, self.direction, *self.basis.T]
-        return np.concatenate([*spread, numbers, self.axis, *self.axis_basis.T, self.spin])
+        return np.concatenate([*spread, numbers, self.axis, *self.axis_basis.T, self.spin, self.lever])
 
 
 def spin_axis(tool_axis: tuple[float, float, float]) -> Array:
@@ -292,7 +296,7 @@ def spin_axis(tool_axis: tuple[float, float, float]) -> Array:
 
 
 def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
-    """The parameter vector (30,) of the optimisation problem, and its parts by the names of ``SIZES``."""
+    """The parameter vector (33,) of the optimisation problem, and its parts by the names of ``SIZES``."""
     p = ca.SX.sym("p", sum(SIZES.values()))
     parts = ca.vertsplit(p, [0, *np.cumsum(list(SIZES.values())).tolist()])
     return p, dict(zip(SIZES, parts, strict=True))

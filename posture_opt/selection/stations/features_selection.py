@@ -35,7 +35,7 @@ from posture_opt.selection.stations.placement_search import (
 )
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Combine
-from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.spread import relative_spread
 from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
 
 _COMPARED_OPTIMA = 3  # optima of the probability that are compared by them, errors that stay included
@@ -159,8 +159,8 @@ class _FeaturesSelection:
         target = selector.target.with_position(np.array(feature.position))
         direction = feature.direction or self.task.direction
         target = target.with_direction(np.array(direction), selector.reach)
-        clearance = feature.clearance or self.task.clearance
-        return replace(target, clearance=np.nan if clearance is None else clearance)
+        clearance, lever = feature.clearance or self.task.clearance, np.subtract(feature.position, self.task.origin)
+        return replace(target, clearance=np.nan if clearance is None else clearance, lever=lever)
 
     def _check_plane(self, selector: PostureSelector) -> None:
         """Refuses a yaw that would turn directions out of the plane of a planar arm.
@@ -326,7 +326,9 @@ class _Figures:
         """Probability that all features succeed at a placement w (4,) with postures Q (K, n)."""
         places = [
             PlaceErrors.of(
-                propagate(self.problem, q), critical_basis(engine.optimisation_problem, target), target.clearance
+                relative_spread(self.problem, q, target.lever),
+                critical_basis(engine.optimisation_problem, target),
+                target.clearance,
             )
             for engine, target, q in zip(self.stations.engines, self.stations.at(w), Q, strict=True)
         ]

@@ -47,6 +47,11 @@ class PathTask(Task):
         return self.on_path or super().on_workpiece
 
     @property
+    def places(self) -> tuple[Point, ...]:
+        """The points of the path, or what is done elsewhere."""
+        return super().places if self.points is None else self.tool_points
+
+    @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
         """As of the task; a path that says where the tool axis points wants it there where the arm can."""
         return "aligned" if self.axis == "free" and self.axes is not None else self.axis
@@ -55,10 +60,7 @@ class PathTask(Task):
         """The direction of travel on the segment that is nearest; the workpiece in the middle of its ranges."""
         if self.points is None:
             return self.direction
-        w = self.workpiece or Workpiece()
-        x, y, z, yaw = ((low + high) / 2 for low, high in zip(w.lower, w.upper, strict=True))
-        c, s = math.cos(yaw), math.sin(yaw)
-        moved = [(x + c * u - s * v, y + s * u + c * v, z + h) for u, v, h in self.points]
+        moved = [(self.workpiece or Workpiece()).central(one) for one in self.points]
         a, b = min(pairwise(moved), key=lambda ends: _distance(point, *ends))
         return b[0] - a[0], b[1] - a[1], b[2] - a[2]
 

@@ -89,6 +89,32 @@ class Task(Spec):
         return self.direction
 
     @property
+    def places(self) -> tuple[tuple[float, float, float], ...]:
+        """Where on the workpiece the task is done [m], in its frame; empty where that is at one target."""
+        return tuple(feature.position for feature in self.features)
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """The workpiece's origin, about which its angle errs, in the frame that its features or points are in [m].
+
+        The origin of that frame where the task has a ``workpiece``; else the middle of all features or points.
+        """
+        if self.workpiece is not None or not self.places:
+            return (0.0, 0.0, 0.0)
+        x, y, z = (sum(coordinate) / len(self.places) for coordinate in zip(*self.places, strict=True))
+        return x, y, z
+
+    def lever_at(self, point: tuple[float, float, float]) -> tuple[float, float, float]:
+        """From the workpiece's origin to ``point`` [m], world, with the workpiece in the middle of its ranges.
+
+        Zero at a single target, which is the origin itself unless the task has a ``workpiece``.
+        """
+        if self.workpiece is None and not self.places:
+            return (0.0, 0.0, 0.0)
+        x, y, z = (self.workpiece or Workpiece()).central(self.origin)
+        return point[0] - x, point[1] - y, point[2] - z
+
+    @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
         """What is asked of the tool axis: ``axis``, unless the values of the task change it."""
         return self.axis

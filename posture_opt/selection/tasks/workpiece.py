@@ -5,6 +5,7 @@ The placement is ``T_world_workpiece = Trans(x, y, z) Rz(yaw)``: a part lies on 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
@@ -17,6 +18,7 @@ from posture_opt.units import DIMENSIONS, Length, parse_quantity
 Combine = Literal["worst", "mean", "success"]
 """The largest spread of the features, their mean, or the probability that all of them succeed."""
 
+Point = tuple[float, float, float]
 MOST_FEATURES = 30
 """Of one task: so many were tried."""
 
@@ -75,6 +77,12 @@ class Workpiece(Spec):
     def upper(self) -> tuple[float, float, float, float]:
         """The most of x, y, z [m] and yaw [rad]."""
         return self.x[1], self.y[1], self.z[1], self.yaw[1]
+
+    def central(self, point: Point) -> Point:
+        """A point of the workpiece [m] in the world, with the workpiece in the middle of its ranges."""
+        x, y, z, yaw = ((low + high) / 2 for low, high in zip(self.lower, self.upper, strict=True))
+        c, s = math.cos(yaw), math.sin(yaw)
+        return x + c * point[0] - s * point[1], y + s * point[0] + c * point[1], z + point[2]
 
 
 class Feature(Spec):

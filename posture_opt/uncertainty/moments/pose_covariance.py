@@ -66,7 +66,7 @@ def pose_covariance(tool_point: ToolPoint, q: Sequence[float], position: Array) 
         q: (n,) posture [rad or m].
         position: (3, 3) covariance of the tool point [m²], world.
     """
-    linear = np.asarray(tool_point.effects_of_pose(q, tool_point.walk(q)[0]), dtype=float)
+    linear = np.asarray(tool_point.linear_of_pose(q, tool_point.walk(q)[0]), dtype=float)
     chain, integration = position - linear[:3, :3], None
     found = np.zeros((6, 6))
     found[:3, :3] = chain

@@ -10,8 +10,8 @@ from typing import Literal, Protocol
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.arm import Arm
-from posture_opt.model.chain import Scalar, Vector, Walk, add, stack
+from posture_opt.model.arm import Arm, Twist
+from posture_opt.model.chain import ZERO, Scalar, Vector, Walk, add, scale, stack
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Axis, Factor, Robot
 from posture_opt.uncertainty.moments.conditional_moments import Segment, conditional_moments
@@ -21,6 +21,7 @@ from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.planar_moments import Plane, planar_moments, plane_of
 from posture_opt.uncertainty.moments.second_order import transpose
 from posture_opt.uncertainty.moments.shared_factors import SharedFactors
+from posture_opt.uncertainty.sources.workpiece import of_workpiece, relative_twist
 
 Method = Literal["exact", "exact, planar", "exact given shared factors, integrated over them"]
 
@@ -56,11 +57,11 @@ class Moments:
 
 
 @dataclass(frozen=True)
-class EffectSources:
-    """Uncertain parameters of effects, which act on the tool point to first order.
+class LinearSources:
+    """Uncertain parameters that act on the tool point to first order: those of effects, and errors of the workpiece.
 
     Args:
-        names: (e,) of all parameters of the robot's effects, then of the sides that are not known.
+        names: (e,) of all parameters of the robot's effects, of the sides that are not known, then of the workpiece.
         covariance: (e, e) [SI]; cross: (k, e) with the sources of the chain.
     """
 
@@ -79,7 +80,10 @@ class ToolPoint:
         indices: (k,) factor of the chain that each acts on, ascending.
         covariance: (k, k) of the sources [rad², m², rad m].
         plane: of a planar arm whose sources keep it in its plane; else None.
-        effects: what is uncertain of the arm's effects, ``None`` where nothing is.
+        linear: what acts to first order, ``None`` where nothing does. With errors of the workpiece the moments are
+            those of the tool point relative to it.
+        lever: (3,) from the workpiece's origin to the tool point of the task [m], world; numbers or symbols.
+        offset: (3,) from that tool point to this one [m], tool frame.
     """
 
     arm: Arm
@@ -87,7 +91,9 @@ class ToolPoint:
     indices: tuple[int, ...]
     covariance: np.ndarray
     plane: Plane | None
-    effects: EffectSources | None = None
+    linear: LinearSources | None = None
+    lever: Vector = ZERO
+    offset: Vector = ZERO
 
     @classmethod
     def of(cls, arm: Arm, sources: NamedCovariance) -> ToolPoint:
@@ -99,8 +105,8 @@ class ToolPoint:
         order = sorted(own, key=lambda k: at[sources.names[k]])
         names = tuple(sources.names[k] for k in order)
         indices = tuple(at[name] for name in names)
-        effects = _effect_sources(arm, sources, order)
-        return cls(arm, names, indices, sources.covariance[np.ix_(order, order)], plane_of(robot, indices), effects)
+        linear = _linear_sources(arm, sources, order)
+        return cls(arm, names, indices, sources.covariance[np.ix_(order, order)], plane_of(robot, indices), linear)
 
     @property
     def robot(self) -> Robot:
@@ -145,8 +151,13 @@ class ToolPoint:
         """
         axes: tuple[Axis, ...] = (0, 1, 2)
         more = tuple(Factor("translate", axis, length) for axis, length in zip(axes, offset, strict=True))
-        robot = replace(self.robot, tool=(*self.robot.tool, *more))
-        return replace(self, arm=replace(self.arm, robot=robot), plane=plane_of(robot, self.indices))
+        robot, total = replace(self.robot, tool=(*self.robot.tool, *more)), add(self.offset, offset)
+        return replace(self, arm=replace(self.arm, robot=robot), plane=plane_of(robot, self.indices), offset=total)
+
+    def seen_from(self, lever: Sequence[Scalar]) -> ToolPoint:
+        """The same point where the workpiece's origin is at another lever (3,) from it [m], world."""
+        x, y, z = lever
+        return replace(self, lever=(x, y, z))
 
     def walk(self, q: Sequence[Scalar]) -> tuple[Walk, list[Scalar]]:
         """The walk along the nominal chain at ``q`` (n,), with its effects, and the value of every factor."""
@@ -161,9 +172,9 @@ class ToolPoint:
                 integrated until they have converged, and arrays and symbols have the few nodes of `NodePlan.few`.
         """
         moments = self._of_chain(q, plan)
-        if self.effects is None:
+        if self.linear is None:
             return moments
-        added = self._of_effects(q, moments.walk)
+        added = self._of_linear(q, moments.walk)
         return replace(moments, covariance=moments.covariance + added, first_order=moments.first_order + added)
 
     def _of_chain(self, q: Sequence[Scalar], plan: NodePlan | None) -> Moments:
@@ -204,19 +215,28 @@ class ToolPoint:
         moved = add((_without_nodes(mean[0]), _without_nodes(mean[1]), _without_nodes(mean[2])), shift)
         return stack(moved), stack([[_without_nodes(entry) for entry in row] for row in C])
 
-    def _of_effects(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
-        """(3, 3) what the uncertainty of the effects adds to the covariance, to first order."""
-        assert self.effects is not None
-        E = self.effect_columns(q, reached)
-        cross = self.jacobian(reached) @ self.effects.cross @ transpose(E) if self.indices else np.zeros((3, 3))
-        return E @ self.effects.covariance @ transpose(E) + cross + transpose(cross)
+    def _of_linear(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
+        """(3, 3) what `linear` adds to the covariance."""
+        assert self.linear is not None
+        E = self.linear_columns(q, reached)
+        cross = self.jacobian(reached) @ self.linear.cross @ transpose(E) if self.indices else np.zeros((3, 3))
+        return E @ self.linear.covariance @ transpose(E) + cross + transpose(cross)
 
-    def effect_columns(self, q: Sequence[Scalar], reached: Walk, *, turns: bool = False) -> Scalar:
-        """(3, e) shift of the tool point per unit of each effect's parameter; (6, e) with its rotation."""
-        assert self.effects is not None
-        twists = self.arm.twists(self.effects.names, q, reached)
+    def linear_columns(self, q: Sequence[Scalar], reached: Walk, *, turns: bool = False) -> Scalar:
+        """(3, e) shift of the tool point per unit of each source of `linear`; (6, e) with its rotation."""
+        assert self.linear is not None
+        own = [name for name in self.linear.names if not of_workpiece(name)]
+        twists = [*self.arm.twists(own, q, reached), *self._relative_twists(reached)]
         columns = [(*shift, *turn) if turns else shift for shift, turn in twists]
         return stack(list(zip(*columns, strict=True)))
+
+    def _relative_twists(self, reached: Walk) -> list[Twist]:
+        """Shift and small rotation relative to the workpiece, per unit of each of its errors."""
+        assert self.linear is not None
+        lever = self.lever
+        for along, column in zip(self.offset, reached.columns, strict=True):
+            lever = lever if along == 0 else add(lever, scale(along, column))
+        return [relative_twist(name, lever) for name in self.linear.names if of_workpiece(name)]
 
     def jacobian(self, reached: Walk) -> Scalar:
         """``∂x/∂source`` (3, k) [m/rad, m/m], world frame."""
@@ -231,18 +251,18 @@ class ToolPoint:
     def pose_first_order(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
         """(6, 6) ``J Σ Jᵀ`` of the shift of the tool point and the small rotation of the tool, world-aligned axes."""
         if not self.indices:
-            return self.effects_of_pose(q, reached)
+            return self.linear_of_pose(q, reached)
         T = self.twists(q, reached)
-        return T @ self.covariance @ transpose(T) + self.effects_of_pose(q, reached)
+        return T @ self.covariance @ transpose(T) + self.linear_of_pose(q, reached)
 
-    def effects_of_pose(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
-        """(6, 6) the part of `pose_first_order` that the effects add."""
-        if self.effects is None:
+    def linear_of_pose(self, q: Sequence[Scalar], reached: Walk) -> Scalar:
+        """(6, 6) the part of `pose_first_order` that `linear` adds."""
+        if self.linear is None:
             return np.zeros((6, 6))
         T = self.twists(q, reached) if self.indices else np.zeros((6, 0))
-        E = self.effect_columns(q, reached, turns=True)
-        cross = T @ self.effects.cross @ transpose(E)
-        return E @ self.effects.covariance @ transpose(E) + cross + transpose(cross)
+        E = self.linear_columns(q, reached, turns=True)
+        cross = T @ self.linear.cross @ transpose(E)
+        return E @ self.linear.covariance @ transpose(E) + cross + transpose(cross)
 
     def variances(self, of_sources: Array) -> list[float]:
         """The variance of every factor of the chain from those of the sources (k,)."""
@@ -265,19 +285,25 @@ def _without_nodes(entry: Scalar) -> Scalar:
     return entry[..., 0] if isinstance(entry, np.ndarray) else entry
 
 
-def _effect_sources(arm: Arm, sources: NamedCovariance, order: Sequence[int]) -> EffectSources | None:
-    """What is uncertain of the effects of a robot, or ``None`` where nothing is."""
-    if not arm.effects:
+def _linear_sources(arm: Arm, sources: NamedCovariance, order: Sequence[int]) -> LinearSources | None:
+    """What acts to first order, or ``None`` where nothing does; errors of the workpiece are independent of the arm's.
+
+    Args:
+        order: of the sources of the chain.
+    """
+    relative = [name for name in sources.names if of_workpiece(name)]
+    if not arm.effects and not relative:
         return None
-    names, sides = arm.effect_parameters, arm.unknown_sides
+    sides = arm.unknown_sides
+    names = (*arm.effect_parameters, *sides, *relative)
     at = {name: k for k, name in enumerate(sources.names)}
-    size = len(names) + len(sides)
-    covariance, cross = np.zeros((size, size)), np.zeros((len(order), size))
+    covariance, cross = np.zeros((len(names), len(names))), np.zeros((len(order), len(names)))
     known = [(e, at[name]) for e, name in enumerate(names) if name in at]
     for e, k in known:
         cross[:, e] = sources.covariance[list(order), k]
         for f, m in known:
             covariance[e, f] = sources.covariance[k, m]
-    for e in range(len(names), size):
-        covariance[e, e] = 1.0  # a side is -1 or +1
-    return EffectSources((*names, *sides), covariance, cross) if covariance.any() else None
+    for e, name in enumerate(names):
+        if name in sides:
+            covariance[e, e] = 1.0  # a side is -1 or +1
+    return LinearSources(names, covariance, cross) if covariance.any() else None

@@ -83,14 +83,14 @@ def _point_shift(point: ToolPoint, q: Sequence[float], segment: Segment) -> Vect
 
 def _effect_covariance(tip: ToolPoint, top: ToolPoint, q: Sequence[float]) -> Array:
     """(6, 6) what the effects add, to first order."""
-    if tip.effects is None:
+    if tip.linear is None:
         return np.zeros((6, 6))
     walks = [point.walk(q)[0] for point in (tip, top)]
     both = list(zip((tip, top), walks, strict=True))
-    E = np.vstack([np.asarray(point.effect_columns(q, walk), dtype=float) for point, walk in both])
+    E = np.vstack([np.asarray(point.linear_columns(q, walk), dtype=float) for point, walk in both])
     T = np.vstack([np.asarray(point.jacobian(walk), dtype=float) for point, walk in both])
-    cross = T @ tip.effects.cross @ E.T
-    return np.asarray(E @ tip.effects.covariance @ E.T + cross + cross.T)
+    cross = T @ tip.linear.cross @ E.T
+    return np.asarray(E @ tip.linear.covariance @ E.T + cross + cross.T)
 
 
 def both_within(covariance: Array, clearance: float, bias: Array) -> JointProbability:

@@ -50,6 +50,7 @@ class Cloud(Result):
         covariance_of_covariance: (6, 6) of the entries xx, xy, xz, yy, yz, zz [m⁴].
         pose_covariance: (6, 6) of shift [m] and rotation vector [rad] (v, ω) from the nominal pose, world-aligned axes.
         inside: number of samples in the 95 % region of the closed form; ``hits``: within the clearance of the task.
+        relative: the same draws relative to a workpiece that errs and is drawn with them; None where none does.
         notes: sentences for the report.
         adaptive: how n was found, in the coordinates of ``spread.basis`` about the nominal point; None where n was
             given.
@@ -71,6 +72,7 @@ class Cloud(Result):
     pose_covariance: Array
     inside: int
     hits: int
+    relative: Cloud | None = None
     notes: tuple[str, ...] = ()
     adaptive: AdaptiveResult | None = None
 
@@ -78,6 +80,11 @@ class Cloud(Result):
     def posture(self) -> Posture:
         """Joint name -> value [rad or m], printed in degrees."""
         return self.spread.posture
+
+    @property
+    def seen(self) -> Cloud:
+        """The cloud as the task sees it, relative to its workpiece."""
+        return self if self.relative is None else self.relative
 
     @property
     def bias(self) -> Array:
@@ -133,19 +140,19 @@ class Cloud(Result):
     @cached_property
     def for_task(self) -> TaskSpread | None:
         """The sample as the task sees it; its probability of success is that of a normal point with these moments."""
-        seen = self.spread.for_task
-        return None if seen is None else seen.sampled(self.covariance, self.bias)
+        seen, cloud = self.spread.for_task, self.seen
+        return None if seen is None else seen.sampled(cloud.covariance, cloud.bias)
 
     @property
     def success(self) -> float | None:
         """The part of the samples that stays within the clearance; None without a clearance."""
         seen = self.spread.for_task
-        return None if seen is None or seen.success_probability is None else self.hits / self.n
+        return None if seen is None or seen.success_probability is None else self.seen.hits / self.n
 
     @property
     def success_interval(self) -> Interval | None:
         """95 % interval of the true probability of success (Wilson 1927); None without a clearance."""
-        return None if self.success is None else wilson_interval(self.hits, self.n)
+        return None if self.success is None else wilson_interval(self.seen.hits, self.n)
 
     @property
     def ratio(self) -> Array:
@@ -231,8 +238,10 @@ def simulate(
     spread = propagate(problem, posture)
     if not adaptive:
         return cloud_of(spread, n, seed)
-    draw = Sampler.of(spread)
-    found = adaptive_trials(lambda size, rng: draw(rng, size)[0] @ spread.basis.T, digits=digits, seed=seed)
+    draw = Sampler.of(spread.seen)
+    found = adaptive_trials(
+        lambda size, rng: draw.both(rng, size)[spread.relative][0] @ spread.basis.T, digits=digits, seed=seed
+    )
     state = "stable" if found.stable else "not yet stable"
     note = f"{found.n} samples drawn: {state} in {digits} significant digits (JCGM 102:2011, 7.8)"
     # Blocks of another size take the same numbers from the generator, so this is the sample that was found stable.
@@ -243,26 +252,40 @@ def simulate(
 def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
     """The cloud about a closed-form spread, drawn in blocks: memory does not grow with n beyond the kept points."""
     rng = np.random.default_rng(seed)
-    draw = Sampler.of(spread)
-    sums = PowerSums(spread)
-    kept: list[Array] = []
+    draw = Sampler.of(spread.seen)
+    # Where the workpiece errs, each draw has its poses in the world and relative to it.
+    every = [spread] if spread.seen is spread else [spread, spread.seen]
+    sums: list[PowerSums] = [PowerSums(one) for one in every]
+    kept: list[list[Array]] = [[] for _ in every]
     for start in range(0, n, _BLOCK_SAMPLES):
-        shift, rotation = draw(rng, min(_BLOCK_SAMPLES, n - start))
-        sums.add(shift, rotation)
-        if start < _MAX_KEPT_POINTS:
-            kept.append(shift[: _MAX_KEPT_POINTS - start] + spread.position)
+        poses = draw.both(rng, min(_BLOCK_SAMPLES, n - start))
+        for one, total, points in zip(every, sums, kept, strict=True):
+            shift, rotation = poses[one.relative]
+            total.add(shift, rotation)
+            if start < _MAX_KEPT_POINTS:
+                points.append(shift[: _MAX_KEPT_POINTS - start] + spread.position)
+    found = None
+    for one, total, points in reversed(list(zip(every, sums, kept, strict=True))):
+        found = _cloud(one, total, np.concatenate(points), n, seed, found)
+    assert found is not None
+    return found
+
+
+def _cloud(spread: Spread, sums: PowerSums, points: Array, n: int, seed: int, relative: Cloud | None) -> Cloud:
+    """The cloud of n summed draws."""
     offset, covariance = sums.moments(n)
     return Cloud(
         spread=spread,
         n=n,
         seed=seed,
-        points=np.concatenate(kept),
+        points=points,
         mean=spread.position + spread.bias + offset[:3],
         covariance=covariance[:3, :3],
         covariance_of_covariance=sums.covariance_of_covariance(n),
         pose_covariance=covariance,
         inside=sums.inside,
         hits=sums.hits,
+        relative=relative,
         notes=spread.notes,
     )
 

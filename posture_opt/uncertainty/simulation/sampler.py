@@ -7,24 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import Walk
+from posture_opt.model.chain import ZERO, Vector, Walk
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.simulation.relative_poses import relative_poses
 from posture_opt.uncertainty.spread.spread import Spread
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """The entries of a symmetric (3, 3) matrix: xx, xy, xz, yy, yz, zz."""
+
+Poses = tuple[Array, Array]
+"""Shifts of the tool point (N, 3) [m] and rotation vectors (N, 3) [rad] from the nominal pose, world axes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
     """Draws tool poses: shift of the tool point (N, 3) [m] and rotation vector (N, 3) [rad] from the nominal pose.
 
+    With errors of the workpiece among the sources they are those relative to it, see `relative_poses`.
+
     Args:
         q: (n,) posture [rad or m].
         names: (k,) of the sources, ``root`` (k, k) of their covariance, see `covariance_root`.
         nominal: the walk without errors.
+        lever: (3,) from the workpiece's origin to the tool point [m], world.
     """
 
     arm: Arm
@@ -32,29 +39,37 @@ class Sampler:
     names: tuple[str, ...]
     root: Array
     nominal: Walk
+    lever: Vector = ZERO
 
     @classmethod
     def of(cls, spread: Spread) -> Sampler:
         """The sampler of robot, posture and sources of a closed-form spread."""
         tool_point = spread.tool_point
         names, covariance = tool_point.names, tool_point.covariance
-        if tool_point.effects is not None:
-            effects = tool_point.effects
-            names = (*names, *effects.names)
-            covariance = np.block([[covariance, effects.cross], [effects.cross.T, effects.covariance]])
+        if tool_point.linear is not None:
+            linear = tool_point.linear
+            names = (*names, *linear.names)
+            covariance = np.block([[covariance, linear.cross], [linear.cross.T, linear.covariance]])
         kept = np.flatnonzero(np.diag(covariance) > 0)
         root = covariance_root(covariance[np.ix_(kept, kept)])
-        return cls(tool_point.arm, spread.q, tuple(names[k] for k in kept), root, tool_point.walk(spread.q)[0])
+        nominal = tool_point.walk(spread.q)[0]
+        return cls(tool_point.arm, spread.q, tuple(names[k] for k in kept), root, nominal, tool_point.lever)
 
-    def __call__(self, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
+    def __call__(self, rng: np.random.Generator, n: int) -> Poses:
         """n draws: shifts (n, 3) [m] and rotation vectors (n, 3) [rad], world axes."""
+        return self.both(rng, n)[1]
+
+    def both(self, rng: np.random.Generator, n: int) -> tuple[Poses, Poses]:
+        """n draws in the world, and the same ones relative to the workpiece that is drawn with them."""
         p = rng.standard_normal((n, len(self.names))) @ self.root.T
         named = dict(zip(self.names, p.T, strict=True))
         for side in self.arm.unknown_sides:
             named[side] = np.where(named[side] < 0, -1.0, 1.0)  # from below or from above, each as likely
         reached = self.arm.reach(self.q, named).walk
         position = np.stack([np.broadcast_to(entry, n) for entry in reached.position], axis=-1)
-        return position - np.array(self.nominal.position, dtype=float), rotation_vector(reached, self.nominal, n)
+        shift = position - np.array(self.nominal.position, dtype=float)
+        poses = shift, rotation_vector(reached, self.nominal, n)
+        return poses, relative_poses(*poses, named, self.lever)
 
 
 def rotation_vector(reached: Walk, nominal: Walk, n: int) -> Array:

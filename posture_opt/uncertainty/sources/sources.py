@@ -79,6 +79,11 @@ class Sources:
         """Whether nothing is uncertain."""
         return not self.names
 
+    def same_as(self, other: Sources) -> bool:
+        """Whether both state the same errors."""
+        mine, theirs = ((one.covariance, one.scatter) for one in (self, other))
+        return self.names == other.names and all(map(np.array_equal, mine, theirs))
+
     def without(self, names: Sequence[str]) -> Sources:
         """The sources but for some names, with their covariance and scatter."""
         kept = [k for k, name in enumerate(self.names) if name not in names]

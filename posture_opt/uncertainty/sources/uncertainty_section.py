@@ -19,6 +19,7 @@ from posture_opt.spec import Spec
 from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
+from posture_opt.uncertainty.sources.workpiece import FeatureErrors, WorkpieceErrors, workpiece_sources
 from posture_opt.units import Angle, Length, Quantity, parse_quantity
 
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
@@ -47,7 +48,8 @@ class UncertaintySpec(Spec):
     ``sigma``, or ``covariance``, says how well the parameters of this arm are known: errors that stay. ``scatter`` and
     ``repeatability`` say how they change from repeat to repeat, independently of what is known of them: where both
     speak of a parameter their variances add up. Only ``sigma`` with ``repeatability`` is refused for a joint's value:
-    there, one of the two is nearly always the other one written once more.
+    there, one of the two is nearly always the other one written once more. ``workpiece`` and ``feature`` are errors of
+    what the tool works on: tasks count them, the arm itself does not.
     """
 
     sigma: dict[str, Quantity] = Field({}, description="JOINT.PARAMETER: standard deviation")
@@ -59,6 +61,13 @@ class UncertaintySpec(Spec):
     repeatability: Length | None = Field(None, gt=0, description="data sheet's RP of ISO 9283")
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
     measurement: MeasurementSpec | None = None
+    workpiece: WorkpieceErrors | None = Field(None, description="where the workpiece stands: one draw for all features")
+    feature: FeatureErrors | None = Field(None, description="where a feature is in it: a new draw for each")
+
+    @property
+    def of_workpiece(self) -> Sources:
+        """The errors of workpiece and features, which are no part of the arm's."""
+        return workpiece_sources(self.workpiece, self.feature)
 
     def build(self, arm: Arm, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
         """The sources of an arm.

@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.conditional_moments import conditional_moments
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.workpiece import stated_name
 
 _LOG_SIGMA_STEP = 1e-4
 """Step of central differences in log σ: the truncation error h²/6 and the rounding error ε/h are both below 1e-8."""
@@ -50,26 +51,30 @@ def budgets(
     U = np.asarray(directions, dtype=float).reshape(-1, 3)
     posture = [float(v) for v in q]
     names, gradient = tool_point.names, _covariance_gradient(tool_point, posture)
-    if tool_point.effects is not None:
-        names, gradient = _with_effects(tool_point, posture, gradient)
+    if tool_point.linear is not None:
+        names, gradient = _with_linear(tool_point, posture, gradient)
     return tuple(_sorted_shares(names, np.einsum("kab,a,b->k", gradient, u, u)) for u in U)
 
 
-def _with_effects(tool_point: ToolPoint, q: list[float], gradient: Array) -> tuple[tuple[str, ...], Array]:
-    """Names and gradient with the parameters of effects behind those of the chain, to first order."""
-    effects = tool_point.effects
-    assert effects is not None
+def _with_linear(tool_point: ToolPoint, q: list[float], gradient: Array) -> tuple[tuple[str, ...], Array]:
+    """Names and gradient with the sources that act to first order behind those of the chain."""
+    linear = tool_point.linear
+    assert linear is not None
     reached = tool_point.walk(q)[0]
-    E = np.asarray(tool_point.effect_columns(q, reached), dtype=float)
+    E = np.asarray(tool_point.linear_columns(q, reached), dtype=float)
     J = np.asarray(tool_point.jacobian(reached), dtype=float)
-    shared = np.einsum("ak,be,ke->kab", J, E, effects.cross)
-    own = np.einsum("ae,bf,ef->eab", E, E, effects.covariance) + np.einsum("ae,bk,ke->eab", E, J, effects.cross)
+    shared = np.einsum("ak,be,ke->kab", J, E, linear.cross)
+    own = np.einsum("ae,bf,ef->eab", E, E, linear.covariance) + np.einsum("ae,bk,ke->eab", E, J, linear.cross)
     both = np.concatenate([gradient + (shared + np.swapaxes(shared, 1, 2)) / 2, (own + np.swapaxes(own, 1, 2)) / 2])
-    return (*tool_point.names, *effects.names), both
+    return (*tool_point.names, *linear.names), both
 
 
 def _sorted_shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]:
-    """The elasticities (k,) over their sum, the largest first; all zero where the sum is rounding."""
+    """The elasticities (k,) over their sum, the largest first; all zero where the sum is rounding.
+
+    The coordinates of an error of the workpiece are one source, as the file states them.
+    """
+    names, elasticity = _as_stated(names, elasticity)
     total = float(elasticity.sum())
     size = float(np.abs(elasticity).sum())
     # Below this the sum is what rounding left of terms that cancel, and no share of it means anything.
@@ -77,6 +82,14 @@ def _sorted_shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]
     shares = elasticity / total if known else np.zeros(len(names))
     order = sorted(range(len(names)), key=lambda k: (-shares[k], k))
     return tuple(Share(names[k], float(shares[k])) for k in order)
+
+
+def _as_stated(names: Sequence[str], elasticity: Array) -> tuple[list[str], Array]:
+    """Names and elasticities as the file states the sources: coordinates of one error together."""
+    stated: dict[str, float] = {}
+    for name, part in zip(names, elasticity, strict=True):
+        stated[stated_name(name)] = stated.get(stated_name(name), 0.0) + float(part)
+    return list(stated), np.array(list(stated.values()))
 
 
 def _covariance_gradient(tool_point: ToolPoint, q: list[float]) -> Array:

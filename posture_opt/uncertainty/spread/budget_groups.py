@@ -13,6 +13,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.workpiece import stated_name
 from posture_opt.uncertainty.spread.budget import Share
 
 SHARE_TOLERANCE = 5e-4
@@ -64,11 +65,12 @@ def _covariance_products(names: Sequence[str], tool_point: ToolPoint, q: Sequenc
     reached = tool_point.walk([float(v) for v in q])[0]
     known, covariance = list(tool_point.names), tool_point.covariance
     J = np.asarray(tool_point.jacobian(reached), dtype=float)
-    if tool_point.effects is not None:
-        effects = tool_point.effects
-        J = np.hstack([J, np.asarray(tool_point.effect_columns(q, reached), dtype=float)])
-        known += effects.names
-        covariance = np.block([[covariance, effects.cross], [effects.cross.T, effects.covariance]])
+    if tool_point.linear is not None:
+        linear = tool_point.linear
+        J = np.hstack([J, np.asarray(tool_point.linear_columns(q, reached), dtype=float)])
+        known += linear.names
+        covariance = np.block([[covariance, linear.cross], [linear.cross.T, linear.covariance]])
     c = np.asarray(direction, dtype=float) @ J
-    rows = [known.index(name) for name in names]
-    return np.asarray((np.outer(c, c) * covariance)[np.ix_(rows, rows)])
+    # The coordinates of an error of the workpiece are one source.
+    of_name = np.array([[stated_name(one) == name for one in known] for name in names], dtype=float)
+    return np.asarray(of_name @ (np.outer(c, c) * covariance) @ of_name.T)

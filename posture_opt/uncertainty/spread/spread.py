@@ -22,16 +22,22 @@ from posture_opt.uncertainty.moments.second_order import Validity, second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.workpiece import of_workpiece
 from posture_opt.uncertainty.spread.budget import Share, budgets
 from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
 from posture_opt.uncertainty.spread.task_spread import HasDirection, TaskSpread, task_spread
 
 
 class HasSources(HasArm, Protocol):
-    """Anything that names an arm, its sources of error and perhaps its task, such as a ``Problem``."""
+    """Anything that names an arm, its sources of error and perhaps its task, such as a ``Problem``.
+
+    ``task_sources``, which only a task asks for, are those of the arm and of the workpiece.
+    """
 
     @property
     def sources(self) -> Sources: ...
+    @property
+    def task_sources(self) -> Sources: ...
     @property
     def task(self) -> HasDirection | None: ...
 
@@ -42,6 +48,8 @@ class Spread(Result):
 
     Args:
         problem: what was asked about; ``tool_point`` its robot and sources, as `budget` takes them.
+        sources: whose errors these are: those of the arm, or of arm and workpiece where the moments are those of the
+            tool relative to the workpiece.
         q: (n,) joint values [rad or m].
         position: (3,) nominal tool point [m].
         quaternion_wxyz: (4,) nominal orientation, w ≥ 0.
@@ -62,6 +70,7 @@ class Spread(Result):
     """
 
     problem: HasSources
+    sources: Sources
     tool_point: ToolPoint
     q: tuple[float, ...]
     position: Array
@@ -127,12 +136,31 @@ class Spread(Result):
         """(m, 3) unit vectors along the axes of the ellipse in the world, one a row, the shortest axis first."""
         return np.asarray(self.ellipse.axes.T @ self.basis)
 
+    @property
+    def relative(self) -> bool:
+        """Whether the moments are those of the tool relative to a workpiece that errs itself."""
+        return any(map(of_workpiece, self.sources.names))
+
+    @cached_property
+    def seen(self) -> Spread:
+        """The spread relative to the workpiece of the task, whose errors it adds; itself where none are stated.
+
+        A workpiece whose place is free is taken in the middle of its ranges.
+        """
+        task = self.problem.task
+        if task is None or self.relative or not any(map(of_workpiece, self.problem.task_sources.names)):
+            return self
+        x, y, z = map(float, self.position)
+        return relative_spread(self.problem, self.q, task.lever_at((x, y, z)))
+
     @cached_property
     def for_task(self) -> TaskSpread | None:
-        """The spread as the task of the problem sees it; None where the problem names no task."""
+        """The spread as the task of the problem sees it, errors of the workpiece included; None without a task."""
         task = self.problem.task
         if task is None:
             return None
+        if self.seen is not self:
+            return self.seen.for_task
         normal = np.cross(*self.basis) if len(self.basis) == 2 else None
         return task_spread(task, self.tool_point, self.q, (self.bias, self.covariance), normal)
 
@@ -207,14 +235,37 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
         >>> spread.position.round(6).tolist(), spread.method
         ([1.0, 1.0, 0.0], 'exact')
     """
-    robot, sources = problem.arm.robot, problem.sources
-    q = read_posture(robot, posture)
+    q = read_posture(problem.arm.robot, posture)
+    require_sources(problem.sources)
+    return _spread_of(problem, problem.sources, ToolPoint.of(problem.arm, problem.sources), q)
+
+
+def relative_spread(
+    problem: HasSources, q: Sequence[float] | Array, lever: Sequence[float] | Array, sources: Sources | None = None
+) -> Spread:
+    """The spread of the tool relative to what it works on: `propagate` with the errors of the workpiece.
+
+    Args:
+        q: (n,) posture [rad or m].
+        lever: (3,) from the workpiece's origin to the tool point [m], world.
+        sources: in place of the problem's ``task_sources``.
+
+    Raises:
+        InputError: a problem without sources of error.
+    """
+    sources = problem.task_sources if sources is None else sources
     require_sources(sources)
-    tool_point = ToolPoint.of(problem.arm, sources)
+    tool_point = ToolPoint.of(problem.arm, sources).seen_from([float(v) for v in lever])
+    return _spread_of(problem, sources, tool_point, [float(v) for v in q])
+
+
+def _spread_of(problem: HasSources, sources: Sources, tool_point: ToolPoint, q: Sequence[float]) -> Spread:
+    """The spread of a tool point with these sources at a posture (n,)."""
     moments = tool_point.moments(q)
     covariance = _symmetric(moments.covariance)
     return Spread(
         problem=problem,
+        sources=sources,
         tool_point=tool_point,
         q=tuple(q),
         position=moments.position,
@@ -224,7 +275,7 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
         bias=moments.mean - moments.position,
         basis=ellipse_basis(tool_point, covariance),
         integration=moments.integration,
-        notes=(*sources.notes, *limit_notes(robot, q)),
+        notes=(*sources.notes, *limit_notes(tool_point.robot, q)),
     )
 
 

@@ -12,6 +12,7 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.workpiece import stated_name
 from posture_opt.uncertainty.spread.spread import Spread
 
 _MAX_LISTED_PARAMETERS = 3
@@ -70,7 +71,8 @@ def spread_parts(spread: Spread, basis: Array) -> SpreadParts:
     systematic = positive_part(J @ C @ J.T + basis.T @ _curvature_covariance(spread) @ basis)
     scatter = positive_part(basis.T @ spread.covariance @ basis - systematic)
     values, axes = np.linalg.eigh(systematic)
-    parameters = leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
+    leading = leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
+    parameters = tuple(dict.fromkeys(map(stated_name, leading)))
     among = spread.covariance
     return SpreadParts(*_sigma_and_radius(scatter, among), *_sigma_and_radius(systematic, among), parameters)
 
@@ -100,15 +102,15 @@ def source_columns(spread: Spread) -> tuple[tuple[str, ...], Array]:
     point = spread.tool_point
     reached = point.walk(spread.q)[0]
     J = np.asarray(point.jacobian(reached), dtype=float)
-    if point.effects is None:
+    if point.linear is None:
         return point.names, J
-    E = np.asarray(point.effect_columns(spread.q, reached), dtype=float)
-    return (*point.names, *point.effects.names), np.concatenate([J, E], axis=1)
+    E = np.asarray(point.linear_columns(spread.q, reached), dtype=float)
+    return (*point.names, *point.linear.names), np.concatenate([J, E], axis=1)
 
 
 def constant_covariance(spread: Spread, names: Sequence[str]) -> Array:
     """(k, k) covariance of the errors of ``names`` that stay; zero of what the problem does not state."""
-    sources = spread.problem.sources
+    sources = spread.sources
     at = {name: k for k, name in enumerate(sources.names)}
     C = np.zeros((len(names), len(names)))
     known = [i for i, name in enumerate(names) if name in at]
@@ -119,11 +121,11 @@ def constant_covariance(spread: Spread, names: Sequence[str]) -> Array:
 
 def _curvature_covariance(spread: Spread) -> Array:
     """(3, 3) what the errors of the chain that stay add to the covariance beyond first order [m²]."""
-    sources = spread.problem.sources
+    sources = spread.sources
     staying = ToolPoint.of(spread.tool_point.arm, Sources(sources.names, sources.constant))
     if not staying.names:
         return np.zeros((3, 3))
-    moments = replace(staying, effects=None).moments(spread.q)
+    moments = replace(staying, linear=None).moments(spread.q)
     return np.asarray(moments.covariance - moments.first_order)
 
 

@@ -1,0 +1,245 @@
+"""Errors of workpiece and features in what a task says, against own kinematics, rigid motions and random draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import InputError
+from posture_opt.selection.answer.task_objective import task_objective
+from tests.helpers.brute_force import elementary
+
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+SIGMA = np.array([0.1, 0.08, 0.12, 0.2, 0.2, 0.3]) * 1e-3
+POSITION, ANGLE, FEATURE = 0.05e-3, np.radians(0.02), 0.02e-3
+ERRORS = {"workpiece": {"position": "0.05 mm", "angle": "0.02 deg"}, "feature": {"position": "0.02 mm"}}
+DRAWS = 40_000
+CORNERS = ((60, 40, 0), (-60, 40, 10), (-60, -40, 0), (60, -40, 20))
+
+
+def problem(errors=ERRORS, word="sigma", **task):
+    stated = {word: {f"{name}.theta": f"{s * 1e3:g} mrad" for name, s in zip(JOINTS, SIGMA, strict=True)}}
+    return po.problem_from_dict({
+        "robot": {"kind": "preset", "name": "ur10e", "tool": {"xyz": ["0 m", "0 m", "150 mm"]}},
+        "uncertainty": stated | errors,
+        "task": {"kind": "insert", **task},
+    })  # fmt: skip
+
+
+def on_plate(where=True, **task):
+    features = [{"name": f"hole {k}", "position": [f"{v} mm" for v in corner]} for k, corner in enumerate(CORNERS, 1)]
+    placed = {"workpiece": {"x": "600 mm", "y": "-150 mm", "z": "100 mm", "yaw": "30 deg"}} if where else {}
+    return problem(features=features, clearance="0.15 mm", **placed, **task)
+
+
+def moved(found, errors):
+    """(N, 4, 4) own tool poses at the posture of an answer, with joint errors (N, n)."""
+    T = np.tile(np.eye(4), (len(errors), 1, 1))
+    for f in found.optimisation_problem.robot.factors:
+        value = np.full(len(errors), f.nominal)
+        T = T @ elementary(f.kind, f.axis, value if f.joint is None else value + found.q[f.joint] + errors[:, f.joint])
+    return T
+
+
+def turns(vectors):
+    """(N, 3, 3) rotation matrices of rotation vectors, by the series of the exponential."""
+    K = np.zeros((len(vectors), 3, 3))
+    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
+    K -= K.transpose(0, 2, 1)
+    return np.eye(3) + K + K @ K / 2 + K @ K @ K / 6
+
+
+def seen_from_hole(found, origin, errors, shared, own, back=0.0):
+    """(N, 3) shift of the tool, ``back`` [m] behind its tip, from where it would be in its hole, in the hole's axes."""
+    at = np.array(found.target.lower)
+    t, R = shared
+    nominal, T = moved(found, np.zeros((1, 6)))[0], moved(found, errors)
+    assert np.allclose(nominal[:3, 3], at, atol=1e-6)
+    nominal_point, points = nominal[:3, 3] - back * nominal[:3, 2], T[:, :3, 3] - back * T[:, :3, 2]
+    # The tool in the frame of the workpiece that has moved, less where it is without errors.
+    in_part = np.einsum("nji,nj->ni", R, points - origin - t)
+    return in_part - own - (nominal_point - origin)
+
+
+def drawn(rng):
+    """Joint errors, shift and turn of the workpiece, shift of the feature."""
+    normal = rng.standard_normal
+    shared = POSITION * normal((DRAWS, 3)), turns(ANGLE * normal((DRAWS, 3)))
+    return SIGMA * normal((DRAWS, 6)), shared, FEATURE * normal((DRAWS, 3))
+
+
+def hits(shift, clearance):
+    return np.linalg.norm(shift[:, :2], axis=1) <= clearance  # all holes look down
+
+
+def within_error(p, share):
+    return abs(p - share) < 4 * np.sqrt(share * (1 - share) / DRAWS)
+
+
+@pytest.fixture(scope="module")
+def single():
+    return po.select_posture(problem(position=["0.6 m", "0.2 m", "0.1 m"], clearance="0.15 mm"))
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return po.select_posture(on_plate())
+
+
+def test_one_target_is_the_origin_of_its_workpiece(single):
+    arm = po.propagate(single.problem, single.q)
+    plain = po.propagate(problem({}, position=["0.6 m", "0.2 m", "0.1 m"]), single.q)
+    assert np.array_equal(arm.covariance, plain.covariance)  # the arm does not err more for it
+    added = (POSITION**2 + FEATURE**2) * np.eye(3)
+    assert np.allclose(single.covariance, arm.covariance + added, rtol=1e-12)
+    assert single.sigma_max == pytest.approx(np.sqrt(np.linalg.eigvalsh(single.covariance[:2, :2])[-1]), rel=1e-9)
+    assert arm.for_task.critical.sigma_max == pytest.approx(single.sigma_max, rel=1e-12)
+    value = task_objective(single.problem)[0](single.q)[0]
+    assert float(value) == pytest.approx(single.sigma_max**2, rel=2e-4)
+    errors, shared, own = drawn(np.random.default_rng(1))
+    share = np.mean(hits(seen_from_hole(single, single.target.lower, errors, shared, own), 0.15e-3))
+    assert within_error(single.success_probability, share)
+    cloud = po.simulate(single.problem, single.q, n=20_000, seed=3)
+    assert abs(cloud.success - share) < 4 * np.sqrt(share * (1 - share) * (1 / DRAWS + 1 / cloud.n))
+    assert np.allclose(cloud.relative.covariance, single.covariance, rtol=0.05, atol=1e-10)
+
+
+def test_budget_bound_and_what_helps_name_the_workpiece(single):
+    shares = {share.parameter: share.share for share in single.budget}
+    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+    assert shares["workpiece.position"] == pytest.approx((POSITION / single.sigma_max) ** 2, rel=1e-6)
+    assert shares["feature.position"] == pytest.approx((FEATURE / single.sigma_max) ** 2, rel=1e-6)
+    assert shares["workpiece.angle"] == 0.0
+    lever = np.linalg.norm(single.target.lower[:2])
+    floor = np.sqrt((SIGMA[0] * lever) ** 2 + POSITION**2 + FEATURE**2)
+    assert single.lower_bound.sigma == pytest.approx(floor, rel=1e-6)
+    halved = next(one for one in single.improvements if getattr(one, "parameter", "") == "workpiece.position")
+    assert halved.sigma == POSITION
+    assert halved.sigma_max == pytest.approx(np.sqrt(single.sigma_max**2 - 0.75 * POSITION**2), rel=1e-9)
+    (calibrated,) = [one for one in single.improvements if one.change == "calibrate"]
+    assert calibrated.sigma_max > np.hypot(POSITION, FEATURE)  # which no calibration of the arm removes
+    text = single.report(full=True)
+    assert "workpiece position" in text
+    assert "halve σ of workpiece.position (to 0.025 mm)" in text
+
+
+def test_the_angle_tilts_the_hole_of_a_peg():
+    errors = {"workpiece": {"angle": "0.1 deg"}}
+    found = po.select_posture(
+        problem(errors, position=["0.6 m", "0.2 m", "0.1 m"], clearance="0.15 mm", length="60 mm")
+    )
+    rng = np.random.default_rng(2)
+    joints, angle = SIGMA * rng.standard_normal((DRAWS, 6)), np.radians(0.1)
+    shared = np.zeros(3), turns(angle * rng.standard_normal((DRAWS, 3)))
+    ends = [seen_from_hole(found, found.target.lower, joints, shared, 0.0, back) for back in (0.0, 0.06)]
+    peg = found.task_spread.peg
+    for critical, shift in zip((peg.tip, peg.top), ends, strict=True):
+        sampled = np.sqrt(np.linalg.eigvalsh(np.cov(shift[:, :2].T))[-1])
+        assert critical.sigma_max == pytest.approx(sampled, rel=0.01)
+    assert peg.top.sigma_max > 0.95 * 0.06 * angle  # without the tilt of the hole it would be less
+    assert within_error(found.success_probability, np.mean(hits(ends[0], 0.15e-3) & hits(ends[1], 0.15e-3)))
+    shares = {share.parameter: share.share for share in found.budget}
+    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+    assert shares["workpiece.angle"] == pytest.approx((0.06 * angle / found.sigma_max) ** 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("word", ["sigma", "scatter"])
+def test_features_share_the_draw_of_their_workpiece(plate, word):
+    found = plate if word == "sigma" else po.select_posture(
+        problem(ERRORS, word, features=on_plate().to_dict()["task"]["features"], clearance="0.15 mm",
+                workpiece={"x": "600 mm", "y": "-150 mm", "z": "100 mm", "yaw": "30 deg"})
+    )  # fmt: skip
+    rng, origin = np.random.default_rng(4), np.array([0.6, -0.15, 0.1])
+    joints, shared, _ = drawn(rng)
+    every = np.ones(DRAWS, dtype=bool)
+    for one in found.stations:
+        joints = joints if word == "sigma" else SIGMA * rng.standard_normal((DRAWS, 6))
+        shift = seen_from_hole(one, origin, joints, shared, FEATURE * rng.standard_normal((DRAWS, 3)))
+        hit = hits(shift, 0.15e-3)
+        assert within_error(one.success_probability, np.mean(hit))
+        assert np.allclose(np.cov(shift.T), one.covariance, rtol=0.03, atol=0.01 * np.trace(one.covariance))
+        every &= hit
+    share = np.mean(every)
+    error = np.sqrt(share * (1 - share) / DRAWS)
+    assert abs(found.success.probability - share) < 4 * np.hypot(error, found.success.standard_error)
+    assert abs(found.success.product - share) > 10 * error  # as if the workpiece were drawn anew at each
+
+
+def test_a_lever_is_that_to_the_origin_of_the_workpiece(plate):
+    for one, corner in zip(plate.stations, CORNERS, strict=True):
+        c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
+        x, y, z = np.array(corner) * 1e-3
+        lever = np.array([c * x - s * y, s * x + c * y, z])
+        assert np.allclose(one.target.lever, lever, atol=1e-12)
+        turned = ANGLE**2 * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+        arm = po.propagate(plate.problem, one.q).covariance
+        assert np.allclose(one.covariance, arm + turned + (POSITION**2 + FEATURE**2) * np.eye(3), rtol=1e-9)
+
+
+def test_without_a_place_of_the_workpiece_the_middle_is_its_origin():
+    middle = np.mean(CORNERS, axis=0) * 1e-3
+    task = on_plate(where=False).task
+    assert np.allclose(task.origin, middle)
+    assert np.allclose(task.lever_at((0.1, 0.2, 0.3)), np.array([0.1, 0.2, 0.3]) - middle)
+
+
+def test_points_of_a_path_lie_on_the_workpiece():
+    points = [[f"{x} mm", "100 mm", "200 mm"] for x in (550, 600, 650)]
+    task = {"kind": "weld", "points": points, "tilt": "0 deg"}
+    for placed, origin in (({}, (0.6, 0.1, 0.2)), ({"workpiece": {}}, (0.0, 0.0, 0.0))):
+        found = po.select_posture(problem(**task, **placed))
+        for one in found.points:
+            lever = one.target.lower - origin
+            turned = ANGLE**2 * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+            arm = po.propagate(found.problem, one.q).covariance
+            assert np.allclose(one.covariance, arm + turned + (POSITION**2 + FEATURE**2) * np.eye(3), rtol=1e-9)
+        assert found.motion.sigma == pytest.approx(found.sigmas, rel=1e-3)  # what the search compares
+    assert "middle of the path" in po.select_posture(problem(**task)).report(full=True)
+
+
+def test_maps_and_comparisons_of_a_planar_arm_count_the_workpiece_out_of_its_plane_too():
+    target = {"position": ["1.2 m", "0.5 m", "0 m"], "clearance": "0.3 mm"}
+    sure, unsure = (
+        po.load_problem("insert_planar_2r").replace(
+            task={"kind": "insert", "direction": [0, -1, 0], **target},
+            uncertainty={"sigma": {"joint1.theta": "0.1 mrad", "joint2.theta": "0.1 mrad"}, **errors},
+        )
+        for errors in ({}, {"workpiece": {"position": "0.05 mm", "angle": "1 deg"}})
+    )
+    flat, deep = (po.map_targets(one, counts=(2, 2), low=(1, 0.4, 0), high=(1.3, 0.6, 0)) for one in (sure, unsure))
+    for before, after in zip(flat.map_points, deep.map_points, strict=True):
+        assert after.sigma_max == pytest.approx(np.hypot(before.sigma_max, POSITION), rel=1e-6)
+        assert np.allclose(after.covariance, before.covariance + POSITION**2 * np.eye(3), rtol=1e-6, atol=1e-16)
+        assert after.success_probability < before.success_probability
+    # The task of the first is given to the second, with the errors of its workpiece.
+    found = po.compare({"unsure": unsure, "sure": sure})
+    sigma = [found.arms[name].judged[name].sigma_max for name in ("unsure", "sure")]
+    assert sigma[0] == pytest.approx(sigma[1], rel=1e-9)
+
+
+def test_files_keep_what_is_stated_of_the_workpiece(plate):
+    stated = plate.problem.to_dict()["uncertainty"]
+    assert stated["workpiece"] == ERRORS["workpiece"]
+    changed = plate.problem.replace(uncertainty__workpiece__position="0.1 mm")
+    assert changed.workpiece_sources.sigma[0] == pytest.approx(0.1e-3)
+    other = problem({}, position=["0.6 m", "0.2 m", "0.1 m"]).with_task_of(plate.problem)
+    assert other.task_sources.same_as(plate.problem.task_sources)
+    assert other.to_dict()["uncertainty"]["feature"] == ERRORS["feature"]
+    assert plate.problem.of_robot().workpiece_sources.empty
+    assert "workpiece" not in plate.problem.of_robot().to_dict()["uncertainty"]
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        ({"workpiece": {}}, "neither position nor angle"),
+        ({"workpiece": {"angle": "8 deg"}}, "5 deg"),
+        ({"workpiece": {"position": "-1 mm"}}, "uncertainty"),
+        ({"feature": {}}, "position"),
+        ({"feature": {"angle": "1 deg"}}, "angle"),
+    ],
+)
+def test_what_is_no_error_of_a_workpiece_is_refused(errors, said):
+    with pytest.raises(InputError, match=said):
+        problem(errors, position=["0.6 m", "0.2 m", "0.1 m"])
