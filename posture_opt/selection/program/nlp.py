@@ -144,11 +144,6 @@ class Nlp:
         return replace(self, rows=tuple(self.rows[k] for k in chosen))
 
     @cached_property
-    def row_values(self) -> BatchFunction:
-        """``(x, p) -> g``: (N, m) values of all rows, interpreted."""
-        return BatchFunction(ca.Function("row_values", [self.x, self.p], [self.g]), compiled=False)
-
-    @cached_property
     def screen(self) -> ca.Function:
         """``(x, p) -> (objective, worst violation of a row, first term, variance)``: all that cheap starts need."""
         low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
