@@ -118,7 +118,7 @@ def _give_units(data: Section, key: KeyPath, robot: Robot) -> None:
     for part in key[:-1]:
         container = container[part]
     last: Plain = key[-1]
-    if isinstance(container, list) or last in container:
+    if last < len(container) if isinstance(container, list) else last in container:  # it may have been removed
         container[last] = _with_units(container[last], key, data, robot)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import math
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -42,7 +42,6 @@ BOUNDED: dict[str, dict[str, Any]] = {
 UNWEIGHED = "scara"  # without masses, no torque
 BOUNDS = [pair for pair in product(POINTS, BOUNDED) if pair != (UNWEIGHED, "joint_torque")]
 ALWAYS = [*(("scara", kind) for kind in list(BOUNDED)[::2] if kind != "joint_torque"), ("ur10", "joint_torque")]
-EXTRA = 1.002  # of a move or a bound: what is told has four digits, and the optimum lies on the very boundary
 
 
 def asked(robot: str, position: list[float], **task: Any) -> dict[str, Any]:
@@ -65,29 +64,26 @@ def refused(data: dict[str, Any]) -> Solution:
     return solution
 
 
-def changed(data: dict[str, Any], relaxation: Any, solution: Solution) -> dict[str, Any]:
-    """The data with the change made, by the numbers of its reasons and not by its words."""
-    data = copy.deepcopy(data)
-    task = data["task"]
-    for reason in relaxation.reasons:
-        kind = reason.requirement.split(" ")[0].split(".")[0]
-        if reason.requirement == "target":
-            q = list(relaxation.posture.values())
-            reached = np.array(po.propagate(solution.problem, q).position)
-            wanted = np.array([float(x.split()[0]) for x in task["position"]])
-            task["position"] = [f"{float(x)!r} m" for x in wanted + EXTRA * (reached - wanted)]
-        elif reason.requirement == "tool_axis":
-            task["tilt"] = f"{math.degrees(reason.amount) + 0.05} deg"
-        else:
-            (term,) = (term for term in task["subject_to"] if term["kind"] == kind)
-            key = "at_least" if "at_least" in term else "at_most"
-            value, unit, *_ = f"{term[key]} 1".split()
-            size = {"m": 1.0, "um": 1e-6, "deg": math.radians(1.0), "N": 1.0, "1": 1.0}[unit]
-            side = -1.0 if key == "at_least" else 1.0
-            bound = float(value) * size + side * reason.amount
-            new = f"{(bound + side * (EXTRA - 1) * abs(bound)) / size} {unit}{' m' * (unit == 'N')}"
-            term[key] = float(new.split()[0]) if unit == "1" else new
-    return data
+def changed(problem: po.Problem, relaxation: Any) -> po.Problem:
+    """The problem with the change made by its keys, as they are printed in the document and no digit more."""
+    keys = json.loads(json.dumps(relaxation.to_json()))["set"]
+    assert keys
+    limits = {key.split(".")[2]: keys.pop(key) for key in list(keys) if key.startswith("robot.")}
+    names = sorted((key for key in keys), key=len)
+    problem = problem.replace(**{key.replace(".", "__"): keys[key] for key in names})
+    size = {"deg": math.radians(1.0), "mm": 1e-3}
+    for name, ends in limits.items():  # a preset has no key for them
+        lower, upper = (float(end.split()[0]) * size[end.split()[1]] for end in ends)
+        joints = tuple(replace(j, lower=lower, upper=upper) if j.name == name else j for j in problem.robot.joints)
+        problem = replace(problem, arm=replace(problem.arm, robot=replace(problem.robot, joints=joints)))
+    return problem
+
+
+def assert_all_do(data: dict[str, Any], solution: Solution) -> None:
+    """Every change that is offered makes the problem one that is solved, by the public way."""
+    for relaxation in solution.relaxations:
+        solved = po.select_posture(changed(po.problem_from_dict(data), relaxation))
+        assert solved.status != "infeasible", relaxation.change
 
 
 def test_every_term_has_a_case_that_cannot_be_met() -> None:
@@ -108,8 +104,7 @@ class TestWhatIsOffered:
         solution = refused(data)
         (reason,) = solution.reasons
         assert reason.requirement.startswith(kind)
-        for relaxation in solution.relaxations:
-            assert po.select_posture(po.problem_from_dict(changed(data, relaxation, solution))).status != "infeasible"
+        assert_all_do(data, solution)
 
     @every_robot
     def test_joints_that_are_held_elsewhere_are_named(self, robot: str) -> None:
@@ -118,10 +113,7 @@ class TestWhatIsOffered:
         named = {reason.message.split()[0] for reason in solution.reasons}
         assert named <= set(HELD[robot])
         assert len(named) > 0
-        q = solution.relaxations[0].posture
-        values = {name: f"{q[name]} rad" for name in HELD[robot]}
-        data["task"]["subject_to"][0]["values"] = values
-        assert po.select_posture(po.problem_from_dict(data)).status != "infeasible"
+        assert_all_do(data, solution)
 
     @every_robot
     def test_a_posture_far_away_offers_a_move_too(self, robot: str) -> None:
@@ -130,8 +122,7 @@ class TestWhatIsOffered:
         solution = refused(data)
         assert [reason.requirement for reason in solution.reasons] == ["near_posture"]
         assert {r.reasons[0].requirement for r in solution.relaxations} >= {"near_posture", "target"}
-        for relaxation in solution.relaxations:
-            assert po.select_posture(po.problem_from_dict(changed(data, relaxation, solution))).status != "infeasible"
+        assert_all_do(data, solution)
 
     @every_robot
     def test_two_terms_that_fail_are_both_named(self, robot: str) -> None:
@@ -139,8 +130,7 @@ class TestWhatIsOffered:
         data = asked(robot, POINTS[robot], subject_to=terms)
         solution = refused(data)
         assert {reason.requirement.split(" ")[0] for reason in solution.reasons} == {"spread", "link_height"}
-        for relaxation in solution.relaxations:
-            assert po.select_posture(po.problem_from_dict(changed(data, relaxation, solution))).status != "infeasible"
+        assert_all_do(data, solution)
 
     @every_robot
     def test_a_move_into_reach_keeps_the_tool_axis(self, robot: str) -> None:
@@ -149,8 +139,7 @@ class TestWhatIsOffered:
         solution = refused(data)
         assert [reason.requirement for reason in solution.reasons] == ["target"]
         assert "towards the base" in solution.relaxations[0].change
-        moved = changed(data, solution.relaxations[0], solution)
-        assert po.select_posture(po.problem_from_dict(moved)).status != "infeasible"
+        assert_all_do(data, solution)
 
 
 @pytest.mark.conformance
@@ -201,14 +190,8 @@ def test_an_obstacle_is_named_and_a_move_gets_out_of_its_way(robot: str, name: s
     data["cell"] = {"obstacles": [{"name": name, "xyz": place, **solid}], "clearance": "20 mm"}
     solution = refused(data)
     assert [reason.requirement for reason in solution.reasons] == [f"clearance to {name}"]
-    of_obstacle = solution.relaxations[-1]
-    assert of_obstacle.change.startswith(f"obstacle {name} must give ")
-    # What it must give is what the exact distance lacks in that posture, but for the rounding of smooth distances.
-    problem = po.problem_from_dict(data)
-    q = np.array(list(of_obstacle.posture.values()))
-    exact = problem.scene.clearance(q)
-    if exact.distance > 0:  # exact distances do not say how deep
-        assert 0.02 - exact.distance == pytest.approx(of_obstacle.reasons[0].amount, abs=3e-3)
-    moves = [r for r in solution.relaxations if r.reasons[0].requirement == "target"]
-    assert moves
-    assert po.select_posture(po.problem_from_dict(changed(data, moves[0], solution))).status != "infeasible"
+    assert any(
+        r.change.startswith((f"obstacle {name} must give ", f"remove obstacle {name}")) for r in solution.relaxations
+    )
+    assert any(r.change.startswith(f"move obstacle {name} by ") for r in solution.relaxations)
+    assert_all_do(data, solution)

@@ -8,28 +8,41 @@ last.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import Posture
+from posture_opt.selection.answer.changes import ATTEMPTS, PLANE_DECIMALS, Changes, onto_plane
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.change import Change
 from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
-from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.giving_scene import CLEARANCE
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
-from posture_opt.selection.search.relaxation import Reason, Relaxation, plane_reason, relaxation
+from posture_opt.selection.search.relaxation import Reason, Reasons, Relaxation, plane_reason
 from posture_opt.selection.search.search_statistics import SearchStatistics
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
 _STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
+SEARCH = "search"
+"""Name of the reason where requirements can be met one by one, and the search did not meet them together."""
+MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
+MAX_OFFERED = 4  # changes that are offered: each is solved first
+
+Does = Callable[[Sequence[Change]], bool]
+"""Whether the problem with some changes has a solution."""
+Way = tuple[tuple[str, ...], Compromise]
+"""Requirements that suffice when they give, and how."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +57,44 @@ class Explanation:
     relaxations: tuple[Relaxation, ...] = ()
 
 
-def explain_infeasibility(engine: Engine, found: MultistartResult) -> Explanation:
-    """What keeps a search from finding anything.
+def explain_infeasibility(
+    engine: Engine, found: MultistartResult, asked: ProblemData, held: Mapping[int, float], does: Does
+) -> Explanation:
+    """What keeps a search from finding anything, and which changes help.
 
     Args:
+        engine: of the task without its held joints, with rows that keep the arm clear.
         found: the search, which ended without a feasible posture.
+        asked: the problem with the target of the search; ``held`` are the joints that its task holds.
+        does: whether the problem with some changes is solved; each is tried before it is offered.
     """
-    return _Infeasibility(engine, found).explanation()
+    return _Infeasibility(engine, found, asked, held, does).explanation()
+
+
+def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture | None:
+    """A posture that meets every requirement where no random start led to one; None where there is none.
+
+    Interior-point steps with requirements that may give end at one where nothing has to.
+    """
+    return _Infeasibility(engine, found, None, {}, lambda changes: False).met()
+
+
+def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
+    """What to say where each requirement can be met, and the search found no posture that meets all of them.
+
+    Args:
+        nearest: where the last local search ended.
+    """
+    elastic, target = engine.elastic, found.target
+    lacking = elastic.lacking(nearest.q[None], target.parameters)[0]
+    way = Compromise(nearest.q, lacking, float(elastic.cost(lacking)), {})
+    missed = [name for name, amount in zip(elastic.requirements, lacking, strict=True) if amount > ROW_TOLERANCE]
+    message = (
+        f"each requirement can be met, but no posture was found that meets all of them, from {found.tried} random "
+        "starts and by relaxing the requirements in turn; more starts may help (solver: {starts: 500})"
+    )
+    whole = Reason(SEARCH, message, nearest.violation, "1")
+    return Explanation(nearest.q, (whole, *Reasons(engine.optimisation_problem, elastic, target, way).of(missed)))
 
 
 def infeasible(
@@ -88,6 +132,9 @@ class _Infeasibility:
 
     engine: Engine
     found: MultistartResult
+    asked: ProblemData | None
+    held: Mapping[int, float]
+    does: Does
 
     @property
     def problem(self) -> OptimisationProblem:
@@ -99,37 +146,115 @@ class _Infeasibility:
         """Where the tool point was to go."""
         return self.found.target
 
-    @property
+    @cached_property
     def elastic(self) -> ElasticProblem:
         """The program in which requirements may give."""
-        return self.engine.elastic
+        return ElasticProblem(self.problem, self.held) if self.held else self.engine.elastic
 
     def explanation(self) -> Explanation:
         """The nearest posture and the reasons: the most particular requirement that suffices when it gives."""
         outside = plane_reason(self.problem.reach, self.target)
         if outside is not None:
             nearest = self._least(self.elastic.requirements)
-            return Explanation(self._pool[0] if nearest is None else nearest.q, (outside,))
+            q = self._pool[0] if nearest is None else nearest.q
+            return self._onto_plane(q, outside)
         ways = self._ways()
         met = next((way for _, way in ways if way.met), None)
         if met is not None or not ways:
             return Explanation(self._pool[0] if met is None else met.q)
-        chosen = max(ways, key=lambda way: (_specific(way[0]), -way[1].cost))
-        ordered = sorted(ways, key=lambda way: way[1].cost)
-        relaxations = [relaxation(self.problem, self.elastic, self.target, names, way) for names, way in ordered]
-        reasons = relaxations[ordered.index(chosen)].reasons
-        return Explanation(chosen[1].q, reasons, tuple(relaxations))
+        return self._explained(ways)
 
-    def _ways(self) -> list[tuple[tuple[str, ...], Compromise]]:
+    def met(self) -> CandidatePosture | None:
+        """A posture that meets everything, from where nothing has to give."""
+        if self.found.target.kind != "anywhere" and plane_reason(self.problem.reach, self.target) is not None:
+            return None
+        way = self._least(self.elastic.further or (LIMITS,))
+        if way is None or not way.met:
+            return None
+        end = self.engine.polished(self.engine.candidates(way.q[None], self.target)[0], self.target)
+        return end if end.feasible else None
+
+    def _explained(self, ways: Sequence[Way]) -> Explanation:
+        """The reasons of the most particular way, and what helps of all of them, cheapest first."""
+        own = [way for way in ways if not {*way[0]} & {CLEARANCE, *self.elastic.cell.movable}] or list(ways)
+        names, nearest = max(own, key=lambda way: (_specific(way[0]), -way[1].cost))
+        reasons = self._reasons(names, nearest)
+        offered: list[Relaxation] = []
+        for names, way in sorted(ways, key=lambda way: way[1].cost):
+            if len(offered) < MAX_OFFERED:
+                found = self._relaxation(names, way, own)
+                offered += [] if found is None else [found]
+        changes = {one.reasons: one.change for one in reversed(offered)}
+        reasons_said = tuple(
+            replace(reason, message=f"{reason.message}: {changes[reasons]}")
+            if reasons in changes and reason is reasons[-1] else reason
+            for reason in reasons
+        )  # fmt: skip
+        return Explanation(nearest.q, reasons_said, tuple(offered))
+
+    def _reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
+        """What is missed until the requirements ``names`` give."""
+        rows = [name for name in names if name in (TARGET, AXIS, LIMITS, *self.elastic.further)]
+        if not rows:  # the clearance of the cell gives: what is nearer than that
+            lacking = self.elastic.lacking(way.q[None], self.target.parameters)[0]
+            way = replace(way, lacking=lacking)
+            rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
+        return Reasons(self.problem, self.elastic, self.target, way).of(rows)
+
+    def _relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> Relaxation | None:
+        """The change that a way shows, with the first digits that do; None where none does."""
+        assert self.asked is not None
+        cell = self.asked.cell
+        stated = () if cell is None else tuple(obstacle.name for obstacle in cell.obstacles)
+        task = self.asked.task
+        assert task is not None
+        given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
+        reasons = self._reasons_of(given, way, own)
+        tried: list[tuple[Change, ...]] = []
+        for attempt in ATTEMPTS:
+            changes = Changes(self.problem, task, stated, self.elastic, self.target, way, attempt).of(given)
+            if not changes:
+                return None
+            if changes not in tried and self.does(changes):
+                words = " and ".join(dict.fromkeys(change.words for change in changes))
+                return Relaxation(words, reasons, Posture(self.problem.robot, way.q), way.cost, changes)
+            tried.append(changes)
+        return None
+
+    def _reasons_of(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> tuple[Reason, ...]:
+        """The reasons of a way; of an obstacle that moves those of its row."""
+        movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
+        of_row = {(rows[movable[name]],) for name in names if name in movable}
+        moved = next(((row, other) for row, other in own if row in of_row), None)
+        return self._reasons(names, way) if moved is None else self._reasons(*moved)
+
+    def _onto_plane(self, q: Array, outside: Reason) -> Explanation:
+        """A target outside of the plane of the arm: what brings it there."""
+        assert self.asked is not None
+        for decimals in PLANE_DECIMALS:
+            changes = onto_plane(self.problem, self.target, q, decimals)
+            if self.does(changes):
+                reason = replace(outside, message=f"{outside.message}: {changes[0].words}")
+                cost = outside.amount / self.problem.reach.radius
+                posture = Posture(self.problem.robot, q)
+                return Explanation(q, (reason,), (Relaxation(changes[0].words, (outside,), posture, cost, changes),))
+        return Explanation(q, (outside,))
+
+    # --- the ways -------------------------------------------------------------------------------------------------
+
+    def _ways(self) -> list[Way]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
-        names = [name for name in self.elastic.requirements if self._may_give(name)]
+        names = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if self._may_give(name)]
         if TARGET in names and not self._in_reach:
             names = [TARGET]
         alone: dict[str, Compromise] = {}
-        for name in reversed(names):  # a term that gives shows postures near the target: where the others may start
+        in_cell = [name for name in names if name in self.elastic.in_cell]
+        for name in reversed([name for name in names if name not in in_cell]):
+            # A term that gives shows postures near the target: where the others may start.
             way = self._least((name,), [other.q for other in alone.values()])
             if way is not None:
                 alone[name] = way
+        alone |= self._ways_of_cell(in_cell, [other.q for other in alone.values()])
         if alone:
             return [((name,), way) for name, way in alone.items()]
         further = [name for name in names if name in self.elastic.further]
@@ -138,6 +263,27 @@ class _Infeasibility:
             if way is not None:
                 return [(self._giving(way), way)]
         return []
+
+    def _ways_of_cell(self, rows: Sequence[str], near: Sequence[Array]) -> dict[str, Compromise]:
+        """The rows of the cell that suffice when they give, the places of their obstacles, and the clearance."""
+        whole = self._least(rows, near) if rows else None
+        if whole is None:
+            return {}
+        giving = [name for name in self._giving(whole) if name in rows] or list(rows[:1])
+        found: dict[str, Compromise] = {}
+        for name in giving[:MAX_OBSTACLES]:
+            way = whole if len(giving) == 1 else self._least((name,), [whole.q, *near])
+            if way is not None:
+                found[name] = way
+        obstacle = {k: name for name, k in self.elastic.cell.movable.items()}
+        places = [obstacle[k] for name, k in self.elastic.cell.obstacles.items() if name in found and k in obstacle]
+        scene = self.problem.scene
+        clearance = [CLEARANCE] if scene is not None and scene.margin > 0 else []
+        for name in (*places, *clearance):
+            way = self._least((name,), [whole.q, *near])
+            if way is not None:
+                found[name] = way
+        return found
 
     def _giving(self, way: Compromise) -> tuple[str, ...]:
         """The requirements that give in a compromise; none where nothing is missing."""
@@ -152,7 +298,10 @@ class _Infeasibility:
 
     def _least(self, given: Sequence[str], near: Sequence[Array] = ()) -> Compromise | None:
         """The least that the requirements ``given`` must give, sought from ``near`` and the best others."""
-        held = np.array([name not in given for name in self.elastic.requirements])
+        cell = self.elastic.cell
+        eased = {*given, *(row for row, k in cell.obstacles.items() if k in {cell.movable.get(name) for name in given})}
+        eased |= {*self.elastic.in_cell} if CLEARANCE in given else set()
+        held = np.array([name not in eased for name in self.elastic.requirements])
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
@@ -175,8 +324,14 @@ class _Infeasibility:
         """(N, n) where searches ended, and postures led towards the target: with its axis, without, without limits."""
         engine = self.engine
         ended = [np.array([candidate.q for candidate in self.found.found])] if self.found.found else []
-        led = [self._led(engine.ik, True), self._led(engine.ik, False), self._led(self._free, True)]
-        return np.concatenate([*ended, *led])
+        every = np.concatenate(
+            [*ended, self._led(engine.ik, True), self._led(engine.ik, False), self._led(self._free, True)]
+        )
+        if not self.held:
+            return every
+        stands = every.copy()
+        stands[:, list(self.held)] = list(self.held.values())
+        return np.concatenate([every, stands])
 
     @cached_property
     def _free(self) -> InverseKinematics:

@@ -9,17 +9,24 @@ from typing import get_args
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.held_joints import explain_held, held_joints, released, with_held_joints
-from posture_opt.selection.answer.infeasible import Explanation, explain_infeasibility, infeasible
+from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
+from posture_opt.selection.answer.infeasible import (
+    Explanation,
+    explain_infeasibility,
+    infeasible,
+    met_after_all,
+    not_met_together,
+)
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.search.axis_alignment import Aligner
-from posture_opt.selection.search.batches import until_found_often, until_recurrence
+from posture_opt.selection.search.batches import until_found_often, until_recurrence, usual_starts
+from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart
@@ -35,7 +42,6 @@ _ONE_POSTURE_NOTE = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
 )
-_STARTS_WITH_RELEASED_JOINTS = 64  # starts with held joints released, to say which of them is in the way
 _UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
 _LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
@@ -219,31 +225,44 @@ class PostureSelector:
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
-        why = self._with_joints_released(found) or explain_infeasibility(engine, found)
-        if why.reasons:
-            solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
-            raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
-        rescued = engine.polished(engine.candidates(why.q[None], found.target)[0], found.target)
-        if not rescued.feasible:
-            raise SolverError(
-                "the solver failed: each requirement can be met, but no posture was found that meets all of them; "
-                "more starts may help (solver: {starts: 500})"
-            )
-        return [rescued]
+        why = self._explained(found)
+        if not why.reasons:
+            rescued = engine.polished(engine.candidates(why.q[None], found.target)[0], found.target)
+            if rescued.feasible:
+                return [rescued]
+            why = not_met_together(engine, found, rescued)
+        solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
+        raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
 
-    def _with_joints_released(self, found: MultistartResult) -> Explanation | None:
-        """The nearest posture and the reasons, where the task could be done if no joint were held; None elsewhere."""
-        problem = self._problem
-        robot, held = problem.robot, held_joints(problem.robot, self.task)
-        if not held:
-            return None
-        selector = PostureSelector(replace(problem, task=released(robot, self.task)), compiled=False)
-        freed = multistart(
-            selector.engine(found.target), found.target, np.random.default_rng(0), _STARTS_WITH_RELEASED_JOINTS
-        )
-        if not freed.found or not freed.found[0].feasible:
-            return None
-        return explain_held(robot, held, freed.found[0].q)
+    def _explained(self, found: MultistartResult) -> Explanation:
+        """What keeps a search from finding anything; joints that are held are asked to give like anything else."""
+        problem, target = self._problem, found.target
+        held, selector = held_joints(problem.robot, self.task), self
+        if held:
+            selector = PostureSelector(replace(problem, task=released(problem.robot, self.task)), compiled=False)
+        asked = replace(problem, task=_with_target(self.task, target))
+
+        def does(changes: Sequence[Change]) -> bool:
+            """Whether the problem with some changes is solved."""
+            other = with_changes(asked, changes)
+            if {change.path for change in changes} == {"task.position"}:  # a number of this program
+                return self.can_be_done(target.with_position(np.array(task_of(other).position)))
+            try:
+                return PostureSelector(other, compiled=False).can_be_done()
+            except InputError:  # no such problem can be stated
+                return False
+
+        return explain_infeasibility(selector.engine(target, guarded=True), found, asked, held, does)
+
+    def can_be_done(self, target: TaskTarget | None = None) -> bool:
+        """Whether the search finds a posture that does the task, as a solve of it would; why not is not asked."""
+        aim, seed = self.target if target is None else target, self._problem.solver.seed
+        engine = self.engine(aim, guarded=True)
+        starts = self._problem.solver.starts or usual_starts(engine)
+        found = multistart(engine, aim, np.random.default_rng([seed, 0]), starts)
+        if any(candidate.feasible for candidate in found.found):
+            return True
+        return met_after_all(engine, found) is not None
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
         """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
@@ -307,3 +326,10 @@ def sources_of(problem: ProblemData) -> Sources:
             Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.task_sources
+
+
+def _with_target(task: Task, target: TaskTarget) -> Task:
+    """The task with the place, the direction and the clearance of a target in it."""
+    place = {"position": tuple(map(float, target.lower))} if target.kind == "point" else {}
+    direction = tuple(map(float, target.direction))
+    return task.model_copy(update={**place, "direction": direction, "clearance": target.given_clearance})

@@ -7,7 +7,7 @@ kind.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -15,6 +15,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
@@ -198,7 +199,7 @@ class OptimisationProblem(DerivedAgain):
             *self._target_rows(),
             *self._axis_rows(),
             *self._yaw_rows(),
-            *self._clearance_rows(),
+            *self.clearance_rows(),
             *self._bound_rows(),
         )
         worst = self.quantities.variance
@@ -285,12 +286,16 @@ class OptimisationProblem(DerivedAgain):
         facing = Row("yaw.facing", "1", ca.dot(p["spin"], turned), zero, ca.SX(math.inf))
         return [Row("yaw", "1", beside, zero, zero), facing]
 
-    def _clearance_rows(self) -> list[Row]:
-        """A lower bound of each distance that is checked, at least the margin of the scene [m]."""
+    def clearance_rows(self, obstacles: Sequence[Obstacle] | None = None) -> list[Row]:
+        """A lower bound of each distance that is checked, at least the margin of the scene [m].
+
+        Args:
+            obstacles: in place of those of the scene: the same ones, smaller or moved by symbols.
+        """
         if self.scene is None:
             return []
         margin, endless = ca.SX(self.scene.margin), ca.SX(math.inf)
-        bounds = self.scene.rows(self.q)
+        bounds = self.scene.rows(self.q, obstacles)
         return [Row(name, "m", bound, margin, endless, name, convex=True) for name, bound in bounds]
 
     def _bound_rows(self) -> list[Row]:
@@ -298,11 +303,9 @@ class OptimisationProblem(DerivedAgain):
         these.
         """
         rows = []
-        kinds = [term.kind for term in self.task.subject_to]
-        for k, term in enumerate(self.task.subject_to):
+        for k, (name, term) in enumerate(bound_terms(self.task)):
             if term.held(self.robot):
                 continue  # they are bounds of the joints
-            name = term.kind if kinds.count(term.kind) == 1 else f"{term.kind} ({kinds[: k + 1].count(term.kind)})"
             at, size, shown = self.quantities, term.row_size, _told_of(term)
             values = self._values(term, "subject_to", k)
             entries = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
@@ -326,3 +329,13 @@ class OptimisationProblem(DerivedAgain):
 def _told_of(term: Term) -> Callable[[float], float]:
     """From the value of a term's row to what reports state of its quantity."""
     return lambda value: term.shown(value * term.row_size)
+
+
+def bound_terms(task: Task) -> list[tuple[str, Term]]:
+    """The terms of ``subject_to`` in their order, each with the name of its requirement: kinds that recur are
+    numbered.
+    """
+    kinds = [term.kind for term in task.subject_to]
+    counts = [kinds[: k + 1].count(kind) for k, kind in enumerate(kinds)]
+    names = [kind if kinds.count(kind) == 1 else f"{kind} ({n})" for kind, n in zip(kinds, counts, strict=True)]
+    return list(zip(names, task.subject_to, strict=True))

@@ -1,14 +1,15 @@
 """``ElasticProblem``: by how little a requirement must give for all the others to be met.
 
-Every requirement – target, tool axis, joint limits, each term, each obstacle – can give by a slack, and the sum of the
-slacks is minimised, each in its own scale (the elastic mode of Gill, Murray and Saunders 2005, SNOPT, section 1.3). One
-nonlinear program serves every choice of what may give: slacks that may not are held at zero by their bounds.
+Every requirement – target, tool axis, joint limits, held joints, each term, each obstacle – can give by a slack, and
+the sum of the slacks is minimised, each in its own scale (the elastic mode of Gill, Murray and Saunders 2005, SNOPT,
+section 1.3). One nonlinear program serves every choice of what may give: slacks that may not are held at zero by their
+bounds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,13 +17,14 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Nlp, Row
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.search.giving_scene import CLEARANCE, GivingScene
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 
-TARGET, AXIS, LIMITS = "target", "tool_axis", "limits"
+TARGET, AXIS, LIMITS, HELD = "target", "tool_axis", "limits", "fixed_joints"
 HELD_SLACK = (
     1e-10  # slack of what may not give: as a variable that is free it keeps IPOPT from counting too few of them
 )
@@ -44,11 +46,13 @@ class Compromise:
         q: (n,) [rad or m].
         lacking: (G,) what each requirement lacks, in the order of `ElasticProblem.requirements` [unit].
         cost: the sum of what is lacking, each in its own scale.
+        slacks: name of a requirement that gives -> by how much [unit]: of the target and of an obstacle's place (3,).
     """
 
     q: Array
     lacking: Array
     cost: float
+    slacks: Mapping[str, Array]
 
     @property
     def met(self) -> bool:
@@ -56,36 +60,53 @@ class Compromise:
         return bool(np.all(self.lacking <= ROW_TOLERANCE))
 
 
+@dataclass(frozen=True)
+class _Slack:
+    """The slack of one requirement: a ``vector`` with a norm, or numbers that are not below zero.
+
+    Args:
+        scale: what a unit of it is [unit]; ``most`` is the largest that it may be [unit].
+    """
+
+    name: str
+    size: int
+    scale: float
+    vector: bool = False
+    most: float = math.inf
+
+
 class ElasticProblem:
     """The elastic form of one optimisation problem: ``min Σ_k c_k s_k`` over postures and slacks ``s_k ≥ 0``.
 
     Args:
         problem: n joints.
+        held: joint index -> value [rad or m] of joints that the task holds and that ``problem`` leaves free.
 
     Attributes:
-        requirements: names of all that may give: the target, the tool axis, the limits, then terms and obstacles.
+        requirements: names of all that may give: the target, the tool axis, the limits, then held joints, terms, the
+            rows of the cell, the places of its obstacles and its clearance.
     """
 
-    def __init__(self, problem: OptimisationProblem) -> None:
-        self._problem = problem
-        further = dict.fromkeys(row.requirement for row in further_rows(problem.nlp))
-        self.requirements: tuple[str, ...] = (TARGET, AXIS, LIMITS, *further)
-
-    @property
-    def further(self) -> tuple[str, ...]:
-        """The requirements without target, tool axis and limits: terms and obstacles."""
-        return self.requirements[3:]
+    def __init__(self, problem: OptimisationProblem, held: Mapping[int, float] | None = None) -> None:
+        self._problem, self.held = problem, dict(held or {})
+        self.cell = GivingScene.of(problem)
+        self.in_cell: tuple[str, ...] = tuple(row.name for row in self.cell.rows)
+        terms = dict.fromkeys(row.requirement for row in self._term_rows)
+        self.further: tuple[str, ...] = (*([HELD] if self.held else []), *terms, *self.in_cell)
+        beside = (*self.cell.movable, *([CLEARANCE] if self.in_cell else []))
+        self.requirements: tuple[str, ...] = (TARGET, AXIS, LIMITS, *self.further, *beside)
 
     def lacking(self, Q: Array, parameters: Array) -> Array:
         """What each requirement lacks, (N, G), at postures Q (N, n) [rad or m].
 
         Distance from the target [m], angle of the axis beyond the tilt [rad], the largest excess of a joint [rad, or
-        the arm's size], the largest violation of a row [unit]; zero where it is met.
+        the arm's size], the largest violation of a row [unit]; zero where it is met. Of an obstacle that is touched it
+        is the depth at the surface, not what it would have to give.
 
         Args:
             parameters: (p,) of the target.
         """
-        return np.asarray(self._lacking(Q, parameters))
+        return np.asarray(self._lacking(Q, parameters, np.zeros(self._slack_count)))
 
     def cost(self, lacking: Array) -> Array:
         """The cost (…,) of what requirements lack, (…, G): ``Σ_k lacking_k / scale_k``."""
@@ -112,47 +133,66 @@ class ElasticProblem:
 
     def _compromise(self, start: Array, parameters: Array, given: Collection[str]) -> Compromise | None:
         """Where IPOPT ends from one start; None where a requirement that may not give is not met there."""
-        may = np.array([name in given for name in self.requirements])
-        lower, upper = self._variable_bounds(may)
-        low, high = self._row_bounds(parameters, may)
-        x0 = np.concatenate([start, np.clip(self._needed(start, parameters), lower[len(start) :], upper[len(start) :])])
-        p = np.append(parameters, float(may[1]))
+        n = len(start)
+        lower, upper = self._variable_bounds(given)
+        low, high = self._row_bounds(parameters, given)
+        x0 = np.clip(np.concatenate([start, self._needed(start, parameters, given)]), lower, upper)
+        p = np.append(parameters, float(AXIS in given))
         found = self._solver.solve(x0, lower, upper, low, high, p=p).x
-        q = found[: len(start)]
-        if not may[2]:
-            q = np.clip(q, *self._problem.nlp.variable_bounds)
-        if not np.all(np.isfinite(q)):
+        q, slacks = found[:n], np.where(upper[n:] > HELD_SLACK, found[n:], 0.0)
+        if LIMITS not in given:
+            q = np.clip(q, lower[:n], upper[:n])
+        if not np.all(np.isfinite(found)):
             return None
-        lacking = self.lacking(q[None], parameters)[0]
+        lacking = np.asarray(self._lacking(q[None], parameters, slacks))[0]
+        may = np.array([name in given for name in self.requirements])
         if np.any(lacking[~may] > ROW_TOLERANCE):
             return None
-        return Compromise(q, lacking, float(self.cost(lacking)))
+        return Compromise(q, lacking, float(self.cost(lacking)), self._by_name(slacks))
 
-    def _needed(self, q: Array, parameters: Array) -> Array:
+    def _by_name(self, slacks: Array) -> dict[str, Array]:
+        """Slacks (s,) in their scales as those of the requirements [unit]."""
+        ends = np.cumsum([slack.size for slack in self._slacks])
+        parts = np.split(slacks, ends[:-1])
+        return {slack.name: slack.scale * part for slack, part in zip(self._slacks, parts, strict=True)}
+
+    def _needed(self, q: Array, parameters: Array, given: Collection[str]) -> Array:
         """The slacks that a posture needs: IPOPT starts where what may give has given enough."""
-        lacking = self.lacking(q[None], parameters)[0] / self._scales
-        shift = np.zeros(self._slack_sizes[0][1])
-        return np.concatenate([shift, *(np.full(size, lacking[k]) for k, size in self._slack_sizes[1:])])
+        lacking = dict(zip(self.requirements, self.lacking(q[None], parameters)[0], strict=True))
+        parts = []
+        for slack in self._slacks:
+            if slack.name in self.cell.movable and slack.name in given:
+                parts.append(self.cell.start_shift(self.cell.movable[slack.name], q) / slack.scale)
+            else:
+                parts.append(np.full(slack.size, 0.0 if slack.vector else lacking[slack.name] / slack.scale))
+        return np.concatenate(parts)
 
-    def _variable_bounds(self, may: Mask) -> tuple[Array, Array]:
+    def _variable_bounds(self, given: Collection[str]) -> tuple[Array, Array]:
         """Bounds of joints and slacks: slacks that may not give are held next to zero, joints whose limits may give are
         freed.
         """
-        lower, upper = self._problem.nlp.variable_bounds
-        if may[2]:
+        lower, upper = (end.copy() for end in self._problem.nlp.variable_bounds)
+        if LIMITS in given:
             lower, upper = np.full_like(lower, -WIDENED_LIMIT), np.full_like(upper, WIDENED_LIMIT)
-        free = np.concatenate([np.full(size, may[k]) for k, size in self._slack_sizes])
-        most = np.where(free, np.inf, HELD_SLACK)
-        least = np.where(free & (np.arange(len(free)) < self._slack_sizes[0][1]), -np.inf, -HELD_SLACK)
+        if HELD not in given:
+            for k, value in self.held.items():
+                lower[k] = upper[k] = value
+        free = self._of_slacks([slack.name in given for slack in self._slacks])
+        vector = self._of_slacks([slack.vector for slack in self._slacks])
+        most = np.where(free > 0, self._of_slacks([slack.most / slack.scale for slack in self._slacks]), HELD_SLACK)
+        least = np.where((free > 0) & (vector > 0), -np.inf, -HELD_SLACK)
         return np.concatenate([lower, least]), np.concatenate([upper, most])
 
-    def _row_bounds(self, parameters: Array, may: Mask) -> tuple[Array, Array]:
+    def _of_slacks(self, values: Collection[float]) -> Array:
+        """A number of each requirement, repeated for each of its slacks."""
+        return np.repeat(np.array(list(values), dtype=float), [slack.size for slack in self._slacks])
+
+    def _row_bounds(self, parameters: Array, given: Collection[str]) -> tuple[Array, Array]:
         """Bounds of the rows; those of the tool axis are dropped where it may give: its angle is in the cost."""
         low, high = (np.asarray(end, dtype=float).ravel() for end in self._row_ends(parameters))
-        if may[1]:
-            of_axis = np.array([name == AXIS for *_, name in self._rows])
-            low, high = np.where(of_axis, -np.inf, low), np.where(of_axis, np.inf, high)
-        return low, high
+        dropped = {AXIS} & {*given} | {HELD} - {*given}  # held joints are bounds of the variables
+        out = np.array([name in dropped for *_, name in self._rows])
+        return np.where(out, -np.inf, low), np.where(out, np.inf, high)
 
     # --- the program ----------------------------------------------------------------------------------------------
 
@@ -162,22 +202,37 @@ class ElasticProblem:
         return tuple(row for row in self._problem.nlp.rows if row.requirement == TARGET)
 
     @cached_property
-    def _slack_sizes(self) -> tuple[tuple[int, int], ...]:
-        """(which requirement, how many slacks): a shift of the target, one of every limit, one of the others each."""
-        further = range(3, len(self.requirements))
-        return (0, len(self._target_rows)), (2, self._problem.robot.n), *((k, 1) for k in further)
+    def _term_rows(self) -> tuple[Row, ...]:
+        """The rows of the terms of ``subject_to``, and of the yaw."""
+        return tuple(row for row in further_rows(self._problem.nlp) if row.requirement not in self.in_cell)
 
     @cached_property
-    def _slacks(self) -> dict[int, ca.SX]:
-        """The slacks as symbols, by the number of their requirement."""
-        return {k: ca.SX.sym(self.requirements[k], size) for k, size in self._slack_sizes}
+    def _slacks(self) -> tuple[_Slack, ...]:
+        """Of all requirements but the tool axis, whose angle is a cost of its own: the order of the variables."""
+        size, n = self._problem.reach.radius, self._problem.robot.n
+        every = [_Slack(TARGET, len(self._target_rows), size, vector=True), _Slack(LIMITS, n, 1.0)]
+        every += [_Slack(HELD, len(self.held), 1.0)] if self.held else []
+        terms = [name for name in self.further if name != HELD and name not in self.in_cell]
+        every += [_Slack(name, 1, self._scale(name)) for name in terms]
+        every += [_Slack(name, 1, size) for name in self.in_cell]
+        every += [_Slack(name, 3, size, vector=True) for name in self.cell.movable]
+        return (*every, *([_Slack(CLEARANCE, 1, size, most=self.cell.scene.margin)] if self.in_cell else []))
+
+    @property
+    def _slack_count(self) -> int:
+        """Of the variables that are slacks."""
+        return sum(slack.size for slack in self._slacks)
+
+    @cached_property
+    def _symbols(self) -> dict[str, ca.SX]:
+        """The slacks as symbols, in their scales."""
+        return {slack.name: ca.SX.sym(slack.name, slack.size) for slack in self._slacks}
 
     @cached_property
     def _scales(self) -> Array:
         """(G,) what a unit of cost is: the size of the arm, a radian, the bound of a term."""
-        return np.array(
-            [self._problem.reach.radius, 1.0, 1.0 / LIMIT_COST_FACTOR, *(self._scale(name) for name in self.further)]
-        )
+        scales = {slack.name: slack.scale for slack in self._slacks} | {AXIS: 1.0, LIMITS: 1.0 / LIMIT_COST_FACTOR}
+        return np.array([scales[name] for name in self.requirements])
 
     @cached_property
     def _joint_scales(self) -> list[float]:
@@ -186,7 +241,7 @@ class ElasticProblem:
         return [1.0 if joint.type == "revolute" else radius for joint in joints]
 
     def _scale(self, name: str) -> float:
-        """The largest finite bound of a term or obstacle: what it lacks is measured in that."""
+        """The largest finite bound of a term: what it lacks is measured in that."""
         rows = [row for row in self._problem.nlp.rows if row.requirement == name]
         ends = [abs(float(end)) for row in rows for end in (row.lower, row.upper) if end.is_constant()]
         return max((end for end in ends if np.isfinite(end)), default=0.0) or ZERO_BOUND_SCALE
@@ -208,14 +263,16 @@ class ElasticProblem:
     def _solver(self) -> NonlinearSolver:
         """IPOPT on the elastic program.
 
-        The norm of the shift and the chord of the axis are rounded off at zero, where they have no slope.
+        The norms of shifts and the chord of the axis are rounded off at zero, where they have no slope.
         """
-        nlp, slacks, axis_free = self._problem.nlp, self._slacks, ca.SX.sym("axis_free")
-        chord, shift = ca.sqrt(2 * (1 - self._facing) + NORM_ROUNDING), ca.sqrt(ca.sumsqr(slacks[0]) + NORM_ROUNDING)
-        cost = axis_free * chord + shift / self._scales[0] + LIMIT_COST_FACTOR * ca.sum1(slacks[2])
-        cost += ca.sum1(ca.vertcat(ca.SX(0), *(slacks[k] for k, _ in self._slack_sizes[2:])))
+        nlp, axis_free = self._problem.nlp, ca.SX.sym("axis_free")
+        cost = axis_free * ca.sqrt(2 * (1 - self._facing) + NORM_ROUNDING)
+        for slack in self._slacks:
+            symbols = self._symbols[slack.name]
+            factor = LIMIT_COST_FACTOR if slack.name == LIMITS else 1.0
+            cost += ca.sqrt(ca.sumsqr(symbols) + NORM_ROUNDING) if slack.vector else factor * ca.sum1(symbols)
         program = {
-            "x": ca.vertcat(nlp.x, *slacks.values()),
+            "x": ca.vertcat(nlp.x, *self._symbols.values()),
             "p": ca.vertcat(nlp.p, axis_free),
             "f": cost,
             "g": ca.vertcat(ca.SX(0, 1), *(expression for expression, *_ in self._rows)),
@@ -235,36 +292,68 @@ class ElasticProblem:
     @cached_property
     def _rows(self) -> tuple[tuple[ca.SX, ca.SX, ca.SX, str], ...]:
         """(expression, lower, upper, requirement) with the slacks in them; each side of a further row by itself."""
-        nlp, slacks, zero, infinite = self._problem.nlp, self._slacks, ca.SX(0), ca.SX(np.inf)
-        shifted = enumerate(self._target_rows)
+        nlp, slacks, zero, infinite = self._problem.nlp, self._symbols, ca.SX(0), ca.SX(np.inf)
+        size = self._problem.reach.radius
         rows: list[tuple[ca.SX, ca.SX, ca.SX, str]] = [
-            (row.expression - slacks[0][k], row.lower, row.upper, TARGET) for k, row in shifted
+            (row.expression - size * slacks[TARGET][k], row.lower, row.upper, TARGET)
+            for k, row in enumerate(self._target_rows)
         ]
         rows += [(row.expression, row.lower, row.upper, AXIS) for row in nlp.rows if row.requirement == AXIS]
-        for row in further_rows(nlp):
-            k = self.requirements.index(row.requirement)
-            for margin in _margins(row):
-                rows.append((margin / self._scales[k] + slacks[k], zero, infinite, row.requirement))
+        for row in self._term_rows:
+            scale = self._scale(row.requirement)
+            rows += [
+                (margin / scale + slacks[row.requirement], zero, infinite, row.requirement) for margin in _margins(row)
+            ]
+        rows += [(margin, zero, infinite, name) for name, margin in self._cell_margins.items()]
         for k, (low, high) in enumerate(zip(*nlp.variable_bounds, strict=True)):
             scale = self._joint_scales[k]
             margins = [side * (nlp.x[k] - end) / scale for side, end in ((1, low), (-1, high)) if np.isfinite(end)]
-            rows += [(margin + slacks[2][k], zero, infinite, LIMITS) for margin in margins]
+            rows += [(margin + slacks[LIMITS][k], zero, infinite, LIMITS) for margin in margins]
+        for i, (k, value) in enumerate(self.held.items()):
+            off = (nlp.x[k] - value) / self._joint_scales[k]
+            rows += [(side * off + slacks[HELD][i], zero, infinite, HELD) for side in (1, -1)]
         return tuple(rows)
 
     @cached_property
+    def _cell_margins(self) -> dict[str, ca.SX]:
+        """What each row of the cell has to spare [m], with the slacks of this program."""
+        if not self.in_cell:
+            return {}
+        size, cell, slacks, scene = self._problem.reach.radius, self.cell, self._symbols, self.cell.scene
+        count = range(len(scene.obstacles))
+        row_of, place_of = ({k: name for name, k in names.items()} for names in (cell.obstacles, cell.movable))
+        less = ca.vertcat(ca.SX(0, 1), *(slacks[row_of[k]] if k in row_of else ca.SX(0) for k in count))
+        shifts = ca.horzcat(ca.SX(3, 0), *(slacks[place_of[k]] if k in place_of else ca.SX.zeros(3) for k in count))
+        margins = ca.vertcat(*(row.margin for row in cell.rows))
+        (margins,) = ca.substitute(
+            [margins], [cell.less, cell.shifts, cell.clearance], [size * less, size * shifts, size * slacks[CLEARANCE]]
+        )
+        own = [0 if name in cell.obstacles else size * slacks[name] for name in self.in_cell]  # no obstacle's: a row's
+        return {name: margins[i] + own[i] for i, name in enumerate(self.in_cell)}
+
+    @cached_property
     def _lacking(self) -> BatchFunction:
-        """``(q, p) -> (G,)`` what each requirement lacks."""
-        nlp, zero = self._problem.nlp, ca.SX(0)
+        """``(q, p, slacks) -> (G,)`` what each requirement lacks: of the cell its slack and what is missing with it."""
+        nlp, zero, slacks = self._problem.nlp, ca.SX(0), self._symbols
         off = [ca.fmax(ca.fmax(r.lower - r.expression, r.expression - r.upper), 0) for r in self._target_rows]
         angle = 2 * ca.asin(ca.fmin(ca.sqrt(ca.fmax(2 * (1 - self._facing), 0)) / 2, 1))
         lower, upper = nlp.variable_bounds
         beyond = ca.fmax(ca.fmax(ca.DM(lower) - nlp.x, nlp.x - ca.DM(upper)), 0) / ca.DM(self._joint_scales)
-        worst = dict.fromkeys(self.further, zero)
-        for row in further_rows(nlp):
+        amounts = {TARGET: ca.norm_2(ca.vertcat(zero, *off)), AXIS: ca.fmax(angle - self._tilt, 0)}
+        amounts |= {LIMITS: ca.mmax(beyond), **dict.fromkeys(self.further, zero)}
+        for k, value in self.held.items():
+            amounts[HELD] = ca.fmax(amounts[HELD], ca.fabs(nlp.x[k] - value) / self._joint_scales[k])
+        for row in self._term_rows:
             for margin in _margins(row):
-                worst[row.requirement] = ca.fmax(worst[row.requirement], -margin)
-        parts = [ca.norm_2(ca.vertcat(zero, *off)), ca.fmax(angle - self._tilt, 0), ca.mmax(beyond), *worst.values()]
-        return BatchFunction(ca.Function("lacking", [nlp.x, nlp.p], [ca.densify(ca.vertcat(*parts))]), compiled=False)
+                amounts[row.requirement] = ca.fmax(amounts[row.requirement], -margin)
+        size = self._problem.reach.radius
+        for name, margin in self._cell_margins.items():
+            amounts[name] = size * slacks[name] + ca.fmax(-margin, 0)
+        for name in self.requirements[3 + len(self.further) :]:
+            amounts[name] = size * ca.norm_2(slacks[name])
+        parts = ca.densify(ca.vertcat(*(amounts[name] for name in self.requirements)))
+        function = ca.Function("lacking", [nlp.x, nlp.p, ca.vertcat(*slacks.values())], [parts])
+        return BatchFunction(function, compiled=False)
 
 
 def further_rows(nlp: Nlp) -> tuple[Row, ...]:

@@ -1,7 +1,4 @@
-"""``Relaxation``: a change that would make a task possible, and the requirements that are missed without it.
-
-Numbers in its sentences are rounded to the side that suffices: following the advice makes the task possible.
-"""
+"""``Relaxation``: a change that makes a task possible, and the requirements that are missed without it."""
 
 from __future__ import annotations
 
@@ -12,13 +9,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from posture_opt.collision.scene import SELF_CLEARANCE_ROW, row_name
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW
 from posture_opt.numerics import Array, Json
-from posture_opt.robot.posture import Posture
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import Reach, TaskTarget
-from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
+from posture_opt.selection.search.change import Change
+from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
 
 YAW = "yaw"
 """The requirement to hold the spin of the tool."""
@@ -44,89 +41,82 @@ class Reason:
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A change that makes the task possible.
+    """A change that makes the task possible: it was made and solved with the digits that are printed.
 
     Args:
         change: what to change, in words.
         reasons: what is missed until then.
         posture: joint name -> rad or m, which then does the task.
         cost: compares changes: a move in units of the arm's size, angles in rad, bounds relative to their size.
+        changes: the keys of the problem file with their new values.
     """
 
     change: str
     reasons: tuple[Reason, ...]
     posture: dict[str, float]
     cost: float
+    changes: tuple[Change, ...] = ()
 
     def to_json(self) -> dict[str, Json]:
-        """Plain numbers, SI."""
-        return {"change": self.change, "reasons": [vars(reason) for reason in self.reasons], "posture": self.posture}
-
-
-def relaxation(
-    problem: OptimisationProblem, elastic: ElasticProblem, target: TaskTarget, names: Sequence[str], way: Compromise
-) -> Relaxation:
-    """The relaxation of the requirements ``names`` that a compromise shows to suffice.
-
-    Args:
-        elastic: the problem that the compromise solves, for the order of its requirements.
-        names: of what is relaxed together; the changes are joined by "and".
-        way: the posture (n,) [rad or m] and what it lacks.
-    """
-    posture = Posture(problem.robot, way.q)
-    lacking = dict(zip(elastic.requirements, map(float, way.lacking), strict=True))
-    words = _RelaxationWords(problem, elastic, target, way.q)
-    parts = [part for name in names if lacking[name] > 0 for part in words.parts(name, lacking[name], len(names) > 1)]
-    changes = list(dict.fromkeys(change for change, _ in parts))
-    return Relaxation(" and ".join(changes), tuple(reason for _, reason in parts), posture, way.cost)
+        """Plain numbers, SI; ``set`` maps keys of the problem file to what they would be, null where they would go."""
+        return {
+            "change": self.change,
+            "reasons": [vars(reason) for reason in self.reasons],
+            "posture": self.posture,
+            "set": {change.path: change.text for change in self.changes},
+        }
 
 
 def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
     """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it; None where it
     can.
-
-    The message has the distance [mm] and the shift of the target (3,), world frame, onto that plane.
     """
     if not reach.misses(target.lower, target.upper):
         return None
-    shift = reach.outside(target.lower, target.upper)
-    distance = float(np.linalg.norm(shift))
-    message = (
-        f"the target lies {distance * 1e3:.4g} mm outside the plane that this arm moves in: "
-        f"move it by {millimetres(shift)}"
-    )
+    distance = float(np.linalg.norm(reach.outside(target.lower, target.upper)))
+    message = f"the target lies {distance * 1e3:.4g} mm outside the plane that this arm moves in"
     return Reason(TARGET, message, distance, "m")
 
 
 @dataclass(frozen=True)
-class _RelaxationWords:
-    """The words for one compromise: what is missed at its posture q (n,), and what to change."""
+class Reasons:
+    """The reasons that one compromise shows: what is missed at its posture.
+
+    Args:
+        elastic: the problem that the compromise ``way`` solves.
+    """
 
     problem: OptimisationProblem
     elastic: ElasticProblem
     target: TaskTarget
-    q: Array
+    way: Compromise
 
-    def parts(self, name: str, amount: float, beside_others: bool) -> list[tuple[str, Reason]]:
-        """(what to change, what is missed) for each part of a requirement."""
+    def of(self, names: Sequence[str]) -> tuple[Reason, ...]:
+        """What is missed of the requirements ``names``, as far as anything is."""
+        lacking = dict(zip(self.elastic.requirements, map(float, self.way.lacking), strict=True))
+        return tuple(reason for name in names if lacking[name] > 0 for reason in self._of_one(name, lacking[name]))
+
+    def _of_one(self, name: str, amount: float) -> list[Reason]:
+        """What is missed of a requirement: of limits and held joints, of each joint."""
         if name == TARGET:
-            return [self._target(beside_others)]
+            return [self._target()]
         if name == AXIS:
             return [self._axis(amount)]
-        return self._limits() if name == LIMITS else [self._further(name)]
+        if name == LIMITS:
+            return self._limits()
+        if name == HELD:
+            return self._held()
+        return [self._too_near(name, amount)] if name in self.elastic.in_cell else [self._term(name)]
 
-    def _target(self, beside_others: bool) -> tuple[str, Reason]:
-        """The shift [mm] that brings the target to the nearest point that the tool reaches."""
-        point = np.array(self.problem.tool_point.walk(self.q.tolist())[0].position, dtype=float)
-        gap = np.clip(point, self.target.lower, self.target.upper) - point
-        distance = float(np.linalg.norm(gap))
-        condition = "" if beside_others else self._condition()
-        change = f"move the target by {millimetres(-gap)}{self._way(-gap)}"
+    def _target(self) -> Reason:
+        """How far the nearest point is that the tool reaches."""
+        point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
+        distance = float(np.linalg.norm(np.clip(point, self.target.lower, self.target.upper) - point))
         message = (
-            f"the target is out of reach by {distance * 1e3:.4g} mm{condition}; the nearest point that the tool "
-            f"reaches is {millimetres(point)}: {change}"
+            f"the target is out of reach by {distance * 1e3:.4g} mm{self._condition()}; the nearest point that the "
+            f"tool reaches is {millimetres(point)}"
         )
-        return change, Reason(TARGET, message, distance, "m")
+        return Reason(TARGET, message, distance, "m")
 
     def _condition(self) -> str:
         """What holds at the nearest point, in addition to the limits of the joints."""
@@ -135,35 +125,19 @@ class _RelaxationWords:
         conditions = [*axis, *(["all further requirements met"] if further else [])]
         return f" with {' and '.join(conditions)}" if conditions else ""
 
-    def _way(self, shift: Array) -> str:
-        """A word for the direction of a move, where there is one."""
-        distance = float(np.linalg.norm(shift))
-        screws = self.problem.tool_point.walk(self.q.tolist())[0].screws
-        foot = np.array(screws[len(self.problem.robot.base)].origin, dtype=float)
-        out = (self.target.lower + self.target.upper) / 2 - foot
-        out[2] = 0.0
-        if distance == 0 or not np.isfinite(out).all() or np.linalg.norm(out) < 1e-9:
-            return ""
-        along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
-        words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
-        cosine, word = max(words)
-        return f", {distance * 1e3:.4g} mm{f' {word}' if cosine >= MAIN_DIRECTION_COSINE else ''}"
-
-    def _axis(self, missing: float) -> tuple[str, Reason]:
-        """The tilt that would do, rounded up to a tenth of a degree."""
+    def _axis(self, missing: float) -> Reason:
+        """The angle that the tool axis comes to."""
         allowed = math.degrees(self.target.tilt)
-        needed = allowed + math.degrees(missing)
-        change = f"set tilt: {_up(needed, 1):g} deg"
         message = (
-            f"at this target the tool axis comes no closer than {needed:.3g} deg to the direction, and "
-            f"{allowed:.3g} deg are allowed; {change}, or move the target"
+            f"at this target the tool axis comes no closer than {allowed + math.degrees(missing):.3g} deg to the "
+            f"direction, and {allowed:.3g} deg are allowed"
         )
-        return f"{change} (now {allowed:.3g} deg)", Reason(AXIS, message, missing, "rad")
+        return Reason(AXIS, message, missing, "rad")
 
-    def _limits(self) -> list[tuple[str, Reason]]:
+    def _limits(self) -> list[Reason]:
         """Each joint that would have to leave its limits, and by how much."""
-        parts = []
-        for value, joint in zip(self.q, self.problem.robot.joints, strict=True):
+        found = []
+        for value, joint in zip(self.way.q, self.problem.robot.joints, strict=True):
             amount = max(joint.lower - value, value - joint.upper, 0.0)
             if amount > VISIBLE_EXCESS:
                 bound = joint.lower if value < joint.lower else joint.upper
@@ -172,78 +146,80 @@ class _RelaxationWords:
                 message = (
                     f"{joint.name} would have to go to {wanted}, {beyond} beyond its limit {limit}, to meet the {what}"
                 )
-                change = f"let {joint.name} go to {wanted} (limit {limit})"
-                parts.append((change, Reason(f"{joint.name}.limits", message, float(amount), joint.unit)))
-        return parts
+                found.append(Reason(f"{joint.name}.limits", message, float(amount), joint.unit))
+        return found
 
-    def _further(self, name: str) -> tuple[str, Reason]:
-        """The row of a term or obstacle that lacks most, ``max(lower − value, value − upper)``."""
+    def _held(self) -> list[Reason]:
+        """Each joint that would have to stand elsewhere."""
+        found = []
+        for k, value in self.elastic.held.items():
+            joint, off = self.problem.robot.joints[k], abs(float(self.way.q[k] - value))
+            if off > VISIBLE_EXCESS:
+                message = (
+                    f"{joint.name} is held at {shown(value, joint.unit)}, {shown(off, joint.unit)} from where the task "
+                    f"can be done"
+                )
+                found.append(Reason(f"{HELD} of {joint.name}", message, off, joint.unit))
+        return found
+
+    def _term(self, name: str) -> Reason:
+        """The row of a term that lacks most, ``max(lower − value, value − upper)``."""
         rows = [row for row in self.problem.nlp.rows if row.requirement == name]
         nlp = self.problem.nlp
         at = ca.Function("at", [nlp.x, nlp.p], [ca.vertcat(row.expression, row.lower, row.upper) for row in rows])
-        values = [np.asarray(v, dtype=float).ravel().tolist() for v in at.call([self.q, self.target.parameters])]
-        missing = [max(low - value, value - high) for value, low, high in values]
-        k = int(np.argmax(missing))
+        called = at.call([self.way.q, self.target.parameters])
+        values = [np.asarray(value, dtype=float).ravel().tolist() for value in called]
         if rows[0].name == YAW:
-            return self._yaw(values[0][0], values[1][0])
-        return self._row(rows[k], missing[k], *values[k])
+            off = abs(math.atan2(values[0][0], values[1][0]))
+            message = f"at this target the tool turns no nearer than {math.degrees(off):.4g} deg to the wanted yaw"
+            return Reason(YAW, message, off, "rad")
+        k = int(np.argmax([max(low - value, value - high) for value, low, high in values]))
+        return _row_reason(rows[k], *values[k])
 
-    def _yaw(self, sine: float, cosine: float) -> tuple[str, Reason]:
-        """The yaw that the tool comes nearest to, from sine and cosine of what it is off by."""
-        off = abs(math.atan2(sine, cosine))
-        message = f"at this target the tool turns no nearer than {math.degrees(off):.4g} deg to the wanted yaw"
-        change = f"change the yaw by {_up(math.degrees(off), 2):g} deg, or leave it out"
-        return change, Reason(YAW, message, off, "rad")
-
-    def _row(self, row: Row, missing: float, value: float, low: float, high: float) -> tuple[str, Reason]:
-        """The bound that would do for a term, or the room that an obstacle has to make."""
-        shown_value, bound = row.shown(value), row.shown(low if value < low else high)
-        below = shown_value < bound
-        reached, stated = shown(shown_value, row.unit), shown(bound, row.unit)
-        if below:
-            message = f"{row.name} is {reached} at most, and at least {stated} is required"
-        else:
-            message = f"{row.name} is {reached} at least, and at most {stated} is allowed"
-        if row.name in self._obstacles:
-            change = self._too_near(self._obstacles[row.name], missing, value, low)
-            return change, Reason(row.name, message, missing, row.unit)
-        key = "at_least" if below else "at_most"
-        change = f"set {key} of {row.requirement} to {enough(shown_value, row.unit, below)} (now {stated})"
-        return change, Reason(row.name, message, abs(shown_value - bound), row.unit)
-
-    @property
-    def _obstacles(self) -> dict[str, str]:
-        """Name of a row of the cell -> of what has to make room."""
-        scene = self.problem.scene
-        if scene is None:
-            return {}
-        return {row_name(o.name): f"obstacle {o.name} must give" for o in scene.obstacles} | {
-            SELF_CLEARANCE_ROW: "links that are not neighbours would have to give"
-        }
-
-    def _too_near(self, what: str, missing: float, value: float, margin: float) -> str:
-        """How much room there must be; a smaller clearance is offered where there is any."""
-        room = f"{what} {_up(missing * 1e3, 1):g} mm"
-        if value <= 0:
-            return room
-        return f"{room}, or set clearance of the cell to {enough(value, 'm', True)} (now {shown(margin, 'm')})"
+    def _too_near(self, name: str, missing: float) -> Reason:
+        """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it."""
+        margin = self.elastic.cell.scene.margin
+        message = f"{name} is {shown(margin - missing, 'm')} at most, and at least {shown(margin, 'm')} is required"
+        return Reason(name, message, missing, "m")
 
 
-def _up(value: float, digits: int) -> float:
-    """The value rounded up to so many decimals: the change must do."""
-    return float(math.ceil(value * 10**digits - 1e-9) / 10**digits)
+def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
+    """What a row of a term reaches, and what is required."""
+    reached, bound = row.shown(value), row.shown(low if value < low else high)
+    reached_text, stated = shown(reached, row.unit), shown(bound, row.unit)
+    if reached < bound:
+        message = f"{row.name} is {reached_text} at most, and at least {stated} is required"
+    else:
+        message = f"{row.name} is {reached_text} at least, and at most {stated} is allowed"
+    return Reason(row.name, message, abs(reached - bound), row.unit)
 
 
-def enough(bound: float, unit: str, least: bool) -> str:
-    """A bound that is met with it, rounded to the side that suffices: down for a least value, up for a largest one.
+def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Array) -> str:
+    """The length of a move (3,) [m], and a word for its direction where there is one.
 
-    >>> enough(0.0123456, "m", True), enough(0.0123456, "m", False)
-    ('12.34 mm', '12.35 mm')
+    Args:
+        q: (n,) a posture, for where the arm stands.
     """
-    size = {"rad": math.degrees(1.0), "m": 1e3, "probability": 1e2}.get(unit, 1.0)
-    digits = 3 - math.floor(math.log10(max(abs(bound) * size, 1e-12)))  # four of them
-    rounded = (math.floor if least else math.ceil)(bound * size * 10**digits) / 10**digits
-    return shown(rounded / size, unit)
+    distance = float(np.linalg.norm(shift))
+    screws = problem.tool_point.walk(q.tolist())[0].screws
+    foot = np.array(screws[len(problem.robot.base)].origin, dtype=float)
+    out = (target.lower + target.upper) / 2 - foot
+    out[2] = 0.0
+    if distance == 0 or not np.isfinite(out).all() or np.linalg.norm(out) < 1e-9:
+        return ""
+    along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
+    words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
+    cosine, word = max(words)
+    return f", {distance * 1e3:.4g} mm{f' {word}' if cosine >= MAIN_DIRECTION_COSINE else ''}"
+
+
+def stated_text(value: float, unit: str) -> str:
+    """A bound [SI] as the file has it: a probability as a number.
+
+    >>> stated_text(0.999, "probability"), stated_text(0.15, "m")
+    ('0.999', '150 mm')
+    """
+    return f"{value:.6g}" if unit == "probability" else shown(value, unit)
 
 
 def shown(value: float, unit: str) -> str:

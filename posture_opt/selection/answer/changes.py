@@ -1,0 +1,275 @@
+"""What to change in a problem file for a compromise to meet every requirement, with the digits that are printed.
+
+Every number is rounded to the side that suffices, and a little more is given in each further attempt: what is offered
+has been solved as it is printed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.selection.program.nlp import Row
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.change import Change, Quantity, decimals_for, exact_text, rounded
+from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
+from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
+from posture_opt.selection.search.relaxation import VISIBLE_EXCESS, YAW, shown, stated_text, way_words
+from posture_opt.selection.tasks import Task
+
+
+class Attempt(NamedTuple):
+    """How a change is written: what is given beyond the least, as a share of it, and more digits than usual."""
+
+    more: float
+    digits: int = 0
+
+
+_BOUND_DIGITS = 4  # significant ones, of the bound of a term
+ATTEMPTS = (Attempt(0.0), Attempt(0.003), Attempt(0.02), Attempt(0.0, 4), Attempt(0.003, 3))
+"""In this order; the last ones are for what has one value that does, or must lie in a plane: rounding leaves both."""
+PLANE_DECIMALS = 1, 4, 7  # of a move in mm onto the plane of an arm
+
+
+@dataclass(frozen=True)
+class Changes:
+    """The changes that one compromise shows, for one attempt at their digits.
+
+    Args:
+        problem, target: what was asked; ``elastic`` is what the compromise ``way`` solves.
+        task: as the file has it, with its held joints; ``stated`` are the names of the obstacles in the file.
+    """
+
+    problem: OptimisationProblem
+    task: Task
+    stated: Collection[str]
+    elastic: ElasticProblem
+    target: TaskTarget
+    way: Compromise
+    attempt: Attempt
+
+    def of(self, names: Sequence[str]) -> tuple[Change, ...]:
+        """What to change of the requirements ``names``; none where one of them has no key that would do."""
+        found: list[Change] = []
+        for name in names:
+            changes = self._of_one(name)
+            if not changes:
+                return ()
+            found += changes
+        return tuple(found)
+
+    def _of_one(self, name: str) -> list[Change]:
+        """What to change of one requirement."""
+        makers: dict[str, Callable[[], list[Change]]] = {
+            TARGET: self._target, AXIS: self._axis, LIMITS: self._limits, HELD: self._held,
+            CLEARANCE: self._clearance, YAW: self._yaw,
+        }  # fmt: skip
+        if name in makers:
+            return makers[name]()
+        cell = self.elastic.cell
+        if name in cell.movable:
+            return self._moved(cell.movable[name], name)
+        if name in self.elastic.in_cell:
+            return self._smaller(cell.obstacles[name], name) if name in cell.obstacles else []
+        return self._term(name)
+
+    # --- the task -------------------------------------------------------------------------------------------------
+
+    def _target(self) -> list[Change]:
+        """The target at the nearest point that the tool reaches."""
+        point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
+        shift = self._vector(point - np.clip(point, self.target.lower, self.target.upper))
+        return _moved_target(self.problem, self.target, self.way.q, shift)
+
+    def _axis(self) -> list[Change]:
+        """The tilt that would do; none beside a yaw, which allows no tilt."""
+        if self.task.heading is not None:
+            return []
+        lacking = float(self.way.lacking[self.elastic.requirements.index(AXIS)])
+        tilt = self._up(self.target.tilt, lacking, "rad")
+        words = f"set tilt: {tilt.text} (now {shown(self.target.tilt, 'rad')})"
+        return [Change(("task", "tilt"), tilt.value, tilt.text, words)]
+
+    def _yaw(self) -> list[Change]:
+        """The yaw that the tool comes nearest to."""
+        heading = self.problem.task.heading
+        assert heading is not None, "a row of the yaw"
+        rows = [row for row in self.problem.nlp.rows if row.name.partition(".")[0] == YAW]
+        sine, cosine = (value for value, *_ in self._values(rows))
+        # The spin that is held is that of b = z × x: its turn about the tool axis is against the world's where the axis
+        # points down.
+        off, now = math.atan2(sine, cosine), math.atan2(heading[1], heading[0])
+        turn = off * math.copysign(1.0, self.target.axis[2])
+        yaw = rounded(now + turn * (1 + self.attempt.more), "rad", 2 + self.attempt.digits, 1 if turn > 0 else -1)
+        words = f"set yaw: {yaw.text} (now {shown(now, 'rad')})"
+        return [Change(("task", "yaw"), yaw.value, yaw.text, words)]
+
+    def _held(self) -> list[Change]:
+        """Other values of the joints that would have to stand elsewhere."""
+        changes = []
+        for k, value in self.elastic.held.items():
+            joint, off = self.problem.robot.joints[k], float(self.way.q[k] - value)
+            if abs(off) > VISIBLE_EXCESS:
+                there = self._beyond(value, off, joint.unit)
+                key = ("task", "subject_to", self._holding(k), "values", joint.name)
+                words = f"hold {joint.name} at {there.text} (now {shown(value, joint.unit)})"
+                changes.append(Change(key, there.value, there.text, words))
+        return changes
+
+    def _holding(self, joint: int) -> int:
+        """The number of the term that holds a joint."""
+        terms = self.task.subject_to
+        return next(k for k, term in enumerate(terms) if joint in term.held(self.problem.robot))
+
+    def _term(self, name: str) -> list[Change]:
+        """The bounds of a term that would do: of each joint that it names, or one for all of its rows."""
+        number = [known for known, _ in bound_terms(self.task)].index(name)
+        term, rows = self.task.subject_to[number], [r for r in self.problem.nlp.rows if r.requirement == name]
+        found: dict[tuple[str | int, ...], list[Quantity]] = {}
+        bounds: dict[tuple[str | int, ...], str] = {}
+        for k, (row, (value, low, high)) in enumerate(zip(rows, self._values(rows), strict=True)):
+            if max(low - value, value - high) <= 0:
+                continue
+            reached, bound = row.shown(value), row.shown(low if value < low else high)
+            side, word = (-1, "at_least") if reached < bound else (1, "at_most")
+            joint = [term.stated()[k].joint] if isinstance(getattr(term, word), dict) else []
+            key = ("task", "subject_to", number, word, *joint)
+            given = reached + side * self.attempt.more * abs(reached - bound)
+            digits = decimals_for(given, row.unit, _BOUND_DIGITS + self.attempt.digits)
+            found.setdefault(key, []).append(rounded(given, row.unit, digits, side))
+            bounds[key] = f"{word} of {row.name if joint else name} to {{}} (now {stated_text(bound, row.unit)})"
+        changes = []
+        for key, options in found.items():
+            loosest = (min if "at_least" in key else max)(options, key=lambda option: option.value)
+            words = f"set {bounds[key].format(loosest.text)}"
+            changes.append(Change(key, loosest.value, loosest.text, words))
+        return changes
+
+    # --- the robot and the cell -----------------------------------------------------------------------------------
+
+    def _limits(self) -> list[Change]:
+        """The limits of the joints that would have to leave them."""
+        changes = []
+        for value, joint in zip(self.way.q, self.problem.robot.joints, strict=True):
+            off = float(value - np.clip(value, joint.lower, joint.upper))
+            if abs(off) > VISIBLE_EXCESS:
+                bound = joint.lower if off < 0 else joint.upper
+                there = self._beyond(bound, off, joint.unit)
+                ends = (there.value, joint.upper) if off < 0 else (joint.lower, there.value)
+                text = [there.text if end == there.value else exact_text(end, joint.unit) for end in ends]
+                words = f"let {joint.name} go to {there.text} (limit {shown(bound, joint.unit)})"
+                changes.append(Change(("robot", "joints", joint.name, "limits"), ends, text, words))
+        return changes
+
+    def _smaller(self, k: int, name: str) -> list[Change]:
+        """An obstacle made smaller on every side, or removed where too little of it would be left."""
+        obstacles = self.elastic.cell.scene.obstacles
+        before, key = obstacles[k], ("cell", "obstacles", obstacles[k].name)
+        if before.name not in self.stated:
+            return []
+        by = self._up(0.0, float(self.way.slacks[name][0]), "m")
+        after = gives_enough(obstacles, before.name, by.value)
+        if after is None:
+            return [Change(key, None, None, f"remove obstacle {before.name}")]
+        changed = {field: getattr(after, field) for field in type(after).model_fields}
+        changed = {field: value for field, value in changed.items() if value != getattr(before, field)}
+        texts = {field: _lengths_text(value) for field, value in changed.items()}
+        sizes = ", ".join(f"{f} {t if isinstance(t, str) else '[' + ', '.join(t) + ']'}" for f, t in texts.items())
+        words = f"obstacle {before.name} must give {by.text} on every side: {sizes}"
+        return [Change((*key, field), value, texts[field], words) for field, value in changed.items()]
+
+    def _moved(self, k: int, name: str) -> list[Change]:
+        """An obstacle somewhere else."""
+        obstacle = self.elastic.cell.scene.obstacles[k]
+        if obstacle.name not in self.stated:
+            return []
+        shift = self._vector(self.way.slacks[name])
+        moved = np.array([part.value for part in shift])
+        there = np.array(getattr(obstacle, "xyz", np.zeros(3))) + moved
+        words = f"move obstacle {obstacle.name} by {_vector_words(shift)}, {shown(float(np.linalg.norm(moved)), 'm')}"
+        return [_place(("cell", "obstacles", obstacle.name, "xyz"), there, words)]
+
+    def _clearance(self) -> list[Change]:
+        """A smaller clearance of the cell."""
+        margin, less = self.elastic.cell.scene.margin, float(self.way.slacks[CLEARANCE][0])
+        left = rounded(margin - less * (1 + self.attempt.more), "m", self._decimals(less, "m"), -1)
+        if not 0 <= left.value < margin:
+            return []
+        words = f"set clearance of the cell to {left.text} (now {shown(margin, 'm')})"
+        return [Change(("cell", "clearance"), left.value, left.text, words)]
+
+    # --- digits ---------------------------------------------------------------------------------------------------
+
+    def _values(self, rows: Sequence[Row]) -> list[list[float]]:
+        """Value, lower and upper bound of rows at the compromise."""
+        nlp = self.problem.nlp
+        at = ca.Function("at", [nlp.x, nlp.p], [ca.vertcat(row.expression, row.lower, row.upper) for row in rows])
+        return [np.asarray(v, dtype=float).ravel().tolist() for v in at.call([self.way.q, self.target.parameters])]
+
+    def _decimals(self, amount: float, unit: str) -> int:
+        """Decimals of a change by this much."""
+        return int(np.clip(decimals_for(amount, unit, 2), 1, 4)) + self.attempt.digits
+
+    def _up(self, base: float, amount: float, unit: str) -> Quantity:
+        """What is no less than a base and what is added to it."""
+        return rounded(base + amount * (1 + self.attempt.more), unit, self._decimals(amount, unit), 1)
+
+    def _beyond(self, value: float, off: float, unit: str) -> Quantity:
+        """A value moved by no less than ``off``."""
+        side = 1 if off > 0 else -1
+        return rounded(value + off * (1 + self.attempt.more), unit, self._decimals(off, unit), side)
+
+    def _vector(self, shift: Array) -> list[Quantity]:
+        """A shift (3,) [m], each component rounded away from zero."""
+        decimals = self._decimals(float(np.linalg.norm(shift)), "m")
+        least = 0.5 * 10.0 ** -(decimals + 3)
+        return [
+            rounded(float(v) * (1 + self.attempt.more) if abs(v) > least else 0.0, "m", decimals, 1 if v > 0 else -1)
+            for v in shift
+        ]
+
+
+def onto_plane(problem: OptimisationProblem, target: TaskTarget, q: Array, decimals: int) -> tuple[Change, ...]:
+    """The move that brings a target to the plane of the arm, with so many decimals of a millimetre.
+
+    Args:
+        q: (n,) a posture, for where the arm stands.
+    """
+    shift = [rounded(float(v), "m", decimals) for v in problem.reach.outside(target.lower, target.upper)]
+    return tuple(_moved_target(problem, target, q, shift))
+
+
+def _moved_target(
+    problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Sequence[Quantity]
+) -> list[Change]:
+    """A point or a region somewhere else."""
+    moved = np.array([part.value for part in shift])
+    words = f"move the target by {_vector_words(shift)}{way_words(problem, target, q, moved)}"
+    if target.kind == "point":
+        return [_place(("task", "position"), target.lower + moved, words)]
+    ends = (("min", target.lower), ("max", target.upper))
+    return [_place(("task", "region", key), end + moved, words) for key, end in ends]
+
+
+def _place(key: tuple[str | int, ...], point: Array, words: str) -> Change:
+    """A point (3,) [m] at a key."""
+    return Change(key, tuple(float(v) for v in point), [exact_text(float(v), "m") for v in point], words)
+
+
+def _lengths_text(value: float | tuple[float, ...]) -> str | list[str]:
+    """One or several lengths [m] as the file states them."""
+    return [exact_text(v, "m") for v in value] if isinstance(value, tuple) else exact_text(value, "m")
+
+
+def _vector_words(parts: Sequence[Quantity]) -> str:
+    """A vector in mm, all components with the decimals of the finest."""
+    numbers = [part.text.split()[0] for part in parts]
+    decimals = max(1, *(len(number.partition(".")[2]) for number in numbers))
+    return "(" + ", ".join(f"{float(number) + 0.0:.{decimals}f}" for number in numbers) + ") mm"
