@@ -95,7 +95,7 @@ class Changes:
         lacking = float(self.way.lacking[self.elastic.requirements.index(AXIS)])
         tilt = self._up(self.target.tilt, lacking, "rad")
         words = f"set tilt: {tilt.text} (now {shown(self.target.tilt, 'rad')})"
-        return [Change(("task", "tilt"), tilt.value, tilt.text, words)]
+        return [Change(("task", "tilt"), tilt.value, tilt.text, words, looser=1)]
 
     def _yaw(self) -> list[Change]:
         """The yaw that the tool comes nearest to."""
@@ -140,7 +140,7 @@ class Changes:
             reached, bound = row.shown(value), row.shown(low if value < low else high)
             side, word = (-1, "at_least") if reached < bound else (1, "at_most")
             joint = [term.stated()[k].joint] if isinstance(getattr(term, word), dict) else []
-            key = ("task", "subject_to", number, word, *joint)
+            key: tuple[str | int, ...] = ("task", "subject_to", number, word, *joint)
             given = reached + side * self.attempt.more * abs(reached - bound)
             digits = decimals_for(given, row.unit, _BOUND_DIGITS + self.attempt.digits)
             found.setdefault(key, []).append(rounded(given, row.unit, digits, side))
@@ -149,7 +149,7 @@ class Changes:
         for key, options in found.items():
             loosest = (min if "at_least" in key else max)(options, key=lambda option: option.value)
             words = f"set {bounds[key].format(loosest.text)}"
-            changes.append(Change(key, loosest.value, loosest.text, words))
+            changes.append(Change(key, loosest.value, loosest.text, words, -1 if "at_least" in key else 1))
         return changes
 
     # --- the robot and the cell -----------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ class Changes:
         texts = {field: _lengths_text(value) for field, value in changed.items()}
         sizes = ", ".join(f"{f} {t if isinstance(t, str) else '[' + ', '.join(t) + ']'}" for f, t in texts.items())
         words = f"obstacle {before.name} must give {by.text} on every side: {sizes}"
-        return [Change((*key, field), value, texts[field], words) for field, value in changed.items()]
+        return [Change((*key, field), value, texts[field], words, looser=-1) for field, value in changed.items()]
 
     def _moved(self, k: int, name: str) -> list[Change]:
         """An obstacle somewhere else."""
@@ -203,7 +203,7 @@ class Changes:
         if not 0 <= left.value < margin:
             return []
         words = f"set clearance of the cell to {left.text} (now {shown(margin, 'm')})"
-        return [Change(("cell", "clearance"), left.value, left.text, words)]
+        return [Change(("cell", "clearance"), left.value, left.text, words, looser=-1)]
 
     # --- digits ---------------------------------------------------------------------------------------------------
 

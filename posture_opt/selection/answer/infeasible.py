@@ -8,7 +8,7 @@ last.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -57,26 +57,12 @@ class Explanation:
     relaxations: tuple[Relaxation, ...] = ()
 
 
-def explain_infeasibility(
-    engine: Engine, found: MultistartResult, asked: ProblemData, held: Mapping[int, float], does: Does
-) -> Explanation:
-    """What keeps a search from finding anything, and which changes help.
-
-    Args:
-        engine: of the task without its held joints, with rows that keep the arm clear.
-        found: the search, which ended without a feasible posture.
-        asked: the problem with the target of the search; ``held`` are the joints that its task holds.
-        does: whether the problem with some changes is solved; each is tried before it is offered.
-    """
-    return _Infeasibility(engine, found, asked, held, does).explanation()
-
-
 def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture | None:
     """A posture that meets every requirement where no random start led to one; None where there is none.
 
     Interior-point steps with requirements that may give end at one where nothing has to.
     """
-    return _Infeasibility(engine, found, None, {}, lambda changes: False).met()
+    return Infeasibility(engine, found, None, {}, lambda changes: False).met()
 
 
 def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
@@ -124,10 +110,17 @@ def infeasible(
 
 
 @dataclass(frozen=True)
-class _Infeasibility:
+class Infeasibility:
     """The inquiry into one search that found nothing: which requirement gives, and by how little.
 
     Each requirement is asked to give alone; where none suffices, terms and obstacles together, and then all.
+
+    Args:
+        engine: of the task without its held joints, with rows that keep the arm clear.
+        found: the search, which ended without a feasible posture.
+        asked: the problem with the target of the search; None where nothing is offered.
+        held: the joints that its task holds.
+        does: whether the problem with some changes is solved; each is tried before it is offered.
     """
 
     engine: Engine
@@ -156,12 +149,12 @@ class _Infeasibility:
         outside = plane_reason(self.problem.reach, self.target)
         if outside is not None:
             nearest = self._least(self.elastic.requirements)
-            q = self._pool[0] if nearest is None else nearest.q
+            q = self.nearest if nearest is None else nearest.q
             return self._onto_plane(q, outside)
-        ways = self._ways()
+        ways = self.ways()
         met = next((way for _, way in ways if way.met), None)
         if met is not None or not ways:
-            return Explanation(self._pool[0] if met is None else met.q)
+            return Explanation(self.nearest if met is None else met.q)
         return self._explained(ways)
 
     def met(self) -> CandidatePosture | None:
@@ -177,12 +170,12 @@ class _Infeasibility:
     def _explained(self, ways: Sequence[Way]) -> Explanation:
         """The reasons of the most particular way, and what helps of all of them, cheapest first."""
         own = [way for way in ways if not {*way[0]} & {CLEARANCE, *self.elastic.cell.movable}] or list(ways)
-        names, nearest = max(own, key=lambda way: (_specific(way[0]), -way[1].cost))
-        reasons = self._reasons(names, nearest)
+        names, nearest = max(own, key=lambda way: (specific(way[0]), -way[1].cost))
+        reasons = self.reasons(names, nearest)
         offered: list[Relaxation] = []
         for names, way in sorted(ways, key=lambda way: way[1].cost):
             if len(offered) < MAX_OFFERED:
-                found = self._relaxation(names, way, own)
+                found = self.relaxation(names, way, own)
                 offered += [] if found is None else [found]
         changes = {one.reasons: one.change for one in reversed(offered)}
         reasons_said = tuple(
@@ -192,7 +185,7 @@ class _Infeasibility:
         )  # fmt: skip
         return Explanation(nearest.q, reasons_said, tuple(offered))
 
-    def _reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
+    def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
         """What is missed until the requirements ``names`` give."""
         rows = [name for name in names if name in (TARGET, AXIS, LIMITS, *self.elastic.further)]
         if not rows:  # the clearance of the cell gives: what is nearer than that
@@ -201,32 +194,27 @@ class _Infeasibility:
             rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
-    def _relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> Relaxation | None:
+    def relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> Relaxation | None:
         """The change that a way shows, with the first digits that do; None where none does."""
         assert self.asked is not None
-        cell = self.asked.cell
-        stated = () if cell is None else tuple(obstacle.name for obstacle in cell.obstacles)
-        task = self.asked.task
-        assert task is not None
+        assert self.asked.task is not None
+        task, stated = self.asked.task, obstacles_in_file(self.asked)
         given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
         reasons = self._reasons_of(given, way, own)
-        tried: list[tuple[Change, ...]] = []
-        for attempt in ATTEMPTS:
-            changes = Changes(self.problem, task, stated, self.elastic, self.target, way, attempt).of(given)
-            if not changes:
-                return None
-            if changes not in tried and self.does(changes):
-                words = " and ".join(dict.fromkeys(change.words for change in changes))
-                return Relaxation(words, reasons, Posture(self.problem.robot, way.q), way.cost, changes)
-            tried.append(changes)
-        return None
+        posture = Posture(self.problem.robot, way.q)
+        written = (
+            Changes(self.problem, task, stated, self.elastic, self.target, way, attempt).of(given)
+            for attempt in ATTEMPTS
+        )
+        changes = first_that_does(written, self.does)
+        return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
     def _reasons_of(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> tuple[Reason, ...]:
         """The reasons of a way; of an obstacle that moves those of its row."""
         movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
         of_row = {(rows[movable[name]],) for name in names if name in movable}
         moved = next(((row, other) for row, other in own if row in of_row), None)
-        return self._reasons(names, way) if moved is None else self._reasons(*moved)
+        return self.reasons(names, way) if moved is None else self.reasons(*moved)
 
     def _onto_plane(self, q: Array, outside: Reason) -> Explanation:
         """A target outside of the plane of the arm: what brings it there."""
@@ -242,7 +230,7 @@ class _Infeasibility:
 
     # --- the ways -------------------------------------------------------------------------------------------------
 
-    def _ways(self) -> list[Way]:
+    def ways(self) -> list[Way]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
         names = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if self._may_give(name)]
         if TARGET in names and not self._in_reach:
@@ -333,6 +321,16 @@ class _Infeasibility:
         stands[:, list(self.held)] = list(self.held.values())
         return np.concatenate([every, stands])
 
+    @property
+    def nearest(self) -> Array:
+        """(n,) the posture of the pool that comes to nothing better."""
+        return np.asarray(self._pool[0])
+
+    def postures_near(self, target: TaskTarget) -> list[Array]:
+        """Postures (n,) of the pool that lack least at another target."""
+        cost = self.elastic.cost(self.elastic.lacking(self._pool, target.parameters))
+        return [self._pool[k] for k in np.argsort(cost)[:_STARTS_NEAR_KNOWN]]
+
     @cached_property
     def _free(self) -> InverseKinematics:
         """The inverse kinematics of the arm without its limits."""
@@ -357,7 +355,29 @@ class _Infeasibility:
         return ik.solve(ik.random_postures(_POOL_POSTURES, rng), request)[0]
 
 
-def _specific(names: Sequence[str]) -> int:
+def specific(names: Sequence[str]) -> int:
     """How much of a choice the engineer has who stated these requirements: the target is what it is all about."""
     order = (TARGET, AXIS, LIMITS)
     return min(order.index(name) if name in order else len(order) for name in names)
+
+
+def obstacles_in_file(problem: ProblemData) -> tuple[str, ...]:
+    """Names of the obstacles that the file states."""
+    return () if problem.cell is None else tuple(obstacle.name for obstacle in problem.cell.obstacles)
+
+
+def first_that_does(written: Iterable[tuple[Change, ...]], does: Does) -> tuple[Change, ...] | None:
+    """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
+    tried: list[tuple[Change, ...]] = []
+    for changes in written:
+        if not changes:
+            return None
+        if changes not in tried and does(changes):
+            return changes
+        tried.append(changes)
+    return None
+
+
+def words_of(changes: Sequence[Change]) -> str:
+    """What to change, in one sentence."""
+    return " and ".join(dict.fromkeys(change.words for change in changes))

@@ -14,8 +14,9 @@ from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import (
+    Does,
     Explanation,
-    explain_infeasibility,
+    Infeasibility,
     infeasible,
     met_after_all,
     not_met_together,
@@ -235,12 +236,9 @@ class PostureSelector:
         raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
 
     def _explained(self, found: MultistartResult) -> Explanation:
-        """What keeps a search from finding anything; joints that are held are asked to give like anything else."""
-        problem, target = self._problem, found.target
-        held, selector = held_joints(problem.robot, self.task), self
-        if held:
-            selector = PostureSelector(replace(problem, task=released(problem.robot, self.task)), compiled=False)
-        asked = replace(problem, task=_with_target(self.task, target))
+        """What keeps a search from finding anything, and which changes help."""
+        target = found.target
+        asked = replace(self._problem, task=_with_target(self.task, target))
 
         def does(changes: Sequence[Change]) -> bool:
             """Whether the problem with some changes is solved."""
@@ -252,7 +250,19 @@ class PostureSelector:
             except InputError:  # no such problem can be stated
                 return False
 
-        return explain_infeasibility(selector.engine(target, guarded=True), found, asked, held, does)
+        return self.inquiry(found, asked, does).explanation()
+
+    def inquiry(self, found: MultistartResult, asked: ProblemData, does: Does) -> Infeasibility:
+        """The inquiry into a search that found nothing; joints that are held are asked to give like anything else.
+
+        Args:
+            asked: the problem as it is stated; ``does`` says whether it is solved with some changes.
+        """
+        robot = self._problem.robot
+        held, selector = held_joints(robot, self.task), self
+        if held:
+            selector = PostureSelector(replace(self._problem, task=released(robot, self.task)), compiled=False)
+        return Infeasibility(selector.engine(found.target, guarded=True), found, asked, held, does)
 
     def can_be_done(self, target: TaskTarget | None = None) -> bool:
         """Whether the search finds a posture that does the task, as a solve of it would; why not is not asked."""

@@ -10,9 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.errors import NoSolutionError
+from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
-from posture_opt.selection.answer.infeasible import explain_infeasibility, infeasible
+from posture_opt.selection.answer.infeasible import infeasible
+from posture_opt.selection.answer.infeasible_stations import explain_stations
 from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
@@ -22,13 +23,14 @@ from posture_opt.selection.paths.motion import Motion, off_lines
 from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch
 from posture_opt.selection.paths.naive import naive_motions
 from posture_opt.selection.paths.path_answer import PathAnswer
-from posture_opt.selection.paths.path_candidates import find_candidates
+from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
 from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
+from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
@@ -160,8 +162,19 @@ class PathSelector(DerivedAgain):
         Raises:
             NoSolutionError: a point without any.
         """
-        scene = self.problem.scene
         self._check_plane(began)
+        engine, steps, found = self._candidates(seed, pool, progress)
+        failing = [k for k, costs in enumerate(found.costs) if not len(costs)]
+        if failing:
+            self._explain(engine, failing, began)
+        guard = self.selector.engine_of_all(self.targets, True)
+        return MotionSearch(engine, guard, self.path, found, steps, self.problem.scene).within_limits()
+
+    def _candidates(
+        self, seed: int, pool: Workers | None = None, progress: Progress | None = None
+    ) -> tuple[Engine, JointSteps, PathCandidates]:
+        """The candidates of all points, with the engine that found them."""
+        scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
             steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp)
@@ -169,11 +182,19 @@ class PathSelector(DerivedAgain):
             found = find_candidates(engine, self.targets, steps, scene, rng, pool, progress)
             if all(map(len, found.costs)) or engine.optimisation_problem.scene is not None or not scene.active:
                 break
-        for k, costs in enumerate(found.costs):
-            if not len(costs):
-                self._explain(engine, found.targets[k], k, began)
+        return engine, steps, found
+
+    def can_be_done(self) -> bool:
+        """Whether every point has a posture, and steps as small as asked lead along them; why not is not asked."""
+        seed = self.problem.solver.seed
+        engine, steps, found = self._candidates(seed)
+        if not all(map(len, found.costs)):
+            return False
+        if self.task.largest_step is None:
+            return True
         guard = self.selector.engine_of_all(self.targets, True)
-        return MotionSearch(engine, guard, self.path, found, steps, scene).within_limits()
+        search = MotionSearch(engine, guard, self.path, found, steps, self.problem.scene).within_limits()
+        return search.smallest_step[0] <= self.task.largest_step + STEP_TOLERANCE_RAD
 
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
@@ -219,18 +240,28 @@ class PathSelector(DerivedAgain):
         off = [float(np.linalg.norm(reach.outside(target.lower, target.upper))) for target in self.targets]
         k = int(np.argmax(off))
         if off[k] > reach.plane_slack:
-            self._explain(self.selector.engine_of_all(self.targets), self.targets[k], k, began)
+            self._explain(self.selector.engine_of_all(self.targets), [k], began)
 
-    def _explain(self, engine: Engine, target: TaskTarget, k: int, began: float) -> None:
-        """Raises the error of a point that no posture does, with the reasons."""
+    def _explain(self, engine: Engine, failing: Sequence[int], began: float) -> None:
+        """Raises the error of points that no posture does, with the reasons at the one that lacks most."""
+        targets, names = [self.targets[k] for k in failing], [self.path.numbers[k] for k in failing]
+        target = targets[len(targets) // 2]
         searched = multistart(engine, target, np.random.default_rng(self.problem.solver.seed), usual_starts(engine))
-        why = explain_infeasibility(engine, searched)
-        name = self.path.numbers[k]
-        reasons = tuple(Reason(r.requirement, f"{name}: {r.message}", r.amount, r.unit) for r in why.reasons)
-        reasons = reasons or (Reason(name, f"{name}: no posture was found that meets all requirements", 0.0, "1"),)
+        inquiry = self.selector.inquiry(searched, self.problem, self._does)
+        why = explain_stations(inquiry, targets, names)
+        name = names[len(names) // 2]
+        reasons = why.reasons or (Reason(name, f"{name}: no posture was found that meets all requirements", 0.0, "1"),)
         why = replace(why, reasons=reasons)
         solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
         raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
+
+    def _does(self, changes: Sequence[Change]) -> bool:
+        """Whether the whole path can be done with some changes."""
+        try:
+            changed = PathSelector.of(with_changes(self.problem, changes))
+            return replace(changed, w=self.w).can_be_done()
+        except InputError:  # no such problem can be stated
+            return False
 
 
 def _counted(candidates: int, seconds: float, problem: OptimisationProblem) -> SearchStatistics:

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from posture_opt.numerics import Json
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
@@ -43,17 +45,40 @@ class Change:
         value: in SI units and radians, as the section holds it; None removes the entry.
         text: as the file states it.
         words: what to do.
+        looser: 1 where a larger value asks for less, −1 where a smaller one does, 0 for a pair of limits and for a
+            place, of which no other asks for less.
     """
 
     key: tuple[str | int, ...]
     value: Any
     text: Json
     words: str
+    looser: int = 0
 
     @property
     def path(self) -> str:
         """The key in one word: ``task.tilt``."""
         return ".".join(map(str, self.key))
+
+    def with_room_for(self, other: Change) -> Change:
+        """The looser one of two changes at one key; of limits both."""
+        if self.value is None or other.value is None:
+            return self if self.value is None else other
+        if self.key[0] == "robot":
+            (low, high), (other_low, other_high) = self.value, other.value
+            lower, upper = (self if low <= other_low else other), (self if high >= other_high else other)
+            if lower is upper:
+                return lower
+            text = [_pair(lower.text)[0], _pair(upper.text)[1]]
+            words = f"{lower.words} and {upper.words}"
+            return replace(lower, value=(lower.value[0], upper.value[1]), text=text, words=words)
+        return max(self, other, key=lambda change: change.looser * float(np.sum(change.value)))
+
+
+def _pair(text: Json) -> Sequence[Json]:
+    """The two texts of a pair of limits."""
+    assert isinstance(text, list)
+    return text
 
 
 def rounded(value: float, unit: str, decimals: int, side: int = 0) -> Quantity:

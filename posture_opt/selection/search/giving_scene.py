@@ -16,7 +16,7 @@ import numpy as np
 
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.scene import Scene, row_name
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Mask
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 
 CLEARANCE = "clearance of the cell"
@@ -103,11 +103,11 @@ class GivingScene:
         """(3,) a short move [m] that takes obstacle k out of the way of the posture q (n,); zeros where none does."""
         scene, obstacle, chosen = self.scene, self.scene.obstacles[k], list(self.scene.against[k])
         start, end = (ends[0, chosen] for ends in scene.placed.segments(q[None]))
-        ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+        ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if way != (0.0, 0.0, 0.0)])
         shifts = (ways / np.linalg.norm(ways, axis=1, keepdims=True))[:, None] * _SHIFTS_TRIED_M[:, None]
         back = shifts[:, :, None]
         away = obstacle.distance(start - back, end - back) - scene.placed.radii[chosen]
-        clear = (away >= scene.margin).all(axis=2)
+        clear: Mask = np.all(away >= scene.margin, axis=2)
         first = np.where(clear.any(axis=1), clear.argmax(axis=1), len(_SHIFTS_TRIED_M))
         way = int(np.argmin(first))
         return np.asarray(shifts[way, first[way]]) if first[way] < len(_SHIFTS_TRIED_M) else np.zeros(3)
