@@ -162,7 +162,7 @@ def test_joints_are_held_where_they_are_asked_to_be(robot: str, target: dict[str
 
 def test_a_stroke_that_is_held_and_misses_the_target_names_the_joint() -> None:
     held = {"kind": "fixed_joints", "values": {"joint3": "20 mm"}}
-    with pytest.raises(NoSolutionError, match="joint3 is held at 20 mm, .*: hold joint3 at 50 mm"):
+    with pytest.raises(NoSolutionError, match=r"joint3 is held at 20 mm, .*: hold joint3 at 50 mm"):
         po.select_posture(problem("scara", **SCARA, subject_to=[held]))
 
 
