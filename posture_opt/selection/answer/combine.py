@@ -31,6 +31,20 @@ def combined_symbols(combine: Combine, main: ca.MX, extra: ca.MX) -> ca.MX:
     return ca.log(ca.sum1(-ca.log1p(-ALMOST_ONE * ca.exp(main)))) + further
 
 
+def combined_success(success: ca.MX, extra: ca.MX) -> ca.MX:
+    """``log(−log P) + Σ e_k/K`` of K stations that share errors, P the mean over N draws of the product of ``success``.
+
+    Args:
+        success: (K, N) probabilities given the draws.
+        extra: (K, 1) sums of the further terms e.
+    """
+    count, draws = success.shape
+    product = success[0, :]
+    for k in range(1, count):
+        product *= success[k, :]
+    return ca.log(-ca.log(ALMOST_ONE * ca.sum2(product) / draws + 1e-300)) + ca.sum1(extra) / count
+
+
 def combined_numbers(combine: Combine, main: Array, extra: Array) -> Array:
     """(M,) the same of numbers (M, K), where the first terms are infinite if a station cannot be done."""
     with np.errstate(divide="ignore", invalid="ignore"):

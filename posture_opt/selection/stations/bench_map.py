@@ -83,8 +83,8 @@ def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
         away = np.linalg.norm(found.W[bad][:, None] - found.W[good][None], axis=2)
         beside = np.unique(good[np.argsort(away, axis=1)[:, :2]])
         known = found.Q[rng.permutation(beside)[:_NEIGHBOUR_PLACEMENTS]]
-        better = found.rows(bad).better_of(placed.best(found.W[bad], _STARTS_PER_RETRY, rng, known))
-        parts: dict[str, Any] = {n: np.array(getattr(found, n)) for n in ("Q", "main", "extra", "sigma", "gap")}
+        better = placed.better(found.rows(bad), placed.best(found.W[bad], _STARTS_PER_RETRY, rng, known))
+        parts: dict[str, Any] = {n: np.array(getattr(found, n)) for n in ("Q", "main", "extra", "sigma", "gap", "loss")}
         for name, part in parts.items():
             part[bad] = getattr(better, name)
         found = replace(found, **parts)

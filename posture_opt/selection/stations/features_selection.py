@@ -27,18 +27,16 @@ from posture_opt.selection.stations.bench_map import PlacementOnBench, placement
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.placement_search import (
-    BATCHES_THAT_FIND_IT,
-    PlacementOptimum,
     PlacementSearch,
     failing,
     search_placement,
 )
+from posture_opt.selection.stations.postures_together import postures_together
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.spread import relative_spread
 from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
 
-_COMPARED_OPTIMA = 3  # optima of the probability that are compared by them, errors that stay included
 _EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into
 _MAX_OTHER_OPTIMA = 5
 _SIGMA_TOLERANCE = 1e-4  # of a standard deviation: features that differ by less are the same
@@ -81,7 +79,7 @@ class _FeaturesSelection:
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
 
     def answer(self, workers: int, progress: Progress | None) -> Solution:
-        """The best of what each aim finds; only the task's own, unless that is the probability that all succeed.
+        """The placement that is found to be best, with the best postures there.
 
         Raises:
             NoSolutionError: no placement at which every feature can be done.
@@ -89,39 +87,25 @@ class _FeaturesSelection:
         began = time.perf_counter()
         if not self.placement.free.any():
             return self._where_it_stands(workers, progress, began)
-        searches = [self._search(combine, workers, progress) for combine in self._combinations]
-        own = searches[0]
-        if not own.optima:
-            raise self._failure(own, began)
-        found = [
-            self._at(own, optimum, began) for optimum in own.optima[: _COMPARED_OPTIMA if len(searches) > 1 else 1]
-        ]
-        for search in searches[1:]:
-            # What another aim found is a candidate too, as it is and with its postures solved again for this one:
-            # errors that stay favour postures that are alike, and what is best for each alone may not be.
-            found += [self._at(search, optimum, began) for optimum in search.optima[:1]]
-            found += [self._at(own, self._for(own, optimum), began) for optimum in search.optima[:1]]
-        return max(found, key=lambda one: 0.0 if one.success is None else one.success.probability)
-
-    @property
-    def _combinations(self) -> tuple[Combine, ...]:
-        """The aims to search with, the own one first; others where errors stay, so that the product is not exact."""
-        shared = bool(np.any(np.diag(self.problem.sources.constant) > 0))
-        return ("success", "worst", "mean") if self.task.combine == "success" and shared else (self.task.combine,)
+        search = self._search(workers, progress)
+        if not search.optima:
+            raise self._failure(search, began)
+        return self._at(search, began)
 
     @cached_property
-    def _by_success(self) -> PostureSelector:
-        """Of one feature, by the probability to miss it."""
-        return self._single({"criterion": "miss"})
+    def _shared(self) -> Sources | None:
+        """The sources of which a part stays, where what counts is that all succeed; None where features err alone.
+
+        A peg fails with either end, which is not one circle at each feature: its probabilities are multiplied.
+        """
+        sources = self.problem.task_sources
+        stays = bool(np.any(np.diag(sources.constant) > 0))
+        return sources if self.task.combine == "success" and stays and self.task.part is None else None
 
     @cached_property
-    def _by_spread(self) -> PostureSelector:
-        """Of one feature, by the task's own criterion."""
-        return self._single({})
-
-    def _selector(self, combine: Combine) -> PostureSelector:
-        """The selector of one feature for an aim."""
-        return self._by_success if combine == "success" else self._by_spread
+    def _selector(self) -> PostureSelector:
+        """Of one feature: by the probability to miss it where that all succeed is asked for, else by the criterion."""
+        return self._single({"criterion": "miss"} if self.task.combine == "success" else {})
 
     def _single(self, criterion: dict[str, str]) -> PostureSelector:
         """The selector of one feature, with keys of the task replaced: the placed features are its targets."""
@@ -135,7 +119,7 @@ class _FeaturesSelection:
         single = replace(self.problem, task=self.task.model_copy(update=given))
         return PostureSelector(single, compiled=None if self.placement.free.any() else False)
 
-    def _stations(self, selector: PostureSelector, combine: Combine, guarded: bool | None = None) -> PlacedStations:
+    def _stations(self, guarded: bool | None = None) -> PlacedStations:
         """The features as stations, with the engines that serve them.
 
         Args:
@@ -144,13 +128,14 @@ class _FeaturesSelection:
         Raises:
             InputError: a yaw that turns directions out of the plane of the arm, or an axis that the arm cannot hold.
         """
+        selector = self._selector
         targets = tuple(self._target(selector, feature) for feature in self.task.features)
         at = [target.moved(self.placement.centre) for target in targets]
         self._check_plane(selector)
         engines = tuple(selector.engine(target, guarded) for target in at)
         for engine, target in zip(engines, at, strict=True):
             engine.optimisation_problem.check_axis(target)
-        return PlacedStations(engines, targets, self.placement, combine)
+        return PlacedStations(engines, targets, self.placement, self.task.combine, self._shared)
 
     def _target(self, selector: PostureSelector, feature: Any) -> TaskTarget:
         """The target of a feature in the frame of the workpiece, with direction and clearance of its own or of the
@@ -175,49 +160,35 @@ class _FeaturesSelection:
             issue = Issue("the arm moves in a plane that a yaw turns the part out of", ("task", "workpiece", "yaw"))
             raise InputError(replace(issue, hint=hint))
 
-    def _search(self, combine: Combine, workers: int, progress: Progress | None) -> PlacementSearch:
+    def _search(self, workers: int, progress: Progress | None) -> PlacementSearch:
         """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
-        selector, scene = self._selector(combine), self.problem.scene
-        # Another aim gives a candidate and no more.
-        wanted = (
-            {1: BATCHES_THAT_FIND_IT, 3: BATCHES_THAT_FIND_IT - 1}[len(self._combinations)]
-            if combine == self.task.combine
-            else 1
-        )
-        found = search_placement(self._stations(selector, combine), self.seed, workers, progress, wanted)
-        alone = combine == self.task.combine  # what another aim finds is solved again, clear of collisions
-        if not alone or not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
+        scene = self.problem.scene
+        found = search_placement(self._stations(), self.seed, workers, progress)
+        if not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
             return found
-        return search_placement(self._stations(selector, combine, guarded=True), self.seed, workers, progress, wanted)
+        return search_placement(self._stations(guarded=True), self.seed, workers, progress)
 
-    def _for(self, own: PlacementSearch, other: PlacementOptimum) -> PlacementOptimum:
-        """An optimum of another aim, with the postures that are best there by this one's."""
-        found = own.stations.best(other.w[None], 24, np.random.default_rng(self.seed), other.found.Q)
-        return PlacementOptimum(found, float(own.stations.combined(found)[0]), False)
-
-    def _at(self, search: PlacementSearch, optimum: PlacementOptimum, began: float) -> Solution:
+    def _at(self, search: PlacementSearch, began: float) -> Solution:
         """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""
-        stations = search.stations
-        selector = self._selector(stations.combine)
+        stations, optimum = search.stations, search.optima[0]
         solved = [
-            selector.solve_target(target, self.seed, known=q if np.isfinite(q).all() else None)
+            self._selector.solve_target(target, self.seed, known=q if np.isfinite(q).all() else None)
             for target, q in zip(stations.at(optimum.w), optimum.postures, strict=True)
         ]
         every = search.screened
         sigma = placement_sigma(stations, every)
         feasible = np.isfinite(sigma)
         drawn = np.flatnonzero(feasible)[1:] if feasible[0] else np.flatnonzero(feasible)
-        value = stations.combined(every)
-        middle = drawn[np.argsort(value[drawn], kind="stable")[len(drawn) // 2]] if len(drawn) else None
+        middle = drawn[np.argsort(every.loss[drawn], kind="stable")[len(drawn) // 2]] if len(drawn) else None
         scene = self.problem.scene
-        rest = [o for o in search.optima if o is not optimum and is_clear(scene, o.postures).all()]
+        rest = [o for o in search.optima[1:] if is_clear(scene, o.postures).all()]
         figure = _Figures(self.problem, stations, self.task.combine == "success")
         statistics = PlacementStatistics(
             len(every.W), int(feasible.sum()), every.tried, search.solves, search.batches, search.recurred,
             time.perf_counter() - began,
         )  # fmt: skip
         return self._solution(
-            stations, optimum.w, solved, statistics,
+            stations, optimum.w, postures_together(stations, optimum.w, solved, optimum.postures), statistics,
             optimal=optimum.optimal,
             at_centre=figure.of(every, 0),
             typical=None if middle is None else figure.of(every, int(middle)),
@@ -267,9 +238,7 @@ class _FeaturesSelection:
         Raises:
             NoSolutionError: some feature cannot be done there.
         """
-        combine = self.task.combine
-        selector = self._selector(combine)
-        stations, w = self._stations(selector, combine), self.placement.lower
+        selector, stations, w = self._selector, self._stations(), self.placement.lower
         solved: list[Solution] = []
         for k, target in enumerate(stations.at(w)):
             try:
@@ -282,7 +251,7 @@ class _FeaturesSelection:
         recurred = min(solution.statistics.recurred for solution in solved)
         batches = max(solution.statistics.batches for solution in solved)
         statistics = PlacementStatistics(1, 1, starts, 0, batches, recurred, time.perf_counter() - began)
-        return self._solution(stations, w, solved, statistics)
+        return self._solution(stations, w, postures_together(stations, w, solved), statistics)
 
     def _explained(self, stations: PlacedStations) -> FeaturesFailure:
         """The inquiry into a failure."""
@@ -292,7 +261,7 @@ class _FeaturesSelection:
         """The error with the placement at which least is missing, and why the features fail there that do."""
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
-        selector = self._selector(stations.combine)
+        selector = self._selector
         errors: list[NoSolutionError] = []
         failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
         for k in failed[:_EXPLAINED_FEATURES]:

@@ -1,7 +1,8 @@
-"""``PlacedStations``: the features of a workpiece; the best posture of each at many placements, independently.
+"""``PlacedStations``: the features of a workpiece; the best posture of each at many placements.
 
-Once the placement is given, no feature depends on the others: the best postures there are those of single problems.
-So placements are compared by solving all features at all of them in batches.
+Once the placement is given, no feature depends on the others, unless errors that stay move all of them at once and what
+counts is that all succeed. So placements are compared by solving all features at all of them in batches; postures that
+err alike are looked for among the branches of each feature.
 """
 
 from __future__ import annotations
@@ -13,21 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
 from posture_opt.selection.answer.combine import combined_numbers
 from posture_opt.selection.answer.placement import PlacementRange
-from posture_opt.selection.program.pose_request import PARTS, PoseRequest
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.engine import STEPS, Engine
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
-from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
-from posture_opt.selection.stations.stations_problem import Station, StationsProblem
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.stations.branch_combination import Branches, best_combination, combination_losses
+from posture_opt.selection.stations.station_candidates import StationCandidates, given_candidates, station_candidates
+from posture_opt.selection.stations.station_errors import StationErrors
+from posture_opt.selection.stations.stations_problem import SharedSuccess, Station, StationsProblem
 from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.shared_draws import ErrorParts, SharedDraws
 
-_COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap")
-_STARTS_PER_SEARCH = (
-    8  # one in so many of a feature's random postures is improved, two at the least, the promising ones
-)
+_COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap", "loss")
+_OF_STATION = ("main", "extra", "sigma", "gap")
+_PROBED = 32  # placements, by which the leading combinations of the errors that stay are found
+_BRANCHES = 6  # postures of a feature at a placement that are combined with those of the others, at most
+_DRAWS = 256  # of the errors that stay, to compare combinations by
+_JOINT_DRAWS = 64  # in the joint program
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,7 @@ class Postures:
         main: (M, K) first term of the objective, infinite where no posture is feasible; extra: (M, K) further terms.
         sigma: (M, K) largest standard deviation of the part that counts [m].
         gap: (M, K) zero where a posture is feasible; else the least error of the inverse kinematics or of a row.
+        loss: (M,) objective of all stations together, infinite where one cannot be done.
         tried: random postures that were led to targets.
     """
 
@@ -49,22 +55,12 @@ class Postures:
     extra: Array
     sigma: Array
     gap: Array
+    loss: Array
     tried: int = 0
 
     def rows(self, chosen: Codes) -> Postures:
         """The placements of the ``chosen`` rows, in this order."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
-
-    def better_of(self, other: Postures) -> Postures:
-        """Station by station the better posture of two searches at the same placements."""
-        mine, theirs = self.main + self.extra, other.main + other.extra
-        take = (other.gap < self.gap) | ((other.gap == self.gap) & (theirs < mine))
-        best = {
-            name: np.where(take, getattr(other, name), getattr(self, name))
-            for name in ("main", "extra", "sigma", "gap")
-        }
-        Q = np.where(take[..., None], other.Q, self.Q)
-        return replace(self, Q=Q, **best, tried=self.tried + other.tried)
 
     def joined(self, other: Postures) -> Postures:
         """The placements of both, in this order."""
@@ -80,15 +76,18 @@ class PlacedStations(DerivedAgain):
         engines: of each station; those of one kind share one.
         targets: in the frame of the workpiece, with one scale.
         placement: where the workpiece may stand.
+        shared: sources whose constant part moves all stations at once, where what counts is that all succeed; None
+            where the stations are independent.
     """
 
     engines: tuple[Engine, ...] = field(repr=False)
     targets: tuple[TaskTarget, ...]
     placement: PlacementRange
     combine: Combine
+    shared: Sources | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PlacedStations, (self.engines, self.targets, self.placement, self.combine)
+        return PlacedStations, (self.engines, self.targets, self.placement, self.combine, self.shared)
 
     @cached_property
     def joint(self) -> StationsProblem:
@@ -96,21 +95,16 @@ class PlacedStations(DerivedAgain):
         pairs = zip(self.engines, self.targets, strict=True)
         stations = tuple(Station(engine.optimisation_problem, target) for engine, target in pairs)
         box = self.placement.without_seam
-        return StationsProblem(stations, box.lower, box.upper, self.combine)
+        return StationsProblem(stations, box.lower, box.upper, self.combine, shared=self._joint_errors)
 
     def scaled(self, scale: float) -> PlacedStations:
         """The same stations with the objectives divided by another variance [m²]."""
-        targets = tuple(replace(target, scale=scale) for target in self.targets)
-        return PlacedStations(self.engines, targets, self.placement, self.combine)
+        return replace(self, targets=tuple(replace(target, scale=scale) for target in self.targets))
 
     def scale_of(self, found: Postures) -> float:
         """What the objectives are divided by [m²]: the median over all feasible postures; one where there is none."""
         own = found.main[np.isfinite(found.main)]
         return self.engines[0].scale_of(own * self.targets[0].scale) if len(own) else 1.0
-
-    def combined(self, found: Postures) -> Array:
-        """(M,) the objective of all stations together at each placement, as the joint problem has it."""
-        return combined_numbers(self.combine, found.main, found.extra)
 
     def at(self, w: Array) -> list[TaskTarget]:
         """The targets of all stations at a placement w (4,) [m, rad], world."""
@@ -127,69 +121,100 @@ class PlacedStations(DerivedAgain):
 
     def best(self, W: Array, starts: int, rng: np.random.Generator, known: Array | None = None) -> Postures:
         """The best postures at placements W (M, 4), from random starts and from ``known`` postures (J, K, n)."""
-        columns = []
+        candidates = []
         for k, (engine, target) in enumerate(zip(self.engines, self.targets, strict=True)):
             own = np.zeros((0, engine.robot.n)) if known is None else known[:, k]
-            targets = [target.moved(w) for w in W]
-            columns.append(_best_of_station(engine, targets, starts, own[np.isfinite(own).all(axis=1)], rng))
-        Q, main, extra, sigma, gap = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
-        return Postures(W, Q, main, extra, sigma, gap, starts * len(W) * len(self.targets))
+            own, targets = own[np.isfinite(own).all(axis=1)], [target.moved(w) for w in W]
+            branches = 0 if self.shared is None else _BRANCHES
+            candidates.append(station_candidates(engine, targets, starts, own, rng, branches))
+        return self._chosen(W, candidates, starts * len(W) * len(self.targets))
 
+    def among(self, w: Array, given: Sequence[Array]) -> Postures:
+        """The best of given postures (B, n) of each station at a placement w (4,), as they are."""
+        none = np.zeros(1)
+        each = zip(self.engines, self.at(w), given, strict=True)
+        found = [given_candidates(e, [target], Q, np.zeros(len(Q), dtype=int), none) for e, target, Q in each]
+        return self._chosen(w[None], found, 0)
 
-def _best_of_station(
-    engine: Engine, targets: Sequence[TaskTarget], starts: int, known: Array, rng: np.random.Generator
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Of one station at M targets: posture (M, n), and first term, further terms, σ, gap (M,) each."""
-    count, M = starts + len(known), len(targets)
-    drawn = engine.ik.random_postures(starts * M, rng).reshape(M, starts, engine.robot.n)
-    begun = np.concatenate([drawn, np.broadcast_to(known, (M, *known.shape))], axis=1)
-    requests = np.vstack([np.broadcast_to(engine.request(t, count, rng).rows, (count, PARTS[-1])) for t in targets])
-    weights = engine.request(targets[0], 1, rng).weights
-    position, axis, spin, _, slack, cone = np.split(requests, PARTS[1:-1], axis=1)
-    request = PoseRequest(position, axis, spin, weights, slack, cone)
-    Q, error = engine.ik.solve(begun.reshape(M * count, -1), request, steps=IK_STEPS)
-    of = np.repeat(np.arange(M), count)
-    gap = np.array([error[of == m].min() for m in range(M)])
-    off = off_plane(engine, targets)
-    rows = _promising(engine, targets, Q, of, (error < TOLERANCE) & (off[of] == 0), max(2, count // _STARTS_PER_SEARCH))
-    main, extra, sigma, best = np.full(M, np.inf), np.zeros(M), np.full(M, np.inf), np.full((M, engine.robot.n), np.nan)
-    if len(rows):
-        optima = engine.descended_each(Q[rows], targets, of[rows], STEPS)
-        values = _values(engine, targets, optima.q, of[rows])
-        order = np.lexsort((values[:, 0], optima.excess))[::-1]  # the best one is written last
-        for r in order:
-            m = of[rows[r]]
-            met = optima.excess[r] == 0
-            gap[m], best[m] = (0.0 if met else optima.excess[r]), optima.q[r]
-            main[m], extra[m] = (values[r, 1], values[r, 0] - values[r, 1]) if met else (np.inf, 0.0)
-            sigma[m] = values[r, 3]
-    return best, main, extra, sigma, np.maximum(gap, off)
+    def _chosen(self, W: Array, candidates: Sequence[StationCandidates], tried: int) -> Postures:
+        """The best of the candidates of each station: each on its own, or all together where they share errors."""
+        parts = zip(*(of_station.best() for of_station in candidates), strict=True)
+        Q, main, extra, sigma, gap = (np.stack(part, axis=1) for part in parts)
+        alone = Postures(W, Q, main, extra, sigma, gap, combined_numbers(self.combine, main, extra), tried)
+        return alone if self.shared is None else self._together(alone, candidates)
 
+    def better(self, found: Postures, other: Postures) -> Postures:
+        """The better postures of two searches at the same placements: of each station, or of all that share errors."""
+        mine, theirs = found.main + found.extra, other.main + other.extra
+        take = (other.gap < found.gap) | ((other.gap == found.gap) & (theirs < mine))
+        if self.shared is not None:
+            both = np.isfinite(found.loss) & np.isfinite(other.loss)
+            take = np.where(both[:, None], (other.loss < found.loss)[:, None], take)
+        best = {name: np.where(take, getattr(other, name), getattr(found, name)) for name in _OF_STATION}
+        Q = np.where(take[..., None], other.Q, found.Q)
+        loss = self.losses(found.W, Q, best["main"], best["extra"])
+        return replace(found, Q=Q, loss=loss, **best, tried=found.tried + other.tried)
 
-def off_plane(engine: Engine, targets: Sequence[TaskTarget]) -> Array:
-    """(M,) how far targets lie outside of the plane, or line, that the tool point cannot leave [m]; mostly zero."""
-    reach = engine.optimisation_problem.reach
-    if not reach.normals.shape[1]:
-        return np.zeros(len(targets))
-    shifts = [reach.outside(t.lower, t.upper) if reach.misses(t.lower, t.upper) else np.zeros(3) for t in targets]
-    return np.asarray(np.linalg.norm(shifts, axis=1))
+    def losses(self, W: Array, Q: Array, main: Array, extra: Array) -> Array:
+        """(M,) the objective of all stations together at placements W (M, 4) with postures Q (M, K, n), as the joint
+        problem has it; infinite where a first term ``main`` (M, K) is.
+        """
+        loss = combined_numbers(self.combine, main, extra)
+        rows = np.flatnonzero(np.isfinite(main).all(axis=1))
+        if self.shared is None or not len(rows):
+            return loss
+        product = np.ones(1)
+        for k in range(len(self.targets)):
+            product = product * self._success(k, W[rows], Q[rows, k])
+        loss[rows] = combination_losses(product.mean(axis=1), main[rows], extra[rows])
+        return loss
 
+    def _success(self, k: int, W: Array, Q: Array) -> Array:
+        """(N, draws) probability of station k at placements W (N, 4) with postures Q (N, n), given each draw."""
+        return self._draws.success(self._errors_at(k, W, Q))
 
-def _promising(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, arrived: Array, most: int) -> Codes:
-    """The rows to be improved: of each target those that violate least, and of these the best ones."""
-    rows = np.flatnonzero(arrived)
-    if not len(rows):
-        return rows
-    objective, violation = _values(engine, targets, Q[rows], of[rows])[:, [0, 2]].T
-    excess = np.where(violation <= ROW_TOLERANCE, 0.0, violation)
-    order = np.lexsort((objective, excess, of[rows]))
-    sorted_of = of[rows][order]
-    rank = np.arange(len(order)) - np.searchsorted(sorted_of, sorted_of)
-    return np.asarray(rows[order[rank < most]])
+    def _errors_at(self, k: int, W: Array, Q: Array) -> ErrorParts:
+        """The errors of station k at placements W (N, 4) with postures Q (N, n)."""
+        parameters = [self.targets[k].moved(w).parameters for w in W]
+        return self._errors[k].at(Q, np.array(parameters).reshape(len(Q), self.targets[k].parameters.size))
 
+    @cached_property
+    def _errors(self) -> list[StationErrors]:
+        """Of each station; those of one kind share one."""
+        assert self.shared is not None, "independent stations have no errors in common"
+        of = {id(e): StationErrors(e.optimisation_problem, self.shared) for e in self.engines}
+        return [of[id(engine)] for engine in self.engines]
 
-def _values(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes) -> Array:
-    """(N, 4) objective, first term, worst violation of a row, and σ [m], of each posture at its target."""
-    parameters = np.array([target.parameters for target in targets])[of]
-    objective, violation, main, variance = (column[:, 0] for column in engine.screen(Q, parameters))
-    return np.column_stack([objective, main, violation, np.sqrt(np.maximum(variance, 0.0))])
+    @cached_property
+    def _draws(self) -> SharedDraws:
+        """Draws of the errors that stay, in the combinations of them that move some postures at some placements."""
+        rng, W = np.random.default_rng(0), self.placement.drawn(_PROBED, np.random.default_rng(0))
+        probed = [self._errors_at(k, W, e.ik.random_postures(_PROBED, rng)) for k, e in enumerate(self.engines)]
+        return SharedDraws.of([errors.shared for errors in probed], _DRAWS)
+
+    @cached_property
+    def _joint_errors(self) -> SharedSuccess | None:
+        """What the joint problem knows of the errors that stay; None where the stations are independent."""
+        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[:: _DRAWS // _JOINT_DRAWS])
+
+    def _together(self, alone: Postures, candidates: Sequence[StationCandidates]) -> Postures:
+        """The same placements, where all stations can be done with the combination of candidates that is best."""
+        names = ("main", "extra", "sigma")
+        found: dict[str, Any] = {name: np.array(getattr(alone, name)) for name in ("Q", "loss", *names)}
+        success = [self._success(k, alone.W[c.of], c.Q) for k, c in enumerate(candidates)]
+        for m in np.flatnonzero((alone.gap == 0).all(axis=1)).tolist():
+            rows = [c.at(m) for c in candidates]
+            branches = [
+                Branches(c.Q[r], s[r], c.main[r], c.extra[r]) for c, s, r in zip(candidates, success, rows, strict=True)
+            ]
+            chosen, found["loss"][m] = best_combination(branches, self._revolute)
+            for k, (c, r) in enumerate(zip(candidates, rows, strict=True)):
+                found["Q"][m, k] = c.Q[r[chosen[k]]]
+                for name in names:
+                    found[name][m, k] = getattr(c, name)[r[chosen[k]]]
+        return replace(alone, **found)
+
+    @property
+    def _revolute(self) -> Mask:
+        """(n,) which joints turn."""
+        return np.array([joint.type == "revolute" for joint in self.engines[0].robot.joints])

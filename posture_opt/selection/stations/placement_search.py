@@ -133,12 +133,14 @@ def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
         W[0] = stations.in_plane(stations.placement.centre[None])[0]
     screened = _shared(stations, stations.best(W, _STARTS_PER_PLACEMENT, rng), rng)
     for share in _NEARER_SHARES:
-        if np.isfinite(stations.combined(screened)).any():
+        if np.isfinite(screened.loss).any():
             break
         screened = _nearer(stations, screened, share, rng)
-    optima, solves = _led(stations, screened, _SOLVES_PER_BATCH, rng)
+    effort = 1 if stations.shared is None else 2
+    optima, solves = _led(stations, screened, _SOLVES_PER_BATCH // effort, rng)
     for share in _HOP_SHARES if optima and stations.placement.free.any() else ():
-        more, again = _led(stations, _around(stations, optima[0], share, rng), _SOLVES_PER_HOP, rng)
+        nearby = _around(stations, optima[0], share, rng)
+        more, again = _led(stations, nearby, _SOLVES_PER_HOP // effort, rng)
         optima, solves = _distinct(stations, [*optima, *more]), solves + again
     return PlacementSearch(stations, optima, screened, 1, 1, solves)
 
@@ -148,9 +150,11 @@ def _led(
 ) -> tuple[tuple[PlacementOptimum, ...], int]:
     """The optima that the best few of some placements lead to, and the number of solves of the joint problem.
 
-    More of them are followed through one solve of it, and those that come out best to their end.
+    More of them are followed through one solve of it, and those that come out best to their end. Where stations share
+    errors the joint problem is dear and comparing placements is not: the best ones alone are followed.
     """
-    scouts = _leading(stations, found, _SCOUTS_PER_SOLVE * most if stations.placement.free.any() else 1)
+    more = _SCOUTS_PER_SOLVE if stations.shared is None else 1
+    scouts = _leading(stations, found, more * most if stations.placement.free.any() else 1)
     first = [(m, stations.joint.solve(StationsPoint(found.W[m], found.Q[m]))) for m in scouts]
     first.sort(key=lambda pair: (pair[1].violation > ROW_TOLERANCE, pair[1].objective))
     ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in first[:most]]
@@ -166,8 +170,8 @@ def _around(stations: PlacedStations, best: PlacementOptimum, share: float, rng:
 
 def _shared(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
     """The same placements, each tried with the postures of the best ones too: what is best at one mostly is nearby."""
-    best = [m for m in np.argsort(stations.combined(found), kind="stable")[:2] if np.isfinite(found.main[m]).all()]
-    return found.better_of(stations.best(found.W, 0, rng, found.Q[best])) if best else found
+    best = [m for m in np.argsort(found.loss, kind="stable")[:2] if np.isfinite(found.main[m]).all()]
+    return stations.better(found, stations.best(found.W, 0, rng, found.Q[best])) if best else found
 
 
 def _nearer(stations: PlacedStations, found: Postures, share: float, rng: np.random.Generator) -> Postures:
@@ -185,7 +189,7 @@ def failing(found: Postures) -> Array:
 
 def _leading(stations: PlacedStations, found: Postures, most: int) -> list[int]:
     """The placements that lead the joint problem: the best ones, apart from each other; else those that fail least."""
-    values = stations.combined(found)
+    values = found.loss
     feasible = np.isfinite(values)
     order = np.argsort(values if feasible.any() else failing(found), kind="stable")
     size = np.where(stations.placement.free, stations.placement.upper - stations.placement.lower, 1.0)
@@ -206,13 +210,13 @@ def _improved(
 
     In turn each feature is solved again where the joint problem ended, and the joint problem from there.
     """
-    best, value, optimal, solves = start, float(stations.combined(start)[0]), False, 0
+    best, value, optimal, solves = start, float(start.loss[0]), False, 0
     for _ in range(_MAX_ROUNDS):
         if not np.all(np.isfinite(end.point.Q)):
             break
         w = stations.placement.tidied(end.point.w)
         found = stations.best(w[None], _STARTS_AT_OPTIMUM, rng, end.point.Q[None])
-        now = float(stations.combined(found)[0])
+        now = float(found.loss[0])
         gained = not np.isfinite(value) or _as_good(now) < value
         if now < value:
             best, value, optimal = found, now, end.optimal

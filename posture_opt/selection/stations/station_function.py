@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -18,27 +20,33 @@ class StationFunction:
 
     ``f`` is the objective's first term and ``extra`` the sum of the further ones; ``g`` are rows between constant ends.
 
+    Args:
+        first: ``(x, p) -> f`` in place of the first term, with more than one entry where it likes.
+
     Attributes:
         call: the CasADi function, of symbols or numbers.
         ends: lower and upper ends (m,) of ``g``.
     """
 
-    def __init__(self, problem: OptimisationProblem) -> None:
+    def __init__(self, problem: OptimisationProblem, first: ca.Function | None = None) -> None:
         nlp = problem.nlp
         extra = sum((expression for _, expression in nlp.terms[1:]), ca.SX(0))
         parts = [part for row in nlp.rows for part in _one_sided(row)]
         parts += _in_reach(problem)
         rows = ca.vertcat(ca.SX(0, 1), *(expression for expression, _, _ in parts))
         at_target = ca.Function("at_target", [nlp.x, nlp.p], [nlp.terms[0][1], extra, rows])
-        w, c = ca.SX.sym("w", 4), ca.SX.sym("c", nlp.p.shape[0])
-        outputs = at_target(nlp.x, moved_parameters(c, w))
-        self.call: ca.Function = ca.Function("station", [w, nlp.x, c], [ca.densify(output) for output in outputs])
+        kind: Any = ca.SX if first is None else ca.MX
+        w, q, c = (kind.sym(name, size) for name, size in zip("wqc", (4, nlp.x.numel(), nlp.p.numel()), strict=True))
+        moved = moved_parameters(c, w)
+        outputs = list(at_target(q, moved))
+        outputs[0] = outputs[0] if first is None else first(q, moved)
+        self.call: ca.Function = ca.Function("station", [w, q, c], [ca.densify(output) for output in outputs])
         low, high = np.array([low for _, low, _ in parts]), np.array([high for _, _, high in parts])
         self.ends: tuple[Array, Array] = (low, high)
 
 
-def moved_parameters(c: ca.SX, w: ca.SX) -> ca.SX:
-    """The parameters of a target in the frame of the workpiece, at the placement w (4,), world."""
+def moved_parameters(c: Any, w: Any) -> Any:
+    """The parameters of a target in the frame of the workpiece, at the placement w (4,), world; SX or MX."""
     parts, at = [], 0
     for name, size in SIZES.items():
         part = c[at : at + size]

@@ -16,12 +16,14 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
-from posture_opt.selection.answer.combine import combined_symbols
+from posture_opt.selection.answer.combine import combined_success, combined_symbols
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.stations.station_errors import StationErrors
 from posture_opt.selection.stations.station_function import StationFunction
 from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.uncertainty.sources.sources import Sources
 
 _VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
 _MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
@@ -36,6 +38,9 @@ _OPTIONS = {
     "ipopt.acceptable_iter": 0,
     "ipopt.fixed_variable_treatment": "make_parameter",
 }
+
+_AVERAGE_OPTIONS = {"ipopt.hessian_approximation": "limited-memory", "ipopt.tol": 1e-4}
+"""Of an average over draws: nearer to its optimum is not nearer to that of the probability."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,19 @@ class StationSteps:
     parts: Codes
 
 
+@dataclass(frozen=True, eq=False)
+class SharedSuccess:
+    """Errors that move all stations at once, for the probability that all succeed.
+
+    Args:
+        sources: whose constant part stays.
+        delta: (N, r) draws of it that the probability is averaged over.
+    """
+
+    sources: Sources
+    delta: Array
+
+
 @dataclass(frozen=True)
 class _Program:
     """A solver with its rows and the level (its objective without ties) as functions of ``(x, largest)``."""
@@ -99,6 +117,7 @@ class StationsProblem(DerivedAgain):
         lower, upper: (4,) of the placement; equal where a coordinate is fixed.
         combine: as of `combined_symbols`; ``worst`` where there are steps.
         steps: between neighbours; None where each posture is free of the others.
+        shared: where what counts is that all succeed, errors that the stations share; None where they share none.
     """
 
     stations: tuple[Station, ...]
@@ -107,6 +126,7 @@ class StationsProblem(DerivedAgain):
     combine: Combine = "worst"
     steps: StationSteps | None = None
     max_iterations: int = 300
+    shared: SharedSuccess | None = None
 
     def solve(self, start: StationsPoint, largest: float = np.inf) -> StationsOutcome:
         """The local optimum of IPOPT from a start, which should be feasible, with no step above ``largest``."""
@@ -149,6 +169,9 @@ class StationsProblem(DerivedAgain):
     def _least_objective(self) -> _Program:
         """The stations' objectives combined; with steps their bound and a tie-break besides."""
         x, largest, main, extra, rows = self._expressions
+        if self.shared is not None:
+            objective = combined_success(main, extra)
+            return self._program(x, largest, objective, objective, rows)
         objective = combined_symbols(self.combine, main, extra)
         if self.combine != "worst":
             return self._program(x, largest, objective, objective, rows)
@@ -176,13 +199,18 @@ class StationsProblem(DerivedAgain):
     def _program(self, x: ca.MX, largest: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX]) -> _Program:
         """A solver of ``objective`` subject to ``rows``, with functions of the rows and of the level."""
         g = ca.vertcat(*rows)
-        options = {**_OPTIONS, "ipopt.max_iter": self.max_iterations}
+        # The second derivatives of an average over draws cost more than the iterations that they save.
+        approximate = {} if self.shared is None else _AVERAGE_OPTIONS
+        options = {**_OPTIONS, **approximate, "ipopt.max_iter": self.max_iterations}
         solver = NonlinearSolver("stations", {"x": x, "p": largest, "f": objective, "g": g}, options)
         return _Program(solver, ca.Function("rows", [x, largest], [g]), ca.Function("level", [x], [level]))
 
     @cached_property
     def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
-        """Variables, the largest step, first and further terms (K, 1) of the objectives, rows of the stations."""
+        """Variables, the largest step, first and further terms of the objectives, rows of the stations.
+
+        First terms are (K, 1), or (K, N) probabilities given draws of shared errors; further ones (K, 1).
+        """
         n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
         x, largest = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("largest")
         parts = []
@@ -190,7 +218,7 @@ class StationsProblem(DerivedAgain):
             parameters = ca.DM(np.array([self.stations[k].target.parameters for k in of]).T)
             mapped = function.call.map("stations", "serial", len(of), [0], [])
             parts.append(mapped(x[:4], self._postures(x)[:, of], parameters))
-        main, extra = (ca.vertcat(*(ca.vec(part[i]) for part in parts)) for i in (0, 1))
+        main, extra = (ca.vertcat(*(part[i].T for part in parts)) for i in (0, 1))
         return x, largest, main, extra, [ca.vec(part[2]) for part in parts]
 
     @cached_property
@@ -199,7 +227,13 @@ class StationsProblem(DerivedAgain):
         served: dict[int, list[int]] = {}
         for k, station in enumerate(self.stations):
             served.setdefault(id(station.optimisation_problem), []).append(k)
-        return [(StationFunction(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
+        return [(self._function(self.stations[of[0]].optimisation_problem), of) for of in served.values()]
+
+    def _function(self, problem: OptimisationProblem) -> StationFunction:
+        """Of one optimisation problem; where errors are shared, its first term is the success given each draw."""
+        if self.shared is None:
+            return StationFunction(problem)
+        return StationFunction(problem, StationErrors(problem, self.shared.sources).success(self.shared.delta))
 
     def _postures(self, x: ca.MX) -> ca.MX:
         """(n, K) the postures among the variables."""

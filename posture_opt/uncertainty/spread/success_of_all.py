@@ -32,9 +32,11 @@ _INNER_NODES = 32
 """Nodes of the inner quadrature, over 14 standard deviations: right to 1e-7."""
 _INNER_RANGE_SIGMA = 7.0
 """Half range of the inner quadrature in standard deviations."""
-_NO_SCATTER_SHARE = 1e-4
+_THIN_SHARE = 1e-9
+"""Share of the clearance below which a standard deviation of the scatter makes no difference."""
+NO_SCATTER_SHARE = 1e-4
 """Share of the variance up to which there is no scatter, but higher orders of the errors that stay."""
-_IDLE_SHARE = 1e-9
+IDLE_SHARE = 1e-9
 """Share of the largest singular value below which a direction of δ moves nothing."""
 
 
@@ -70,7 +72,7 @@ class PlaceErrors:
         shared = basis.T @ J[:, kept] @ covariance_root(constant[np.ix_(kept, kept)])
         linear = shared @ shared.T
         scatter = positive_part(C - linear)
-        if np.trace(scatter) <= _NO_SCATTER_SHARE * np.trace(C) and np.trace(linear) > 0:
+        if np.trace(scatter) <= NO_SCATTER_SHARE * np.trace(C) and np.trace(linear) > 0:
             scatter, shared = np.zeros_like(C), shared * math.sqrt(np.trace(C) / np.trace(linear))
         return cls(basis.T @ spread.bias, shared, scatter, clearance)
 
@@ -128,7 +130,7 @@ def _reduced_places(places: Sequence[PlaceErrors]) -> list[PlaceErrors]:
     """The same places by the few combinations of δ that move anything, the one that moves most first."""
     A = np.vstack([place.shared / place.clearance for place in places])
     _, s, Vt = np.linalg.svd(A, full_matrices=False)
-    kept = Vt[s > _IDLE_SHARE * max(float(s[0]) if len(s) else 0.0, 1e-300)]
+    kept = Vt[s > IDLE_SHARE * max(float(s[0]) if len(s) else 0.0, 1e-300)]
     return [PlaceErrors(p.bias, p.shared @ kept.T, p.scatter, p.clearance) for p in places]
 
 
@@ -186,36 +188,35 @@ def _success_given_errors(places: Sequence[PlaceErrors], delta: Array) -> Array:
     return p_success
 
 
-def within_circle(mean: Array, covariance: Array, radius: float) -> Array:
-    """(N,) probability that Gaussian points with means (N, m) and one covariance (m, m), m = 1 or 2, lie in a circle.
+def within_circle(mean: Array, covariance: Array, radius: float, nodes: int = _INNER_NODES) -> Array:
+    """(..., N) probability that Gaussian points with means (..., N, m), m = 1 or 2, lie in a circle about the origin.
 
     ``∫ φ(x) [Φ((h - μ)/σ) - Φ((-h - μ)/σ)] dx`` with ``h² = r² - x²`` along the minor axis, ``x = r sin θ``.
+
+    Args:
+        covariance: (..., m, m) of the points of each row; no axis of it counts as thinner than 1e-9 of the radius.
+        nodes: of the quadrature.
     """
+    if not np.any(covariance):
+        return np.asarray(np.linalg.norm(mean, axis=-1) <= radius, dtype=float)
     values, axes = np.linalg.eigh(covariance)
-    sigma, mu = np.sqrt(np.maximum(values, 0.0)), mean @ axes
-    if len(sigma) == 1:
-        return _interval_probability(mu[:, 0], sigma[0], np.full(len(mu), radius))
-    if sigma[0] < 1e-9 * radius:
-        h = np.sqrt(np.maximum(radius**2 - mu[:, 0] ** 2, 0.0))
-        return np.where(np.abs(mu[:, 0]) <= radius, _interval_probability(mu[:, 1], sigma[1], h), 0.0)
-    ends = np.clip(
-        mu[:, 0] + np.outer([-_INNER_RANGE_SIGMA, _INNER_RANGE_SIGMA], np.full(len(mu), sigma[0])), -radius, radius
-    )
-    low, high = np.arcsin(ends / radius)
-    nodes, weights = np.polynomial.legendre.leggauss(_INNER_NODES)
-    total = np.zeros(len(mu))
-    for node, weight in zip(nodes, weights, strict=True):
+    sigma, mu = np.sqrt(np.maximum(values, (_THIN_SHARE * radius) ** 2)), mean @ axes
+    if mean.shape[-1] == 1:
+        return _interval_probability(mu[..., 0], sigma, np.full(mu.shape[:-1], radius))
+    thin, wide, along, across = sigma[..., :1], sigma[..., 1:], mu[..., 0], mu[..., 1]
+    reach = _INNER_RANGE_SIGMA * thin
+    low, high = (np.arcsin(np.clip((along + side * reach) / radius, -1.0, 1.0)) for side in (-1, 1))
+    total = np.zeros(along.shape)
+    for node, weight in zip(*np.polynomial.legendre.leggauss(nodes), strict=True):
         theta = (low + high) / 2 + node * (high - low) / 2
         x, h = radius * np.sin(theta), radius * np.cos(theta)
-        density = np.exp(-(((x - mu[:, 0]) / sigma[0]) ** 2) / 2) / (math.sqrt(2 * math.pi) * sigma[0])
-        total += weight * (high - low) / 2 * h * density * _interval_probability(mu[:, 1], sigma[1], h)
+        density = np.exp(-(((x - along) / thin) ** 2) / 2) / (math.sqrt(2 * math.pi) * thin)
+        total += weight * (high - low) / 2 * h * density * _interval_probability(across, wide, h)
     return total
 
 
-def _interval_probability(mu: Array, sigma: float, h: Array) -> Array:
-    """(N,) probability that a Gaussian number lies between -h and h."""
+def _interval_probability(mu: Array, sigma: Array, h: Array) -> Array:
+    """(..., N) probability that Gaussian numbers lie between -h and h."""
     from scipy.special import ndtr
 
-    if sigma == 0:
-        return np.asarray(np.abs(mu) <= h, dtype=float)
     return np.asarray(ndtr((h - mu) / sigma) - ndtr((-h - mu) / sigma))
