@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic_core import CoreSchema
 
+from posture_opt.collision.mounting import MOUNTING_PLANE, MountingSpec
 from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
 from posture_opt.errors import BadValueError
 from posture_opt.numerics import Json
@@ -22,6 +23,9 @@ class CellSpec(Spec):
         0.0, description="least distance of the arm to the obstacles, and of links that are not neighbours"
     )
     """Least distance [m]; zero allows contact."""
+    mounting: MountingSpec | None = Field(
+        None, description="the surface that the arm stands on; default: through its base, where its shape is known"
+    )
     checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
 
     @model_validator(mode="before")
@@ -50,6 +54,9 @@ class CellSpec(Spec):
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 raise BadValueError(f"{names.count(name)} obstacles are called '{name}'", "give each a name of its own")
+        if MOUNTING_PLANE in names:
+            message = f"no obstacle can be called '{MOUNTING_PLANE}'"
+            raise BadValueError(message, "state it by mounting: {below: 0 mm}, or choose another name")
         return obstacles
 
     @classmethod

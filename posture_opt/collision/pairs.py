@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,13 +13,17 @@ from posture_opt.collision.segment_distances import to_segment
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.joint_ranges import drawn_between
 
-_ALWAYS_SHARE = 0.95
-"""Share of random postures from which a pair counts as one that always overlaps.
+_SELDOM_SHARE = 0.05
+"""Share of random postures below which a pair counts as one that cannot have the clearance.
 
-As MoveIt's setup assistant has it by default (``compute_default_collisions.cpp``, ``min_collision_fraction``).
+What MoveIt's setup assistant leaves over by default (``compute_default_collisions.cpp``: it takes a pair that collides
+in 95 % of random postures for one that always does).
 """
 _POSTURE_COUNT = 1000
-"""Random postures; a share of 95 % is then known to 0.7 % (one standard deviation)."""
+"""Random postures; a share of 5 % is then known to 0.7 % (one standard deviation)."""
+_HELD_BELOW_M = 1e-3
+"""What is taken off a distance [m] that is held in place of the clearance, before it is rounded down: the bounds that
+a solver keeps are up to so much below the true distance."""
 _FIRST_BODY = 1
 """The body behind the first joint, which turns on what the arm is mounted on."""
 _MOUNTED_RANGE_M = 0.05
@@ -28,22 +33,61 @@ Pair = tuple[int, int]
 """Indices of two capsules."""
 
 
-def own_pairs(placed: PlacedCapsules, clearance: float) -> tuple[Pair, ...]:
-    """Pairs of capsules more than one joint apart, but for those nearer than the clearance in nearly all postures.
+class Checked(NamedTuple):
+    """What is checked of some pairs.
 
     Args:
-        placed: the capsules of the arm.
-        clearance: least distance to keep [m].
+        chosen: (k,) indices of the pairs that are checked.
+        required: (k,) least distance [m] that each is to keep.
+        left_out: indices of the pairs that overlap whatever the posture.
     """
+
+    chosen: tuple[int, ...]
+    required: tuple[float, ...]
+    left_out: tuple[int, ...]
+
+
+def checked_pairs(distances: Array, clearance: float, still: Mask) -> Checked:
+    """Which pairs are checked, and the distance that each is to keep.
+
+    A pair that is ever apart is checked. One that has the clearance in fewer than 5 % of the postures cannot be asked
+    for it: it keeps what half of them have, in whole millimetres.
+
+    Args:
+        distances: (N, k) of the pairs at random postures [m]; negative where they overlap.
+        clearance: least distance to keep [m].
+        still: (k,) whether a pair may be left out, or kept nearer than the clearance, at all.
+    """
+    overlapping = still & (distances < 0).all(axis=0)
+    seldom = still & ((distances >= clearance).mean(axis=0) < _SELDOM_SHARE)
+    usual = np.floor((np.median(distances, axis=0) - _HELD_BELOW_M) * 1e3) / 1e3
+    required = np.where(seldom, np.clip(usual, 0.0, clearance), clearance)
+    chosen = np.flatnonzero(~overlapping)
+    return Checked(
+        tuple(chosen.tolist()), tuple(required[chosen].tolist()), tuple(np.flatnonzero(overlapping).tolist())
+    )
+
+
+def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
+    """Pairs of capsules of bodies with another body between them, nearer to the base first."""
     bodies = placed.bodies
     count = range(len(bodies))
-    apart = [
+    return tuple(
         (i, j) if bodies[i] < bodies[j] else (j, i) for i in count for j in count[:i] if _not_adjacent(bodies, i, j)
-    ]
-    if not apart:
-        return ()
-    near = own_distances(placed, *placed.segments(random_postures(placed, _POSTURE_COUNT)), apart) < clearance
-    return tuple(pair for pair, always in zip(apart, _always_near(near), strict=True) if not always)
+    )
+
+
+def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float) -> Checked:
+    """What is checked of pairs of capsules of an arm.
+
+    Args:
+        placed: the capsules of the arm; ``pairs`` (k,) of them.
+        clearance: least distance to keep [m].
+    """
+    if not pairs:
+        return Checked((), (), ())
+    found = own_distances(placed, *placed.segments(random_postures(placed, _POSTURE_COUNT)), pairs)
+    return checked_pairs(found, clearance, np.ones(len(pairs), dtype=bool))
 
 
 def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Sequence[Pair]) -> Array:
@@ -59,28 +103,28 @@ def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Seque
     return np.asarray(between - placed.radii[first] - placed.radii[second])
 
 
-def exposed(placed: PlacedCapsules, obstacle: Obstacle, clearance: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Capsules that are checked against an obstacle, and those moving ones that are not.
+def checked_against(placed: PlacedCapsules, obstacle: Obstacle, moving: Sequence[int], clearance: float) -> Checked:
+    """What is checked of capsules of an arm against an obstacle.
 
-    Bodies at rest are not checked. Nor is a body that is nearer than the clearance in nearly all postures and belongs
-    to the first link, or keeps its distance within 50 mm: the shoulder above the table that the arm is mounted on.
+    What belongs to the first link, or keeps its distance within 50 mm, may always touch the obstacle or be nearer than
+    the clearance: the shoulder above the table that the arm is mounted on.
 
     Args:
-        placed: the capsules of the arm.
+        placed: the capsules of the arm; ``moving`` (k,) indices of those that may be checked.
         obstacle: in the world.
         clearance: least distance to keep [m].
-
-    Returns:
-        Indices of the capsules that are checked, and of the moving ones that are not.
     """
-    moving = [k for k, body in enumerate(placed.bodies) if body > 0]
     if not moving:
-        return (), ()
+        return Checked((), (), ())
     start, end = placed.segments(random_postures(placed, _POSTURE_COUNT))
     away = obstacle_distances(placed, obstacle, start, end, moving)
     still = (np.array([placed.bodies[k] for k in moving]) == _FIRST_BODY) | (np.ptp(away, axis=0) <= _MOUNTED_RANGE_M)
-    mounted = [k for k, always in zip(moving, _always_near(away < clearance) & still, strict=True) if always]
-    return tuple(k for k in moving if k not in mounted), tuple(mounted)
+    return checked_pairs(away, clearance, still)
+
+
+def moving_capsules(placed: PlacedCapsules, behind: int = 0) -> tuple[int, ...]:
+    """Indices of the capsules of bodies behind the one of this number; 0 is the base, 1 the first link."""
+    return tuple(k for k, body in enumerate(placed.bodies) if body > behind)
 
 
 def obstacle_distances(
@@ -101,11 +145,6 @@ def obstacle_distances(
 def _not_adjacent(bodies: Sequence[int], i: int, j: int) -> bool:
     """Whether two capsules are of bodies with another body between them."""
     return abs(bodies[i] - bodies[j]) > 1
-
-
-def _always_near(near: Mask) -> Mask:
-    """(k,) which columns of (N, k) are true in nearly all rows."""
-    return np.asarray(near.mean(axis=0) >= _ALWAYS_SHARE)
 
 
 def random_postures(placed: PlacedCapsules, count: int) -> Array:

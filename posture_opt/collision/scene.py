@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,19 +11,24 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.mounting import Mounting
+from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
+    Checked,
     Pair,
-    exposed,
+    apart_pairs,
+    checked_against,
+    checked_own,
+    moving_capsules,
     obstacle_distances,
     own_distances,
-    own_pairs,
     random_postures,
 )
 from posture_opt.collision.placed_capsules import Placed, PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
-from posture_opt.numerics import Array, Json
-from posture_opt.robot.link_capsules import stand_in, tool_line
+from posture_opt.numerics import Array
+from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
 from posture_opt.robot.robot import Robot
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
@@ -32,6 +37,9 @@ SEPARATION_M = 0.1
 """Distance beyond the margin [m]: pairs that keep so far apart need no row."""
 _POSTURE_COUNT = 4000
 """Random postures by which pairs are found to keep apart."""
+_FREE_END_RADII = 2.0
+"""So many radii (and clearances) of the tool in front of its tool point are not checked: it touches its target there,
+leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
 
@@ -39,22 +47,6 @@ _ROW_TOLERANCE_M = 2e-6
 def row_name(obstacle: str) -> str:
     """Name of the row that keeps the arm away from an obstacle."""
     return f"clearance to {obstacle}"
-
-
-class Clearance(NamedTuple):
-    """The least distance and where it is.
-
-    Args:
-        distance: [m]; zero or less where bodies overlap, but not how deep.
-        between: two joints, or a joint and an obstacle.
-    """
-
-    distance: float
-    between: tuple[str, str]
-
-    def to_json(self) -> dict[str, Json]:
-        """The key ``clearance`` of a document."""
-        return {"distance": self.distance, "between": list(self.between)}
 
 
 class ClearanceRow(NamedTuple):
@@ -75,12 +67,14 @@ class Scene:
 
     Args:
         placed: the capsules of the arm.
-        obstacles: in the world.
+        obstacles: in the world, the mounting plane last.
         margin: least distance to keep [m].
         own: pairs of capsules that are checked against each other.
         against: for each obstacle the capsules that are checked against it.
+        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have.
+        left_out: names of the pairs that overlap whatever the posture, which are not checked.
+        mounting: the surface that the arm stands on; None where there is none.
         assumed: whether the shape is not known, and capsules along the links are taken in its place.
-        mounted: (joint, obstacle) with a part always near, as the shoulder above its table, which is not checked.
         switched_off: whether the problem file asks for no checks (``cell: none``).
     """
 
@@ -89,37 +83,58 @@ class Scene:
     margin: float
     own: tuple[Pair, ...]
     against: tuple[tuple[int, ...], ...]
+    required: tuple[float, ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+    mounting: Mounting | None = None
     assumed: bool = False
-    mounted: tuple[tuple[str, str], ...] = ()
     switched_off: bool = False
 
     @classmethod
-    def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False) -> Scene:
-        """An arm of known shape is checked against itself and all obstacles; one of unknown shape against obstacles.
+    def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False, without_mounting: bool = False) -> Scene:
+        """An arm of known shape is checked against itself, all obstacles and the surface that it stands on; one of
+        unknown shape against obstacles and a surface that is stated.
 
-        Nothing is checked where the cell says so.
+        The tool is part of the arm, but for its end near the target, where it has to touch. Nothing is checked where
+        the cell says so.
 
         Args:
             robot: with its shape, if it is known.
-            cell: obstacles and clearance; None for neither.
-            guessed: whether an arm of unknown shape is checked against itself too, with capsules along its links, and
-                every arm with its tool, the line from the flange to the tool point: for postures that no one sees
-                before the arm goes there.
+            cell: obstacles, mounting and clearance; None for none of them.
+            guessed: for postures without a target, that no one sees before the arm goes there: an arm of unknown shape
+                is checked against itself too, with capsules along its links, and the tool up to its end.
+            without_mounting: whether an assumed mounting plane is dropped.
         """
         asked = CellSpec() if cell is None else cell
-        obstacles = asked.obstacles if asked.checked else ()
-        assumed = (bool(obstacles) or guessed) and not robot.shape
-        capsules = stand_in(robot) if assumed else robot.shape
-        capsules += tool_line(robot) if guessed else ()
-        placed = PlacedCapsules(robot, capsules if asked.checked else ())
-        shown = [exposed(placed, obstacle, asked.clearance) for obstacle in obstacles]
-        always = [
-            (placed.capsules[k].joint, o.name) for o, (_, near) in zip(obstacles, shown, strict=True) for k in near
+        if not asked.checked:
+            return cls(PlacedCapsules(robot, ()), (), asked.clearance, (), (), switched_off=True)
+        mounting = Mounting.of(robot, asked.mounting, asked.obstacles)
+        if mounting is not None and mounting.assumed and without_mounting:
+            mounting = replace(mounting, dropped=True)
+        standing = mounting is not None and not mounting.dropped
+        obstacles = (*asked.obstacles, *((mounting.plane(robot),) if mounting is not None and standing else ()))
+        assumed = (bool(obstacles) or guessed) and not robot.links_have_shape
+        free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
+        capsules = (stand_in(robot) if assumed else ()) + robot.shape
+        capsules += tool_capsule(robot, free_end) if capsules else ()
+        placed = PlacedCapsules(robot, capsules)
+        pairs = () if assumed and not guessed else apart_pairs(placed)
+        # The first link turns on what the arm stands on, so the mounting plane is none of its.
+        exposed = [moving_capsules(placed, int(standing and k == len(asked.obstacles))) for k in range(len(obstacles))]
+        own = checked_own(placed, pairs, asked.clearance)
+        others = [
+            checked_against(placed, obstacle, chosen, asked.clearance)
+            for obstacle, chosen in zip(obstacles, exposed, strict=True)
         ]
-        own = () if assumed and not guessed else own_pairs(placed, asked.clearance)
-        against = tuple(checked for checked, _ in shown)
         return cls(
-            placed, obstacles, asked.clearance, own, against, assumed, tuple(dict.fromkeys(always)), not asked.checked
+            placed,
+            obstacles,
+            asked.clearance,
+            tuple(pairs[k] for k in own.chosen),
+            tuple(tuple(exposed[i][k] for k in other.chosen) for i, other in enumerate(others)),
+            (*own.required, *(distance for other in others for distance in other.required)),
+            _names_of_left_out(placed, pairs, own, obstacles, exposed, others),
+            mounting,
+            assumed,
         )
 
     @property
@@ -129,8 +144,18 @@ class Scene:
 
     @property
     def explicit(self) -> bool:
-        """Whether there are obstacles: then the search keeps clear of them from the beginning."""
-        return any(self.against)
+        """Whether there are stated obstacles: then the search keeps clear of them from the beginning."""
+        return any(self.against[: len(self.stated_obstacles)])
+
+    @property
+    def stated_obstacles(self) -> tuple[Obstacle, ...]:
+        """The obstacles of the problem, without the mounting plane."""
+        return self.obstacles if self.plane is None else self.obstacles[:-1]
+
+    @property
+    def plane(self) -> Obstacle | None:
+        """The mounting plane, where the arm is checked against it."""
+        return None if self.mounting is None or self.mounting.dropped else self.obstacles[-1]
 
     @property
     def active(self) -> bool:
@@ -144,6 +169,28 @@ class Scene:
         own = [(joints[i], joints[j]) for i, j in self.own]
         others = zip(self.obstacles, self.against, strict=True)
         return (*own, *((joints[k], obstacle.name) for obstacle, chosen in others for k in chosen))
+
+    @cached_property
+    def held(self) -> tuple[tuple[tuple[str, str], float], ...]:
+        """Pairs that cannot have the margin: their names, and the distance [m] that they keep."""
+        return tuple(
+            (names, distance)
+            for names, distance in zip(self.pairs, self.required, strict=True)
+            if distance < self.margin
+        )
+
+    @cached_property
+    def unchecked(self) -> tuple[str, ...]:
+        """Names of links without a shape: all, where nothing is checked at all."""
+        if not self.placed.capsules:
+            return self.robot.joint_names
+        shaped = {capsule.joint for capsule in self.placed.capsules}
+        empty = [
+            joint.name
+            for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
+            if joint.name not in shaped and any(f.kind == "translate" and f.nominal for f in link)
+        ]
+        return self.robot.unshaped or (() if self.assumed else tuple(empty))
 
     def distances(self, Q: Array) -> Array:
         """(N, k) exact distance of every pair at the postures Q (N, n) [m].
@@ -163,13 +210,37 @@ class Scene:
         """(N,) least distance at each of the postures Q (N, n) [m]; infinite where nothing is checked."""
         return np.asarray(np.min(self.distances(Q), axis=1, initial=np.inf)) if self.active else np.full(len(Q), np.inf)
 
+    def slack(self, Q: Array) -> Array:
+        """(N,) by how much the nearest pair exceeds what it is to keep, at each of the postures Q (N, n) [m].
+
+        Infinite where nothing is checked.
+        """
+        if not self.active:
+            return np.full(len(Q), np.inf)
+        return np.asarray(np.min(self.distances(Q) - np.array(self.required), axis=1))
+
+    def mounting_note(self, Q: Array) -> str:
+        """What a reader of the postures Q (N, n) has to know of the surface that the arm stands on; else empty."""
+        if self.mounting is None:
+            return ""
+        chosen = moving_capsules(self.placed, 1)
+        plane = self.mounting.plane(self.robot)
+        away = obstacle_distances(self.placed, plane, *self.placed.segments(np.atleast_2d(Q)), chosen)
+        return self.mounting.note(-float(np.min(away, initial=0.0)))
+
     def clearance(self, Q: Array) -> Clearance | None:
-        """The least distance over the postures Q (N, n) or (n,), and between which; None where nothing is checked."""
+        """The least distances over the postures Q (N, n) or (n,), and between which; None where nothing is checked."""
         if not self.active:
             return None
         least = self.distances(Q).min(axis=0)
-        k = int(np.argmin(least))
-        return Clearance(float(least[k]), self.pairs[k])
+
+        def nearest(columns: range) -> Nearest | None:
+            if not columns:
+                return None
+            k = columns[int(np.argmin(least[columns.start : columns.stop]))]
+            return Nearest(float(least[k]), self.pairs[k])
+
+        return Clearance(nearest(range(len(self.own), len(self.pairs))), nearest(range(len(self.own))))
 
     def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
         """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
@@ -185,15 +256,21 @@ class Scene:
             obstacles: in place of those of the scene: the same ones, smaller or moved by symbols.
         """
         placed, near = self.placed.symbols(q), self._near_pairs
+        lowered = dict(zip(self._keys, (self.margin - np.array(self.required)).tolist(), strict=True))
         found = []
         for obstacle, chosen in zip(obstacles or self.obstacles, self.against, strict=True):
             close = [k for k in chosen if near[k, obstacle.name]]
-            bounds = [bound for k in close for bound in self._obstacle_bounds(placed[k], obstacle, k)]
+            bounds = [
+                bound + lowered[k, obstacle.name]
+                for k in close
+                for bound in self._obstacle_bounds(placed[k], obstacle, k)
+            ]
             if bounds:
-                found.append(self._clearance_row(f"clearance to {obstacle.name}", bounds))
+                found.append(self._clearance_row(row_name(obstacle.name), bounds))
         own = [pair for pair in self.own if near[pair]]
         if own:
-            found.append(self._clearance_row(SELF_CLEARANCE_ROW, self._own_bounds(q, own)))
+            bounds = [bound + lowered[pair] for pair, bound in zip(own, self._own_bounds(q, own), strict=True)]
+            found.append(self._clearance_row(SELF_CLEARANCE_ROW, bounds))
         return found
 
     def _obstacle_bounds(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
@@ -205,16 +282,21 @@ class Scene:
         """The soft minimum of bounds [m], bounded above by the margin and `SEPARATION_M`."""
         return ClearanceRow(name, soft_minimum([*bounds, ca.SX(self.margin + SEPARATION_M)]) - _ROW_TOLERANCE_M)
 
+    @property
+    def _keys(self) -> tuple[tuple[int, int | str], ...]:
+        """(k,) the capsules, or capsule and obstacle, of everything that `distances` holds."""
+        others = zip(self.obstacles, self.against, strict=True)
+        return (*self.own, *((k, obstacle.name) for obstacle, chosen in others for k in chosen))
+
     @cached_property
     def _near_pairs(self) -> dict[tuple[int, int | str], bool]:
-        """Which pairs of capsules, or of a capsule and an obstacle, random postures bring nearer than
-        `SEPARATION_M`.
+        """Which pairs random postures bring nearer than `SEPARATION_M`; of those that are held nearer than the margin,
+        which they bring nearer than that.
         """
-        others = zip(self.obstacles, self.against, strict=True)
-        keys: list[tuple[int, int | str]] = [*self.own]
-        keys += [(k, obstacle.name) for obstacle, chosen in others for k in chosen]
         least = self.distances(random_postures(self.placed, _POSTURE_COUNT)).min(axis=0)
-        return dict(zip(keys, (least < self.margin + SEPARATION_M).tolist(), strict=True))
+        required = np.array(self.required)
+        far = np.where(required < self.margin, required, self.margin + SEPARATION_M)
+        return dict(zip(self._keys, (least < far).tolist(), strict=True))
 
     def _own_bounds(self, q: ca.SX, pairs: Sequence[Pair]) -> list[ca.SX]:
         """For every pair, seen from the frame of the first one: only joints between them take part."""
@@ -226,3 +308,19 @@ class Scene:
             radius = first.radius + other.radius
             bounds.append(segment_bound(*placed[i], first.length, *placed[j], other.length, radius))
         return bounds
+
+
+def _names_of_left_out(
+    placed: PlacedCapsules,
+    pairs: Sequence[Pair],
+    own: Checked,
+    obstacles: Sequence[Obstacle],
+    exposed: Sequence[Sequence[int]],
+    others: Sequence[Checked],
+) -> tuple[tuple[str, str], ...]:
+    """The two names of each pair that is left out, of the arm itself first; each once."""
+    joints = [capsule.joint for capsule in placed.capsules]
+    names = [(joints[i], joints[j]) for i, j in (pairs[k] for k in own.left_out)]
+    for obstacle, chosen, other in zip(obstacles, exposed, others, strict=True):
+        names += [(joints[chosen[k]], obstacle.name) for k in other.left_out]
+    return tuple(dict.fromkeys(names))

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.collision.scene import Clearance
+from posture_opt.collision.nearest import Clearance
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets

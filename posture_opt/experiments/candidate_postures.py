@@ -82,7 +82,7 @@ class Workspace:
         heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
         inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
         found = np.asarray(inside & (heights >= self.height))
-        found[found] = self.scene.least(q[found]) >= self.scene.margin
+        found[found] = self.scene.slack(q[found]) >= 0
         return found
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:

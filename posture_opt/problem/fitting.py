@@ -186,10 +186,16 @@ def robot_section(section: Mapping[str, Plain], nominal: Robot, robot: Robot, fi
     }
     return {
         **{key: value for key, value in section.items() if key != "corrections"},
-        **{frame: frame_texts(robot.parameters, frame) for frame in frames_of(fit)},
+        **{frame: _kept_radius(section, frame) | frame_texts(robot.parameters, frame) for frame in frames_of(fit)},
         **({} if fit.gravity is None else {"gravity": list(robot.gravity)}),
         **({"corrections": corrections} if corrections else {}),
     }
+
+
+def _kept_radius(section: Mapping[str, Plain], frame: str) -> Section:
+    """The radius that a frame was given with, as of a tool."""
+    given = section.get(frame)
+    return {"radius": given["radius"]} if isinstance(given, Mapping) and "radius" in given else {}
 
 
 def uncertainty_section(section: Mapping[str, Plain], robot: Robot, fit: FittedArm) -> Section:

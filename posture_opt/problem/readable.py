@@ -20,6 +20,8 @@ _SEPARABLE_LISTS: tuple[KeyPath, ...] = (
     ("task", "subject_to"),
     ("task", "features"),
     ("robot", "shape"),
+    ("robot", "shape", "add"),
+    ("robot", "shape", "replace"),
     ("cell", "obstacles"),
     ("data", "distances"),
 )

@@ -88,6 +88,13 @@ class FrameSpec(Spec):
         return frame_factors(prefix, self.xyz, self.rpy)
 
 
+class ToolSpec(FrameSpec):
+    """The tool point in the flange, and how thick the tool is."""
+
+    radius: Annotated[Length, Field(gt=0)] | None = None
+    """Of the capsule [m] from the flange to the tool point by which the tool is checked for collisions."""
+
+
 class JointSpec(Spec):
     """One row of a Denavit-Hartenberg table, with the limits and the rigid link behind the joint.
 
@@ -173,7 +180,9 @@ class RobotFormat(Spec):
     """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``."""
 
     base: FrameSpec = Field(FrameSpec(), description="base in the world; `free`: found from measurements")
-    tool: FrameSpec = Field(FrameSpec(), description="tool point in the flange; `free`: found from measurements")
+    tool: ToolSpec = Field(
+        ToolSpec(), description="tool point in the flange (`free`: found from measurements), radius of the tool"
+    )
     payload: Mass = 0.0
     """Mass at the tool point [kg]."""
     gravity: tuple[float, float, float] = Field((0.0, 0.0, -9.81), description="m/s², world")
@@ -218,7 +227,11 @@ class RobotFormat(Spec):
         Raises:
             InputError: a shape with capsules, or velocities, of joints that are not among these.
         """
-        robot = Robot(
+        return with_velocities(shaped(self.bare(name, joints, links), self.shape), self.velocity)
+
+    def bare(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
+        """The same without a shape."""
+        return Robot(
             name=name,
             joints=joints,
             links=links,
@@ -228,8 +241,8 @@ class RobotFormat(Spec):
             gravity=self.gravity,
             base_free=self.base.free,
             tool_free=self.tool.free,
+            tool_radius=self.tool.radius,
         )
-        return with_velocities(shaped(robot, self.shape), self.velocity)
 
 
 class TableRobot(RobotFormat):

@@ -16,6 +16,9 @@ STAND_IN_RADIUS_RATIO = 0.04
 
 Arms of known shape are about as thick: the upper arm of a UR10 has 60 mm at 1.68 m, that of a Panda 60 mm at 1.39 m.
 """
+TOOL_RADIUS_M = 0.02
+"""Radius of a tool where none is stated: an ISO 9409-1 flange of 40 mm pitch circle, as small arms have it, carries
+tools that are no thinner at the flange. Assumed; reports say so."""
 _MIN_LENGTH_M = 1e-9
 """Offsets shorter than this are rounding, no links; coordinates below it are written as zero."""
 
@@ -50,15 +53,28 @@ def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
     return tuple(found)
 
 
-def tool_line(robot: Robot) -> tuple[Capsule, ...]:
-    """The line from the flange to the tool point, a capsule of radius 0 in the tool frame.
+def tool_capsule(robot: Robot, free_end: float = 0.0) -> tuple[Capsule, ...]:
+    """The tool and what it holds: a capsule from the flange towards the tool point, in the tool frame.
 
-    Empty where the shape has the tool already, or flange and tool point coincide.
+    Empty where the shape has the tool already, or nothing of it is left.
+
+    Args:
+        robot: with its tool.
+        free_end: length [m] in front of the tool point that does not belong to it, where the tool touches its target.
     """
     if any(capsule.joint == TOOL for capsule in robot.shape):
         return ()
     T_tool_flange = np.linalg.inv(_product_of(robot.tool)).astype(np.float64)
-    return tuple(Capsule(TOOL, a, b, 0.0) for a, b in _span_between(T_tool_flange[:3, 3], np.zeros(3)))
+    flange = T_tool_flange[:3, 3]
+    length = float(np.linalg.norm(flange))
+    if length <= free_end + _MIN_LENGTH_M:
+        return ()
+    return tuple(Capsule(TOOL, a, b, tool_radius(robot)) for a, b in _span_between(flange, flange * free_end / length))
+
+
+def tool_radius(robot: Robot) -> float:
+    """Radius of the tool [m]: the stated one, else the default."""
+    return TOOL_RADIUS_M if robot.tool_radius is None else robot.tool_radius
 
 
 Span = tuple[tuple[float, float, float], tuple[float, float, float]]

@@ -37,6 +37,7 @@ class PresetFile(Spec):
         source: group of numbers (``geometry``, ``masses``, …) -> where it was published.
         robot: DH or MDH table; lengths and angles with their units.
         repeatability: of the data sheet, if it states one.
+        mounting_below: how far below the xy plane of the base frame the surface is that the arm stands on [m].
         notes: what is known to be missing or assumed.
     """
 
@@ -44,6 +45,7 @@ class PresetFile(Spec):
     source: dict[str, str]
     robot: Annotated[DhRobot | MdhRobot, Field(discriminator="kind")]
     repeatability: RepeatabilitySpec | None = None
+    mounting_below: Length = 0.0
     notes: tuple[str, ...] = ()
 
     def build(self) -> Robot:
@@ -55,6 +57,7 @@ class PresetFile(Spec):
             sources=tuple(self.source.items()),
             notes=self.notes,
             repeatability=Repeatability(given.value, given.source) if given else None,
+            mounting_below=self.mounting_below,
         )
 
 
@@ -75,7 +78,9 @@ class PresetRobot(RobotFormat):
         if "base" in given:
             robot = replace(robot, base=self.base.factors("base"), base_free=self.base.free)
         if "tool" in given:
-            robot = replace(robot, tool=self.tool.factors("tool"), tool_free=self.tool.free)
+            robot = replace(
+                robot, tool=self.tool.factors("tool"), tool_free=self.tool.free, tool_radius=self.tool.radius
+            )
         robot = replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
         return with_velocities(shaped(robot, self.shape), self.velocity)
 

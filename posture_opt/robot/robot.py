@@ -111,7 +111,9 @@ class Robot:
             links.
         notes: sentences on what was assumed while the robot was read.
         shape: capsules that base, links and tool lie in; empty where the shape is not known.
-        shape_notes: which links are not in the shape, and why.
+        shape_notes: which links are not in the shape, and why; ``unshaped`` the names of those links.
+        mounting_below: distance [m] of the surface that the arm is made to stand on below the xy plane of its base.
+        tool_radius: of the tool between flange and tool point [m]; None where it is not stated.
     """
 
     name: str
@@ -130,11 +132,20 @@ class Robot:
     notes: tuple[str, ...] = ()
     shape: tuple[Capsule, ...] = ()
     shape_notes: tuple[str, ...] = ()
+    unshaped: tuple[str, ...] = ()
+    mounting_below: float = 0.0
+    tool_radius: float | None = None
 
     @property
     def n(self) -> int:
         """Number of joints; length of every joint vector q."""
         return len(self.joints)
+
+    @property
+    def links_have_shape(self) -> bool:
+        """Whether the shape of any moving link is known; a tool or a base alone tells nothing of the links."""
+        names = self.joint_names
+        return any(capsule.joint in names for capsule in self.shape)
 
     def with_free(self, frames: Collection[str]) -> Robot:
         """The same robot with some of ``base`` and ``tool`` to be found from data, in addition to those that are

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.numerics import Array
 
 BASE = "base"
 """``Capsule.joint`` of a body at rest: its frame is that of the robot's base."""
@@ -41,3 +45,19 @@ class Capsule:
     def volume(self) -> float:
         """``π r² l + 4/3 π r³`` [m³]."""
         return math.pi * self.radius**2 * (self.length + 4 / 3 * self.radius)
+
+
+def moved(capsule: Capsule, T: Array) -> Capsule:
+    """The capsule in another frame.
+
+    Args:
+        capsule: in a frame a.
+        T: (4, 4) T_b_a, lengths in [m]; a rotation and a shift, as radii are kept.
+    """
+    return replace(capsule, start=_moved_point(T, capsule.start), end=_moved_point(T, capsule.end))
+
+
+def _moved_point(T: Array, point: Point) -> Point:
+    """A point (3,) [m] in the other frame, ``T p``."""
+    x, y, z = (T[:3, :3] @ np.array(point) + T[:3, 3]).tolist()
+    return x, y, z

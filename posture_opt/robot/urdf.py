@@ -13,12 +13,15 @@ import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import located
+from posture_opt.numerics import Array
 from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, check_joint_name
+from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.robot.shape import BASE, Capsule
+from posture_opt.robot.shape import BASE
+from posture_opt.robot.shape_section import replaces_shape, shaped
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
 from posture_opt.robot.urdf_reader import in_urdf, read_urdf
-from posture_opt.robot.urdf_shape import Carried, moved, urdf_shape
+from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
 from posture_opt.robot.urdf_tip import chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
@@ -62,38 +65,16 @@ class UrdfRobot(RobotFormat):
         links = tuple(link_factors(segment, index) for index, segment in enumerate(segments))
         joints = tuple(_joint_of(tree, segment) for segment in segments)
         free = [s.moving.name for s in segments if s.moving.type == "revolute" and s.moving.lower is None]
-        robot = self.assemble(tree.name, joints, links)
-        shape, shape_notes = self._capsules_of(robot, tree, path[0].parent, segments, file)
+        robot = self.bare(tree.name, joints, links)
         notes = tuple(f"joint {name} has no <limit>: a turn either way is taken" for name in free)
-        return replace(
-            robot,
-            sources=(("file", self.file), ("base_link", path[0].parent), ("tip_link", path[-1].child)),
-            notes=notes,
-            shape=shape,
-            shape_notes=shape_notes,
-        )
-
-    def _capsules_of(
-        self, robot: Robot, tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], file: Path
-    ) -> tuple[tuple[Capsule, ...], tuple[str, ...]]:
-        """The shape that the section states, or that of the file's ``<collision>`` elements, with notes on it.
-
-        Capsules [m] are in the frame behind each joint; of the last joint that is the flange, whatever is fixed in
-        between.
-        """
         # Stated in the child link of the last joint, counted from the tip.
         end = np.linalg.inv(segments[-1].T_child_end).astype(np.float64)
-        if isinstance(self.shape, tuple):
-            last = segments[-1].moving.name
-            return tuple(moved(c, end) if c.joint == last else c for c in robot.shape), ()
-        if self.shape is not None:
-            return robot.shape, ()
-        still = [np.eye(4)] * (len(segments) - 1)
-        carried = [
-            Carried(segment.moving.name, segment.moving.child, T)
-            for segment, T in zip(segments, [*still, end], strict=True)
-        ]
-        return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *carried), file)
+        if not replaces_shape(self.shape):
+            own = _own_shape(tree, path[0].parent, segments, end, file)
+            robot = replace(robot, shape=own.capsules, shape_notes=own.notes, unshaped=own.unshaped)
+        robot = with_velocities(shaped(robot, self.shape, end), self.velocity)
+        sources = (("file", self.file), ("base_link", path[0].parent), ("tip_link", path[-1].child))
+        return replace(robot, sources=sources, notes=notes)
 
     def _located_file(self, folder: Path) -> Path:
         """The path of the key ``file``.
@@ -124,6 +105,19 @@ class UrdfRobot(RobotFormat):
             message = f"there is no chain from '{base}' to '{tip}'"
             raise InputError(Issue(message, ("tip_link",), tip, f"behind '{base}' are: {below}"))
         return path
+
+
+def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:
+    """The shape of the file's ``<collision>`` elements, capsules in the frame behind each joint.
+
+    Behind the last joint that is the flange, whatever is fixed in between: ``end`` (4, 4) is the child link of that
+    joint in it, lengths in [m].
+    """
+    frames = [*[np.eye(4)] * (len(segments) - 1), end]
+    carried = [
+        Carried(segment.moving.name, segment.moving.child, T) for segment, T in zip(segments, frames, strict=True)
+    ]
+    return urdf_shape(tree, (Carried(BASE, base_link, np.eye(4)), *carried), file)
 
 
 def _only_root(links: list[str]) -> str:

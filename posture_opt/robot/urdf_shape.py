@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from posture_opt.errors import listed
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.capsule_fit import Edges, fitted_capsules
 from posture_opt.robot.meshes import UnreadMeshError, located_mesh, read_mesh
-from posture_opt.robot.shape import BASE, Capsule, Point
+from posture_opt.robot.shape import BASE, Capsule, moved
 from posture_opt.robot.urdf_tree import Collision, UrdfTree
 
 _RIM_CORNERS = 48
@@ -42,20 +43,33 @@ class Carried:
     T_joint_link: Array
 
 
-def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> tuple[tuple[Capsule, ...], tuple[str, ...]]:
+class UrdfShape(NamedTuple):
+    """The shape that a URDF states.
+
+    Args:
+        capsules: [m], in the frame behind each joint.
+        notes: one for each reason why a shape is missing.
+        unshaped: names of the links that have none.
+    """
+
+    capsules: tuple[Capsule, ...]
+    notes: tuple[str, ...]
+    unshaped: tuple[str, ...]
+
+
+def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfShape:
     """The capsules of all links, and notes on links that have none or not all.
 
     Args:
         tree: links with their ``<collision>`` elements.
         carried: base link and child link of every moving joint.
         file: path of the URDF, from which mesh names are resolved.
-
-    Returns:
-        Capsules [m] in the frame behind each joint, and one note for each reason why a shape is missing.
     """
     capsules: list[Capsule] = []
     unread: dict[str, list[str]] = {}
+    bare: list[str] = []
     for body in carried:
+        before = len(capsules)
         for link, T_link_other in tree.rigid(body.link):
             try:
                 found = [*_link_capsules(tree.collisions.get(link, ()), file)]
@@ -64,8 +78,14 @@ def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> tuple[
                 continue
             T = body.T_joint_link @ T_link_other
             capsules += [moved(replace(capsule, joint=body.joint), T) for capsule in found]
+        missed = [link for links in unread.values() for link in links]
+        if len(capsules) == before and body.joint != BASE and body.link not in missed:
+            bare.append(body.link)
     notes = [f"no shape of {listed(links)}: {reason}" for reason, links in unread.items()]
-    return tuple(capsules), (*notes, *_unchained_note(tree, carried))
+    if bare and capsules:
+        notes.append(f"no shape of {listed(bare)}: the file states no <collision>")
+    unshaped = [link for links in unread.values() for link in links] + bare
+    return UrdfShape(tuple(capsules), (*notes, *_unchained_note(tree, carried)), tuple(unshaped))
 
 
 def _unchained_note(tree: UrdfTree, carried: Sequence[Carried]) -> tuple[str, ...]:
@@ -145,19 +165,3 @@ def _body_edges(collision: Collision) -> Edges:
     low, high = (np.column_stack([rim, np.full(len(rim), z)]) for z in (-height / 2, height / 2))
     tails = np.vstack([low, high, low])
     return Edges(tails, np.vstack([np.roll(low, -1, axis=0), np.roll(high, -1, axis=0), high]))
-
-
-def moved(capsule: Capsule, T: Array) -> Capsule:
-    """The capsule in another frame.
-
-    Args:
-        capsule: in a frame a.
-        T: (4, 4) T_b_a, lengths in [m]; a rotation and a shift, as radii are kept.
-    """
-    return replace(capsule, start=_moved_point(T, capsule.start), end=_moved_point(T, capsule.end))
-
-
-def _moved_point(T: Array, point: Point) -> Point:
-    """A point (3,) [m] in the other frame, ``T p``."""
-    x, y, z = (T[:3, :3] @ np.array(point) + T[:3, 3]).tolist()
-    return x, y, z

@@ -41,6 +41,7 @@ class ProblemData(Summarised, ABC):
         data: how files of the instrument are written.
         cell: obstacles, and whether the arm may collide with itself; None where nothing is stated.
         notes: sentences for the report on what was assumed or overridden.
+        without_mounting: whether an assumed mounting plane is dropped, as the task cannot be done above it.
     """
 
     name: str
@@ -56,6 +57,7 @@ class ProblemData(Summarised, ABC):
     cell: CellSpec | None = None
     notes: tuple[str, ...] = ()
     workpiece_sources: Sources = field(default_factory=Sources)
+    without_mounting: bool = False
 
     @cached_property
     def task_sources(self) -> Sources:
@@ -70,7 +72,17 @@ class ProblemData(Summarised, ABC):
     @cached_property
     def scene(self) -> Scene:
         """What the arm may collide with: obstacles, and itself."""
-        return Scene.of(self.robot, self.cell)
+        return Scene.of(self.robot, self.cell, without_mounting=self.without_mounting)
+
+    @property
+    def above_assumed_mounting(self) -> bool:
+        """Whether the arm is kept above a mounting plane that the problem does not state."""
+        mounting = self.scene.mounting
+        return mounting is not None and mounting.assumed and not mounting.dropped
+
+    def mounting_dropped(self) -> Self:
+        """The same problem without the mounting plane that was assumed."""
+        return replace(self, without_mounting=True)
 
     @property
     def corrections(self) -> dict[str, float]:

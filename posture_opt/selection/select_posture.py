@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
+from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
@@ -79,7 +80,11 @@ def select_posture(
         )
         return of_features
     if task.on_path:
-        selector = import_module(_PATHS).PathSelector.of(problem)
-        of_path: Solution = selector.solve(seed=seed, workers=workers, progress=progress)
-        return of_path
+        selector_of = import_module(_PATHS).PathSelector.of
+
+        def along(one: ProblemData) -> Solution:
+            found: Solution = selector_of(one).solve(seed=seed, workers=workers, progress=progress)
+            return found
+
+        return above_mounting(problem, along)
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

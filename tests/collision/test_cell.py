@@ -16,7 +16,7 @@ ROBOT = {"kind": "preset", "name": "ur10"}
 def test_a_cell_is_read_in_si_units() -> None:
     problem = problem_in_cell("ur10", TABLE, POST, LAMP, GROUND)
     assert problem.cell is not None
-    table, post, lamp, ground = problem.scene.obstacles
+    table, post, lamp, ground = problem.scene.stated_obstacles
     assert problem.scene.margin == 0.02
     assert table.half == (0.35, 0.6, 0.01)
     assert (post.radius, post.length, post.xyz) == (0.06, 0.8, (0.35, 0.4, 0.4))
@@ -26,7 +26,7 @@ def test_a_cell_is_read_in_si_units() -> None:
 
 def test_an_obstacle_is_turned_by_its_angles() -> None:
     problem = problem_in_cell("ur10", {**TABLE, "rpy": ["0 deg", "0 deg", "90 deg"], "xyz": ["1 m", "0 m", "0 m"]})
-    (table,) = problem.scene.obstacles
+    (table,) = problem.scene.stated_obstacles
     x, y, z = table.local([1.0, 0.5, 0.0])
     assert (x, y, z) == pytest.approx((0.5, 0.0, 0.0))
 

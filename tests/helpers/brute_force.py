@@ -65,11 +65,21 @@ def sigma_across(robot, Q, sigma, basis):
 
 def clearance(scene, q):
     """The least distance at one posture, by coal [m]."""
+    return min(distances(scene, q))
+
+
+def slack(scene, q):
+    """By how much the nearest pair exceeds what it has to keep at one posture, by coal [m]."""
+    return min(np.array(distances(scene, q)) - scene.required)
+
+
+def distances(scene, q):
+    """The distance of every pair that is checked at one posture, by coal [m]."""
     solids = [coal_distance.capsule(*in_the_world(scene.robot, q, capsule)) for capsule in scene.placed.capsules]
     own = [coal_distance.distance(solids[i], solids[j]) for i, j in scene.own]
     others = zip(scene.obstacles, scene.against, strict=True)
     far = [coal_distance.distance(solids[k], coal_distance.solid(o)) for o, chosen in others for k in chosen]
-    return min(own + far)
+    return own + far
 
 
 def best_posture(scene, sigma, basis, point, direction, rng, *, starts=2000, kept=6, rounds=12, tried=12):
@@ -96,6 +106,6 @@ def clear_ones(scene, Q, sigma, basis, most, below=np.inf):
     for k in np.argsort(values):
         if values[k] >= below or len(found) == most:
             break
-        if clearance(scene, Q[k]) >= scene.margin:
+        if slack(scene, Q[k]) >= 0:
             found.append((float(values[k]), Q[k]))
     return found

@@ -10,13 +10,13 @@ LAMP = {"name": "lamp", "kind": "sphere", "radius": "80 mm", "xyz": ["0.45 m", "
 GROUND = {"name": "ground", "kind": "half_space", "normal": [0, 0, 1], "offset": "-20 mm"}
 
 
-def problem_in_cell(preset, *obstacles, clearance="20 mm", shape=None, **task):
+def problem_in_cell(preset, *obstacles, clearance="20 mm", shape=None, mounting=None, **task):
     """The insert task of a preset among obstacles; ``task`` gives further keys of the task."""
     robot = {"kind": "preset", "name": preset, **({} if shape is None else {"shape": shape})}
     document = {
         "robot": robot,
         "uncertainty": {"repeatability": "0.1 mm"},
-        "cell": {"obstacles": list(obstacles), "clearance": clearance},
+        "cell": {"obstacles": list(obstacles), "clearance": clearance, **({"mounting": mounting} if mounting else {})},
         "task": {"kind": "insert", **task},
     }
     return problem_from_dict(document)

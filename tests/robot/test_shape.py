@@ -37,13 +37,21 @@ def corners(robot, q):
 
 
 def test_stated_capsules_replace_those_of_the_preset(tmp_path):
-    problem = with_shape([ELBOW, ELBOW | {"joint": "base", "to": ["0 m"] * 3}])
+    problem = with_shape({"replace": [ELBOW, ELBOW | {"joint": "base", "to": ["0 m"] * 3}]})
     assert problem.robot.shape == (
         Capsule("elbow", (0, 0, 0), (0.5, 0, 0), 0.06),
         Capsule("base", (0, 0, 0), (0, 0, 0), 0.06),
     )
+    assert "wrist_1" in problem.robot.unshaped
     again = po.problem_from_dict(problem.to_dict())
     assert again.robot.shape == problem.robot.shape == written(problem, tmp_path).robot.shape
+
+
+@pytest.mark.parametrize("shape", [[ELBOW], {"add": [ELBOW]}])
+def test_capsules_are_added_to_those_of_the_preset(shape):
+    own, problem = with_shape(None), with_shape(shape)
+    assert problem.robot.shape == (*own.robot.shape, Capsule("elbow", (0, 0, 0), (0.5, 0, 0), 0.06))
+    assert bool(problem.robot.shape_notes) == isinstance(shape, list)  # a plain list could have been meant to replace
 
 
 def test_shape_of_a_table():
@@ -60,7 +68,9 @@ def test_shape_of_a_table():
     ([ELBOW | {"to": ["0 m"]}], "robot.shape[0].to", "1 entry, 3 expected"),
     ([{**ELBOW, "diameter": "1 m"}], "robot.shape[0].diameter", "unknown key"),
     ({"radius": "-1 mm"}, "robot.shape.radius", "must be greater than 0 m"),
-    ({}, "robot.shape.radius", "is missing"),
+    ({}, "robot.shape", "states nothing"),
+    ({"replace": [ELBOW], "radius": "1 mm"}, "robot.shape", "both given"),
+    ({"add": [ELBOW, ELBOW | {"joint": "elbw"}]}, "robot.shape.add[1].joint", "did you mean 'elbow'"),
     ("thick", "robot.shape", "is not a list"),
 ])  # fmt: skip
 def test_bad_shapes_are_refused(shape, key, message):

@@ -205,7 +205,7 @@ def test_numbers_that_are_none_are_refused_with_their_line(tmp_path: Path) -> No
 def test_a_stated_shape_is_in_the_child_link_of_the_joint(tmp_path: Path) -> None:
     """The frame behind the last joint is that of the tip; what is stated there is in the link before it."""
     given = {"joint": "lift", "from": ["0 m"] * 3, "to": ["0 m", "0 m", "0.2 m"], "radius": "20 mm"}
-    robot = built(tmp_path, BODIES, shape=[given])
+    robot = built(tmp_path, BODIES, shape={"replace": [given]})
     arm = PinArm(BODIES)
     for q in random_postures(robot, 3):
         a, b, _ = in_the_world(robot, q, robot.shape[0])

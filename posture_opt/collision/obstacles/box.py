@@ -45,6 +45,10 @@ class Box(PlacedObstacle):
         """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""
         return to_box(self.local(start), self.local(end), np.array(self.half))
 
+    def extent(self, direction: Array) -> float:
+        """Greatest coordinate of its points along a unit vector (3,), world [m]."""
+        return float(np.dot(self.xyz, direction) + np.abs(direction @ self.rotation) @ np.array(self.half))
+
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of all sides [m], world; more of them the larger the box is in the drawing's box."""
         sides = self.rotation * np.array(self.half)

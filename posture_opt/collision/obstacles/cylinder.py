@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Literal, Self
 
 import casadi as ca
@@ -39,6 +40,12 @@ class Cylinder(PlacedObstacle):
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""
         return to_cylinder(self.local(start), self.local(end), self.radius, self.length / 2)
+
+    def extent(self, direction: Array) -> float:
+        """Greatest coordinate of its points along a unit vector (3,), world [m]."""
+        axial = abs(float(direction @ self.rotation[:, 2]))
+        across = math.sqrt(max(1 - axial**2, 0.0))
+        return float(np.dot(self.xyz, direction)) + self.length / 2 * axial + self.radius * across
 
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its side and both ends [m], world."""

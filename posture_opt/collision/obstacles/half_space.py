@@ -18,6 +18,8 @@ from posture_opt.errors import BadValueError
 from posture_opt.numerics import Array
 from posture_opt.units import Length
 
+_PARALLEL = 1e-12
+"""What the cosine between two parallel unit vectors may lack by rounding."""
 _PATCH_PIECES = 24
 """Faces along the side of the patch that is drawn."""
 
@@ -69,6 +71,11 @@ class HalfSpace(Obstacle):
     def distance(self, start: Array, end: Array) -> Array:
         """(...) least height of segments (..., 3) over the surface [m], world; negative by the depth below it."""
         return to_half_space(start, end, np.array(self.unit_normal), self.offset)
+
+    def extent(self, direction: Array) -> float:
+        """Greatest coordinate of its points along a unit vector (3,), world [m]: finite along its normal only."""
+        along = float(np.dot(self.unit_normal, direction))
+        return self.offset if along > 1 - _PARALLEL else math.inf
 
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its surface in the box from ``lower`` to ``upper`` (3,), (3,) [m], world."""

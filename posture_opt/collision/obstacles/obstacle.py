@@ -79,6 +79,10 @@ class Obstacle(Spec):
         """The same solid shifted by (3,) [m], world; symbols give one whose `bounds` are expressions of them."""
 
     @abstractmethod
+    def extent(self, direction: Array) -> float:
+        """Greatest coordinate of its points along a unit vector (3,), world [m]; infinite where it is endless."""
+
+    @abstractmethod
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its surface [m], world, for drawing.
 

@@ -43,6 +43,10 @@ class Sphere(Obstacle):
         """(...) exact distance of segments (..., 3) [m], world; negative where they enter it."""
         return to_point(start, end, np.array(self.xyz)) - self.radius
 
+    def extent(self, direction: Array) -> float:
+        """Greatest coordinate of its points along a unit vector (3,), world [m]."""
+        return float(np.dot(self.xyz, direction)) + self.radius
+
     def facets(self, lower: Array, upper: Array) -> Array:
         """(k, 4, 3) small faces of its surface [m], world."""
         return capsule_facets(np.array(self.xyz), np.array(self.xyz), self.radius)

@@ -2,31 +2,72 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from posture_opt.errors import listed
 from posture_opt.report.text.units_text import length, stated_length
+from posture_opt.robot.shape import TOOL
 
 if TYPE_CHECKING:
-    from posture_opt.collision.scene import Clearance, Scene
+    from posture_opt.collision.nearest import Clearance
+    from posture_opt.collision.scene import Scene
+    from posture_opt.numerics import Array
 
 Fact = tuple[str, str]
 _HINT_DISTANCE_M = 5e-3  # m: nearer than this, people will want to know how to keep a distance
 
 
 def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
-    """How near the arm comes to what it is checked against, and where; nothing where it is not checked.
+    """How near the arm comes to the cell and to itself, and where; nothing where it is not checked.
 
-    "none" where two bodies overlap. Below 5 mm without a stated minimum a hint says how to keep a distance.
+    "none" where two bodies overlap. Below 5 mm without a stated minimum a hint says how to keep a distance. Pairs that
+    cannot have the minimum are named with what they keep.
     """
     if clearance is None:
         return []
-    a, b = clearance.between
-    if clearance.distance <= 0:
-        return [("Clearance", f"none: {a} and {b} overlap")]
     touching = scene.margin == 0 and clearance.distance < _HINT_DISTANCE_M
     hint = "; to keep them farther apart add cell: {clearance: 10 mm}" if touching else ""
-    return [("Clearance", f"{length(clearance.distance)} between {a} and {b}{hint}")]
+    facts = []
+    for name, nearest in (("Clearance to the cell", clearance.cell), ("Clearance to itself", clearance.own)):
+        if nearest is None:
+            continue
+        a, b = nearest.between
+        apart, clear = f"{length(nearest.distance)} between {a} and {b}", nearest.distance > 0
+        words = apart if clear else f"none: {a} and {b} overlap"
+        facts.append((name, words + (hint if nearest is clearance.nearest else "")))
+    return [*facts, *held_facts(scene)]
+
+
+def held_facts(scene: Scene) -> list[Fact]:
+    """The pairs that the arm cannot bring as far apart as is asked for, and what they keep instead."""
+    least: dict[tuple[str, str], float] = {}
+    for names, distance in scene.held:
+        least[names] = min(distance, least.get(names, distance))
+    if not least:
+        return []
+    kept = listed(f"{a} and {b} {stated_length(distance)}" for (a, b), distance in least.items())
+    return [("Held nearer", f"few postures leave them {stated_length(scene.margin)} apart, so they keep less: {kept}")]
+
+
+def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What the lead of a report says of the surface that the arm stands on: before all else, and behind it.
+
+    Args:
+        Q: (N, n) the postures of the answer [rad or m].
+    """
+    note = scene.mounting_note(Q)
+    if not note:
+        return (), ()
+    return ((note,), ()) if scene.mounting is not None and scene.mounting.dropped else ((), (note,))
+
+
+def unchecked_facts(scene: Scene) -> list[Fact]:
+    """The links without a shape, where others are checked."""
+    if not scene.active or not scene.unchecked:
+        return []
+    names = listed(scene.unchecked)
+    return [("Not checked", f"{names}: no shape is known (robot: shape: {{add: [...]}})")]
 
 
 def collision_facts(scene: Scene) -> list[Fact]:
@@ -48,13 +89,29 @@ def collision_facts(scene: Scene) -> list[Fact]:
     elif scene.obstacles:
         facts.append(f"the arm is checked against {names}{' and against itself' if scene.own else ''}")
     else:
-        facts.append("the arm is checked against itself; no obstacles are stated (cell: obstacles)")
+        facts.append("the arm is checked against itself")
+    if not scene.stated_obstacles:
+        facts.append("no obstacles are stated (cell: obstacles)")
     if scene.margin:
         facts.append(f"minimum distance {stated_length(scene.margin)}")
-    for name in dict.fromkeys(name for _, name in scene.mounted):
-        joints = " and ".join(joint for joint, other in scene.mounted if other == name)
-        facts.append(f"parts of {joints} that are always near {name} are not checked against it")
+    facts += _tool_words(scene)
+    if scene.left_out:
+        pairs = listed(f"{a} and {b}" for a, b in scene.left_out)
+        facts.append(f"not checked, as they overlap in every posture: {pairs}")
     return [("Collisions", "; ".join(facts))]
+
+
+def _tool_words(scene: Scene) -> list[str]:
+    """How the tool is checked, where it is the capsule that stands for one; at most one entry."""
+    if any(capsule.joint == TOOL for capsule in scene.robot.shape):
+        return []
+    tools = [capsule for capsule in scene.placed.capsules if capsule.joint == TOOL]
+    if not tools:
+        return []
+    free, radius = math.dist(tools[0].end, (0.0, 0.0, 0.0)), stated_length(tools[0].radius)
+    source = "assumed; robot: tool: {radius: ...}" if scene.robot.tool_radius is None else "as stated"
+    end = f", but for the last {stated_length(free)} before the tool point" if free else ""
+    return [f"the tool counts as a capsule of radius {radius} ({source}) from the flange on{end}"]
 
 
 def clear_words(scene: Scene) -> str:

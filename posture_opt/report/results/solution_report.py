@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.collision_parts import collision_facts
+from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead, unchecked_facts
 from posture_opt.report.parts.improvement_parts import improvements_block
 from posture_opt.report.parts.parts import (
     frame_notes,
@@ -119,7 +119,8 @@ class SolutionPresenter(Presenter["Solution"]):
             path_checks(found) if self.along_path else features_checks(found) if found.points else checks_block(found),
         )
         lead = path_lead if self.along_path else features_lead if self.of_features else _one_lead
-        return Report(title, lead(found), tuple(block for block in blocks if block.items))
+        first, last = mounting_lead(self.problem.scene, found.postures)
+        return Report(title, (*first, *lead(found), *last), tuple(block for block in blocks if block.items))
 
     def _station_blocks(self) -> tuple[Block, ...]:
         """The postures, and what the stations share."""
@@ -163,17 +164,11 @@ class SolutionPresenter(Presenter["Solution"]):
         if task.subject_to:
             rows.append(("Requirements", ", ".join(bound_words(term) for term in task.subject_to)))
         rows += self._clearance()
-        rows += [*collision_facts(problem.scene), *source_facts(problem), *workpiece_facts(problem), *notes]
+        sources = (*source_facts(problem), *workpiece_facts(problem))
+        rows += [*collision_facts(problem.scene), *unchecked_facts(problem.scene), *sources, *notes]
         briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece")]
-        short = (
-            rows[0],
-            ("Task", task.kind),
-            *briefly,
-            *input_facts(problem),
-            *source_facts(problem),
-            *workpiece_facts(problem),
-            *notes,
-        )
+        short = (rows[0], ("Task", task.kind), *briefly, *input_facts(problem), *sources)
+        short = (*short, *unchecked_facts(problem.scene), *notes)
         return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:

@@ -179,7 +179,7 @@ def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
     size = float((high - low).max())
     low, high = low - _OBSTACLE_MARGIN * size, high + _OBSTACLE_MARGIN * size
     found = []
-    for obstacle in scene.obstacles:
+    for obstacle in scene.stated_obstacles:
         faces = obstacle.facets(low, high)
         middle = faces.mean(axis=1)
         near = np.all((middle >= low) & (middle <= high), axis=1)

@@ -16,7 +16,7 @@ import numpy as np
 from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_facets
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_line
+from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
@@ -118,10 +118,11 @@ class ArmSolids:
     @cached_property
     def links(self) -> tuple[Link, ...]:
         """Base, links and tool as cones between balls."""
-        known = bool(self.robot.shape)
-        links = [_even(c) for c in self.robot.shape] if known else _tapered(stand_in(self.robot), self.radius)
-        end = links[-1].end_radius if links and not known else _TAPER_RADII[1] * self.radius
-        tools = [Link(TOOL, *_ends(c), 0.9 * end, _TIP_RADIUS * self.radius) for c in tool_line(self.robot)]
+        known = self.robot.links_have_shape
+        drawn = [] if known else _tapered(stand_in(self.robot), self.radius)
+        end = drawn[-1].end_radius if drawn else _TAPER_RADII[1] * self.radius
+        links = [*drawn, *(_even(c) for c in self.robot.shape)]
+        tools = [Link(TOOL, *_ends(c), 0.9 * end, _TIP_RADIUS * self.radius) for c in tool_capsule(self.robot)]
         return (*links, *tools)
 
     @cached_property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import get_args
 
 import numpy as np
@@ -30,8 +31,8 @@ from posture_opt.selection.search.batches import until_found_often, until_recurr
 from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart
-from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, searched
+from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
+from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
 from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
@@ -43,6 +44,11 @@ _ONE_POSTURE_NOTE = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
 )
+<<<<<<< HEAD
+=======
+_MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
+_STARTS_WITH_RELEASED_JOINTS = 64  # starts with held joints released, to say which of them is in the way
+>>>>>>> d68a514 (Keep the arm above its mounting plane and check its tool)
 _UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
 _LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
@@ -54,13 +60,15 @@ class PostureSelector:
         problem: with a task and uncertain parameters.
         compiled: None compiles the optimisation problem where a C compiler is found (some seconds once, then cached);
             False interprets it; True insists.
+        keeps_mounting: whether what cannot be done above an assumed mounting plane has no solution; else that plane is
+            dropped for it.
 
     Raises:
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
     """
 
-    def __init__(self, problem: ProblemData, *, compiled: bool | None = None) -> None:
-        self._problem, self._compiled = problem, compiled
+    def __init__(self, problem: ProblemData, *, compiled: bool | None = None, keeps_mounting: bool = False) -> None:
+        self._problem, self._compiled, self._keeps_mounting = problem, compiled, keeps_mounting
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
         self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
@@ -135,7 +143,7 @@ class PostureSelector:
             found = until_found_often(engine, target, np.random.default_rng(seed), starts)
             return found if known is None else found.with_known(engine, known), None
 
-        return self._answer(self._searched(seek, target), began, confirm)
+        return self._solved(seek, target, began, confirm)
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""
@@ -167,7 +175,37 @@ class PostureSelector:
             found = until_recurrence(engine, aim, first, solver.starts, workers, progress)
             return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
 
-        return self._answer(self._searched(seek, aim), began, confirm=True)
+        return self._solved(seek, aim, began, confirm=True)
+
+    def _solved(self, seek: Seek, target: TaskTarget, began: float, confirm: bool) -> Solution:
+        """The solution of a search; where no posture stays above a mounting plane that is assumed, without that plane.
+
+        What was found without the plane is lifted above it first: a search may have missed the postures that are.
+        """
+        outcome = self._searched(seek, target)
+        if outcome.feasible or self._keeps_mounting or not self._problem.above_assumed_mounting:
+            return self._answer(outcome, began, confirm)
+        below = self._below_mounting
+        without = below._searched(seek, target)
+        above = self._lifted(without.feasible[:_MAX_LIFTED], outcome)
+        return self._answer(above, began, confirm) if above else below._answer(without, began, confirm)
+
+    def _lifted(self, below: Sequence[CandidatePosture], outcome: SearchOutcome) -> SearchOutcome | None:
+        """A search that found nothing, with what local searches from postures below the plane lead to; else None."""
+        if not below:
+            return None
+        target = outcome.found.target
+        engine = self.engine(target, guarded=True)
+        starts = engine.candidates(np.array([candidate.q for candidate in below]), target)
+        ends = clear_ones(tuple(engine.polished(start, target) for start in starts), self._problem.scene)
+        met = tuple(sorted((candidate for candidate in ends if candidate.feasible), key=rank))
+        found = replace(outcome.found, found=(*met, *outcome.found.found))
+        return replace(outcome, engine=engine, found=found, by_starts=met) if met else None
+
+    @cached_property
+    def _below_mounting(self) -> PostureSelector:
+        """The selection without the mounting plane that is assumed."""
+        return PostureSelector(self._problem.mounting_dropped(), compiled=self._compiled)
 
     def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
         """The search without rows against collisions, and again with them where the answer collides."""

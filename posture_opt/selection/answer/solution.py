@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from posture_opt.collision.scene import Clearance
+from posture_opt.collision.nearest import Clearance
 from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
@@ -364,6 +364,7 @@ class Solution(Result):
             "worst_station": self.worst_station,
             **self.worst.spread_json(),
             "clearance": None if self.clearance is None else self.clearance.to_json(),
+            **self._mounting_json(),
             "what_would_help": [change.to_json() for change in self.improvements],
             "solver": self.statistics.to_json(),
             "reasons": [vars(reason) for reason in self.reasons],
@@ -373,6 +374,12 @@ class Solution(Result):
             **({} if self.followed is None else self.followed.to_json(self)),
             **(self._features_json() if self.points and self.followed is None else {}),
         }
+
+    def _mounting_json(self) -> dict[str, Any]:
+        """What the arm stands on, and the links that nothing is known of."""
+        scene = self.problem.scene
+        mounting = None if scene.mounting is None else scene.mounting.to_json()
+        return {"mounting": mounting, "unchecked": list(scene.unchecked)}
 
     def _features_json(self) -> dict[str, Any]:
         """What holds for all features: each of them, the worst, all together, the order of visits, other placements."""

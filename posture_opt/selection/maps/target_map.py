@@ -14,6 +14,7 @@ from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_candidate import MapCandidate
@@ -155,25 +156,37 @@ def map_targets(
         InputError: no task, nothing uncertain, or a grid that is none.
         NoSolutionError: no target of the grid has a posture.
     """
-    began = time.perf_counter()
     request = GridRequest(counts, low, high, plane)
     request.check()
+    seed = problem.solver.seed if seed is None else seed
+    with opened(workers, executor) as pool:
+        return above_mounting(problem, lambda one: _mapped(one, request, pool, seed, progress, compiled))
+
+
+def _mapped(
+    problem: ProblemData, request: GridRequest, pool: Workers, seed: int, progress: Progress | None,
+    compiled: bool | None,
+) -> TargetMap:  # fmt: skip
+    """The map of a problem, by the workers.
+
+    Raises:
+        NoSolutionError: no target of the grid has a posture.
+    """
+    began = time.perf_counter()
     selector = PostureSelector(problem, compiled=compiled)
     grid = _grid(problem, selector, request)
     own = [selector.target.lower] if selector.target.kind == "point" else []
     targets = [selector.target.with_position(point) for point in (*grid.points, *own)]
     engines = [selector.engine(target, guarded=False) for target in targets]
-    seed = problem.solver.seed if seed is None else seed
     pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
     points = np.array([target.lower for target in targets])
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
-    with opened(workers, executor) as pool:
-        candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=progress)
-        candidates = clear_candidates(
-            problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, pool,
-            seed=seed,
-        )  # fmt: skip
-        map_points = _points(pool, engines[0], targets, candidates, progress)
+    candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=progress)
+    candidates = clear_candidates(
+        problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, pool,
+        seed=seed,
+    )  # fmt: skip
+    map_points = _points(pool, engines[0], targets, candidates, progress)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):

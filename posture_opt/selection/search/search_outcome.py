@@ -93,8 +93,8 @@ def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Scene) -> tuple[
 def is_clear(scene: Scene, Q: Array) -> Mask:
     """Whether the postures Q (N, n) [rad or m] keep the distance that is asked for, (N,).
 
-    ``distance ≥ margin`` by exact distances between all bodies, up to a rounding of 1e-9 m.
+    By exact distances between all bodies, up to a rounding of 1e-9 m.
     """
     if not len(Q):
         return np.zeros(0, dtype=bool)
-    return np.asarray(scene.least(Q) >= scene.margin - DISTANCE_ROUNDING)
+    return np.asarray(scene.slack(Q) >= -DISTANCE_ROUNDING)

@@ -15,6 +15,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.shared_placement import PlacementFigure, PlacementStatistics
@@ -54,7 +55,7 @@ def select_for_features(
         NoSolutionError: no placement at which every feature can be done; carries the one that fails least.
         InputError: as `select_posture`.
     """
-    return _FeaturesSelection.of(problem, seed).answer(workers, progress)
+    return above_mounting(problem, lambda one: _FeaturesSelection.of(one, seed).answer(workers, progress))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,8 @@ class _FeaturesSelection:
             **criterion,
         }  # fmt: skip
         single = replace(self.problem, task=self.task.model_copy(update=given))
-        return PostureSelector(single, compiled=None if self.placement.free.any() else False)
+        compiled = None if self.placement.free.any() else False
+        return PostureSelector(single, compiled=compiled, keeps_mounting=True)
 
     def _stations(self, guarded: bool | None = None) -> PlacedStations:
         """The features as stations, with the engines that serve them.
