@@ -44,11 +44,7 @@ _ONE_POSTURE_NOTE = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
 )
-<<<<<<< HEAD
-=======
 _MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
-_STARTS_WITH_RELEASED_JOINTS = 64  # starts with held joints released, to say which of them is in the way
->>>>>>> d68a514 (Keep the arm above its mounting plane and check its tool)
 _UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
 _LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
