@@ -15,7 +15,7 @@ import numpy as np
 from posture_opt.numerics import Progress
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.multistart import MultistartResult, as_good, multistart
+from posture_opt.selection.search.multistart import MultistartResult, as_good, multistart, rank
 from posture_opt.workers import Part, opened
 
 S = TypeVar("S")
@@ -52,7 +52,10 @@ def until_found_often(
         ):
             break
         whole = whole.joined(multistart(engine, whole.target, rng, usual_starts(engine)), engine)
-    return whole
+    if not whole.found or not whole.found[0].feasible:
+        return whole
+    best = engine.confirmed(whole.found[0], whole.target)
+    return replace(whole, found=tuple(sorted((best, *whole.found[1:]), key=rank)))
 
 
 def until_recurrence(

@@ -137,11 +137,11 @@ class Engine(DerivedAgain):
         problem = self.optimisation_problem
         return problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
 
-    def descended(self, Q: Array, target: TaskTarget, steps: int, multipliers: Array | None = None) -> LocalOptima:
-        """The postures (N, n) after at most ``steps`` steps of the local search, with the multipliers (N, m + n) to go
-        on from.
+    def descended(self, Q: Array, target: TaskTarget, steps: int, state: Array | None = None) -> LocalOptima:
+        """The postures (N, n) after at most ``steps`` steps of the local search, with the state (N, m + n + 1) to go on
+        from.
         """
-        return self.local.descend(Q, target.parameters, self._held(target), steps, multipliers)
+        return self.local.descend(Q, target.parameters, self._held(target), steps, state)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
         """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
@@ -191,22 +191,31 @@ class Engine(DerivedAgain):
         end = self.settled(self.descended(start.q[None], target, STEPS), target)[0]
         return end if _better(end, start) else self.tidied([replace(start, message=end.message)], target)[0]
 
-    def settled(self, found: LocalOptima, target: TaskTarget, count: Codes | None = None) -> list[CandidatePosture]:
+    def settled(
+        self, found: LocalOptima, target: TaskTarget, count: Codes | None = None, helped: bool = True
+    ) -> list[CandidatePosture]:
         """Where local searches ended, with tidy joint values; IPOPT is tried on a few that are not optimal.
 
         Only where it could change the answer: a search that ended without an optimum below the best one that is known.
 
         Args:
             count: (N,) how many searches each of them represents.
+            helped: whether IPOPT is tried where a feasible optimum is known too; else only where there is none.
         """
         counts = np.ones(len(found.q), dtype=int) if count is None else count
         ends = self.candidates(found.q, target, found.optimal.tolist(), counts.tolist())
         # Only where it would change the answer.
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
-        for k in doubtful[: MAX_IPOPT_FALLBACKS if np.isinf(limit) or any(ends[k].feasible for k in doubtful) else 0]:
+        promising = np.isinf(limit) or (helped and any(ends[k].feasible for k in doubtful))
+        for k in doubtful[: MAX_IPOPT_FALLBACKS if promising else 0]:
             ends[k] = self._fallback_solution(ends[k], target)
         return self.tidied(ends, target)
+
+    def confirmed(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+        """The same candidate, or where IPOPT goes on to from one that is no optimum."""
+        better = candidate if candidate.optimal else self._fallback_solution(candidate, target)
+        return candidate if better is candidate else self.tidied([better], target)[0]
 
     def _fallback_solution(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         """Where IPOPT ends from a candidate, the candidate itself where that is not better."""

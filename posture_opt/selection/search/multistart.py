@@ -22,7 +22,7 @@ from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.search.local_search import LocalOptima
 
 STARTS_PER_ARRIVAL = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
-SCREENING_STEPS = 4  # of the local search from every start, before those are given up that promise nothing
+SCREENING_STEPS = (4, 4, 4, 4, 8)  # of the local search, after each of which those are given up that promise nothing
 PROMISED_GAIN_FACTOR = 2.0  # times the gain of a quadratic model: what a start may still gain
 MAX_DISTINCT_OPTIMA = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
 OPTIMUM_TOLERANCE = 1e-4  # of the objective
@@ -201,15 +201,19 @@ def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = 
     All of them with ``every``, else those that may be the best. After `SCREENING_STEPS` steps, searches that promise
     nothing are given up and searches that have met are followed once.
     """
-    first = engine.descended(Q, target, SCREENING_STEPS)
-    first = first.rows(_best_first(first) if every else _promising(first))
-    nearest, size = engine.clusters(first.q)
-    optima = engine.descended(first.q[nearest], target, STEPS, first.multipliers[nearest])
+    optima, size = engine.descended(Q, target, SCREENING_STEPS[0]), np.ones(len(Q), dtype=int)
+    for steps in (*SCREENING_STEPS[1:], STEPS):
+        order = _best_first(optima) if every else _promising(optima)
+        nearest, size = engine.clusters(optima.q[order], size[order])
+        optima = optima.rows(order[nearest])
+        if np.all(optima.optimal):
+            break
+        optima = engine.descended(optima.q, target, steps, optima.state)
     order = _best_first(optima)
     again, total = engine.clusters(optima.q[order], size[order])
     most = len(again) if every else MAX_DISTINCT_OPTIMA
     chosen = optima.rows(order[again[:most]])
-    return tuple(sorted(engine.settled(chosen, target, total[:most]), key=rank))
+    return tuple(sorted(engine.settled(chosen, target, total[:most], helped=every), key=rank))
 
 
 def as_good(best: float) -> float:
