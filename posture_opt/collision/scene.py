@@ -162,6 +162,12 @@ class Scene:
         """Whether anything is checked."""
         return bool(self.own) or any(self.against)
 
+    @property
+    def floor_height(self) -> float | None:
+        """Height [m] of the mounting plane over the world's origin, where it is a level floor; else None."""
+        plane = None if self.mounting is None or self.mounting.dropped else self.mounting.plane(self.robot)
+        return plane.offset if plane is not None and plane.normal == (0.0, 0.0, 1.0) else None
+
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """(k,) the two names of everything that `distances` holds, column by column."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt import __version__
+from posture_opt.errors import listed
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
@@ -83,7 +84,7 @@ def program_of(problem: ProblemData, seed: int | None, workers: int, speed: floa
         NoSolutionError, InputError: as of `select_posture`.
     """
     answer = select_posture(problem, seed=seed, workers=workers)
-    return replace(answer_program(problem, answer), speed=speed, wait=wait)
+    return replace(answer_program(answer.problem, answer), speed=speed, wait=wait)
 
 
 def answer_program(problem: ProblemData, answer: Answer) -> RobotProgram:
@@ -97,12 +98,16 @@ def program_through(
 ) -> RobotProgram:
     """The program through postures (N, n) [rad or m].
 
-    Values have so many digits that rounding moves the tool point by less than a tenth of its σ. With several stops a
-    note says that the way between them is not checked.
+    Values have so many digits that rounding moves the tool point by less than a tenth of its σ. Notes say what the
+    reports say of the surface that the arm stands on and, with several stops, that the way between them is not checked.
     """
     rows = np.asarray(q, dtype=float)
     digits = joint_digits(problem, rows)
-    notes = (*_arrivals(problem.arm), *([_UNCHECKED_NOTE] if len(rows) > 1 else []))
+    scene = problem.scene
+    mounting = [note] if len(rows) and (note := scene.mounting_note(rows)) else []
+    bare = [f"Not checked for collisions, as no shape is known: {listed(scene.unchecked)}."] if scene.unchecked else []
+    way = [_UNCHECKED_NOTE] if len(rows) > 1 else []
+    notes = (*mounting, *bare, *_arrivals(problem.arm), *way)
     return RobotProgram(problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes)
 
 

@@ -159,7 +159,8 @@ class ArmView(View):
     def _around(self) -> tuple[Solid, ...]:
         """Obstacles near the arm, and a floor where none of them is one; a planar arm has no floor."""
         obstacles = () if self.scene is None else obstacles_near(self.scene, self._points)
-        floor = None if self._planar else floor_under(self._points, obstacles)
+        height = None if self.scene is None else self.scene.floor_height
+        floor = None if self._planar else floor_under(self._points, obstacles, height)
         return obstacles if floor is None else (*obstacles, floor)
 
     @property

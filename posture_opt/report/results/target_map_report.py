@@ -15,7 +15,7 @@ from posture_opt.report.interactive.target_view import target_key, target_view
 from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import collision_facts
+from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead
 from posture_opt.report.parts.parts import (
     frame_notes,
     input_facts,
@@ -44,7 +44,10 @@ def target_map_report(found: TargetMap) -> Report:
     """Problem, places, the map itself."""
     problem: ProblemData = found.problem
     title = problem.name or "Map of targets"
-    return Report(title, lead(found), (problem_block(problem, found), places_block(found), map_block(found)))
+    first, last = mounting_lead(found.problem.scene, found.postures[found.feasible])
+    return Report(
+        title, (*first, *lead(found), *last), (problem_block(problem, found), places_block(found), map_block(found))
+    )
 
 
 def lead(found: TargetMap) -> tuple[str, ...]:

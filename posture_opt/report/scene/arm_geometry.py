@@ -142,7 +142,7 @@ class ArmGeometry:
         region = ErrorRegion.of(spread, enlargement(float(spread.region(0.95)[-1]), extent_of(points)))
         obstacles = () if scene is None else obstacles_near(scene, points)
         planar = len(spread.basis) == 2
-        floor = None if planar else floor_under(points, obstacles)
+        floor = None if planar else floor_under(points, obstacles, None if scene is None else scene.floor_height)
         joints = tuple(joint.placed(frames) for joint in arm.joints)
         return cls(
             solids, frames, joints, spread.position, region, direction, target, obstacles, floor, planar
@@ -189,14 +189,17 @@ def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
     return tuple(found)
 
 
-def floor_under(points: Array, obstacles: Sequence[Solid]) -> Solid | None:
-    """A level floor under an arm with points (k, 3) [m] and all obstacles; None where an obstacle serves as one."""
+def floor_under(points: Array, obstacles: Sequence[Solid], height: float | None = None) -> Solid | None:
+    """A level floor at a height [m], by default under an arm with points (k, 3) [m] and all obstacles.
+
+    None where an obstacle serves as one.
+    """
     if any(is_level(obstacle) for obstacle in obstacles):
         return None
     seen = np.concatenate([points, *(obstacle.faces.reshape(-1, 3) for obstacle in obstacles)])
     low, high = seen.min(axis=0), seen.max(axis=0)
     half = (high - low)[:2] / 2 + _FLOOR_MARGIN * extent_of(seen)
-    middle = np.array([*(low + high)[:2] / 2, low[2]])
+    middle = np.array([*(low + high)[:2] / 2, low[2] if height is None else height])
     return Solid("floor", "floor", -1, rectangle(middle, np.array([half[0], 0, 0]), np.array([0, half[1], 0]), 8))
 
 
