@@ -23,13 +23,16 @@ PARTS = {  # sections within sections
     "JointSpec": "A joint of `dh` and `mdh`",
     "FrameSpec": "A frame: `base`, `tool`",
     "CapsuleSpec": "A capsule of `shape`",
-    "LinksShape": "`shape` along the links",
+    "ShapeSection": "`shape` as a section",
+    "ToolSpec": "`tool`",
+    "MountingSpec": "`mounting`",
     "MeasurementSpec": "`measurement`",
     "Region": "`region`",
     "Workpiece": "`workpiece`",
     "Feature": "A feature",
 }
-PARTS_OF = {"JointSpec": "robot", "FrameSpec": "robot", "CapsuleSpec": "robot", "LinksShape": "robot"}
+PARTS_OF = {"JointSpec": "robot", "FrameSpec": "robot", "CapsuleSpec": "robot", "ShapeSection": "robot"}
+PARTS_OF |= {"ToolSpec": "robot", "MountingSpec": "cell"}
 PARTS_OF |= {"MeasurementSpec": "uncertainty", "Region": "task", "Workpiece": "task", "Feature": "task"}
 
 
