@@ -57,6 +57,20 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
         ((2, 2), True, True)
     """
     rows = targets if isinstance(targets, Targets) else read_targets(targets, problem.robot)
+    try:
+        return _compensated(problem, rows)
+    except NoSolutionError:
+        if not problem.above_assumed_mounting:
+            raise
+    return _compensated(problem.mounting_dropped(), rows)
+
+
+def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
+    """The compensation of targets in the cell of a problem, its mounting plane included.
+
+    Raises:
+        NoSolutionError: targets that are refused.
+    """
     wanted, arm = _wanted_poses(problem, rows), _planned_arm(problem)
     solver = NearestPostures(arm.robot)
     start = starting_postures(problem, solver, rows, wanted)

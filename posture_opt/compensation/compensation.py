@@ -144,6 +144,7 @@ class Compensation(Result):
             "left_rms": rms(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
             "clearance": None if self.clearance is None else self.clearance.to_json(),
+            "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.q)],
             "notes": list(self.notes),
         }
 

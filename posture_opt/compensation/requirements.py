@@ -47,13 +47,14 @@ class Requirements:
         scene = self.problem.scene
         if not scene.active:
             return {}
-        least = scene.margin - DISTANCE_ROUNDING
+        required = np.array(scene.required)
+        least = required - DISTANCE_ROUNDING
         now, before = scene.distances(q), scene.distances(kept)
         bad = (now < least) & ((before < least) | moved[:, None] | (now < -_MAX_OVERLAP_M))
         reasons = {}
         for k in np.flatnonzero(bad.any(axis=1)):
-            pair = int(np.argmin(np.where(bad[k], now[k], np.inf)))
-            reasons[int(k)] = _collision_words(float(now[k, pair]), scene.pairs[pair], scene.margin)
+            pair = int(np.argmin(np.where(bad[k], now[k] - required, np.inf)))
+            reasons[int(k)] = _collision_words(float(now[k, pair]), scene.pairs[pair], float(required[pair]))
         return reasons
 
     def _terms(self, q: Array, kept: Array, moved: Mask) -> dict[int, str]:

@@ -185,7 +185,7 @@ def selector_of(problem: ProblemData, task: TargetTask) -> PostureSelector:
     trivial = Sources.independent({f"{robot.joints[0].name}.{'theta' if robot.joints[0].type == 'revolute' else 'd'}":
                                    _ANY_SIGMA})  # fmt: skip
     sources = problem.sources if asked else trivial
-    return PostureSelector(replace(problem, task=task, sources=sources), compiled=False)
+    return PostureSelector(replace(problem, task=task, sources=sources), compiled=False, keeps_mounting=True)
 
 
 def _followed(engine: Engine, q: Array, target: TaskTarget) -> CandidatePosture:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,10 +10,49 @@ from typing import TYPE_CHECKING
 
 from posture_opt.model.arm_state import ArmState, Inputs
 from posture_opt.model.chain import Scalar
+from posture_opt.numerics import Json
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
     from posture_opt.model.effects.base.effect import Effect, Sensitivity
+
+
+@dataclass(frozen=True)
+class MeasuredRange:
+    """An effect that is known between two values of its joint only, and a joint that may leave them.
+
+    Args:
+        effect: which is not corrected beyond; ``name`` that of the error that it is there.
+        joint: index; ``low``, ``high`` [rad].
+    """
+
+    effect: Effect
+    joint: int
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        """``kind(target).unmeasured``, an error of standard deviation 1."""
+        return f"{self.effect.name}.unmeasured"
+
+    def to_json(self) -> dict[str, Json]:
+        """Plain data, SI units and radians."""
+        effect = {"kind": self.effect.kind, "target": self.effect.target}
+        return {"effect": effect, "range": [self.low, self.high], "size": self.effect.unmeasured_size}
+
+    def inside(self, q: Sequence[Scalar]) -> Scalar:
+        """1 where the joints q (n,) are within the range, to `_EDGE_RAD`, else 0."""
+        value = q[self.joint]
+        return 1.0 * (value >= self.low - _EDGE_RAD) * (value <= self.high + _EDGE_RAD)
+
+    def beyond(self, q: Sequence[Scalar]) -> Sensitivity:
+        """What one standard deviation of the unknown error does to the joint [rad] at the joints q (n,)."""
+        return self.effect.unknown_beyond(self.joint, 1.0 - self.inside(q))
+
+
+_EDGE_RAD = math.radians(0.5)
+"""What a joint may leave a measured range by: compensation moves it by less, and its edge is not sharp."""
 
 Weighted = list[tuple[Scalar, "Sensitivity"]]
 """A sum of sensitivities, each with its weight in the unit of its parameter [SI]."""
@@ -55,6 +95,19 @@ class ActingEffects:
         return tuple(f"{joint}.side" for joint in dict.fromkeys(e.target for e in self.effects if self._lacks_side(e)))
 
     @cached_property
+    def ranges(self) -> dict[int, MeasuredRange]:
+        """Place in ``effects`` -> the range, of every effect that is not known at all values its joint may take."""
+        found, names = {}, self.robot.joint_names
+        for place, effect in enumerate(self.effects):
+            between = effect.valid_between
+            if between is not None:
+                joint = names.index(effect.target)
+                limits = self.robot.joints[joint]
+                if limits.lower < between[0] - _EDGE_RAD or limits.upper > between[1] + _EDGE_RAD:
+                    found[place] = MeasuredRange(effect, joint, *between)
+        return found
+
+    @cached_property
     def estimates(self) -> tuple[float, ...]:
         """(e,) the estimates of the effects, in the order of `parameters` [SI]."""
         return tuple(value for effect in self.effects for value in effect.values)
@@ -71,6 +124,9 @@ class ActingEffects:
         """
         sizes = [v + p.get(name, 0.0) for name, v in zip(self.parameters, self.estimates, strict=True)]
         parts = list(zip(sizes, self._sensitivities(q, p), strict=True))
+        for found in self.ranges.values():
+            if found.name in p:
+                parts.append((p[found.name], found.beyond(q)))
         if any(side in p for side in self.unknown_sides):
             for side, ones in self._side_sensitivities(q, p).items():
                 parts += [(p.get(side, 0.0) * sizes[place], one) for place, one in ones]
@@ -85,6 +141,7 @@ class ActingEffects:
         """
         ones = zip(self.parameters, self._sensitivities(q, p), strict=True)
         found: dict[str, Weighted] = {name: [(1.0, one)] for name, one in ones}
+        found |= {there.name: [(1.0, there.beyond(q))] for there in self.ranges.values()}
         for side, parts in self._side_sensitivities(q, p).items() if self.unknown_sides else ():
             found[side] = [(self.estimates[place], one) for place, one in parts]
         return found
@@ -101,7 +158,7 @@ class ActingEffects:
         first = sum(len(effect.dimensions) for effect in self.effects[:place])
         state, at, found = self._bare_state(q, p, self.inputs), float(p.get(name, 0.0)), []
         for step in (_SHAPE_STEP, -_SHAPE_STEP):
-            for k, one in enumerate(self.effects[place].reshaped(at + step).sensitivities(state), first):
+            for k, one in enumerate(self._known(place, self.effects[place].reshaped(at + step), state), first):
                 size = self.estimates[k] + p.get(self.parameters[k], 0.0)
                 found.append((size / (2 * step), one))
         return found
@@ -122,7 +179,15 @@ class ActingEffects:
             if name in p:
                 effects[i] = effects[i].reshaped(float(p[name]))
         state = self._bare_state(q, p, self.inputs)
-        return [one for effect in effects for one in effect.sensitivities(state)]
+        return [one for place, effect in enumerate(effects) for one in self._known(place, effect, state)]
+
+    def _known(self, place: int, effect: Effect, state: ArmState) -> tuple[Sensitivity, ...]:
+        """What the effect at a ``place`` does, in the shape of ``effect``; nothing beyond its measured range."""
+        ones = effect.sensitivities(state)
+        if place not in self.ranges:
+            return ones
+        inside = self.ranges[place].inside(state.q)
+        return tuple(one.scaled(inside) for one in ones)
 
     def _side_sensitivities(
         self, q: Sequence[Scalar], p: Mapping[str, Scalar]

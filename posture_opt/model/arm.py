@@ -12,8 +12,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import casadi as ca
+import numpy as np
 
-from posture_opt.model.acting_effects import ActingEffects, Weighted
+from posture_opt.model.acting_effects import ActingEffects, MeasuredRange, Weighted
 from posture_opt.model.arm_state import Inputs
 from posture_opt.model.chain import (
     ZERO,
@@ -32,6 +33,7 @@ from posture_opt.model.chain import (
     stack,
     walk,
 )
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
@@ -126,6 +128,38 @@ class Arm:
     def unknown_sides(self) -> tuple[str, ...]:
         """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1 alike."""
         return self._acting_effects.unknown_sides
+
+    @property
+    def measured_ranges(self) -> tuple[MeasuredRange, ...]:
+        """The effects that are not known at all values that their joint may take, with the range in which they are."""
+        return tuple(self._acting_effects.ranges.values())
+
+    def beyond_measured(self, Q: Array) -> tuple[MeasuredRange, ...]:
+        """Those of them that some of the postures Q (N, n) [rad or m] leave."""
+        columns = list(np.atleast_2d(np.asarray(Q, dtype=float)).T)
+        return tuple(found for found in self.measured_ranges if not np.all(found.inside(columns)))
+
+    @property
+    def unit_sources(self) -> tuple[str, ...]:
+        """Errors of variance 1 that effects bring along: unknown sides, and what is not known beyond a range."""
+        return (*self.unknown_sides, *(found.name for found in self.measured_ranges))
+
+    def for_fit(self) -> Arm:
+        """The same arm with effects known everywhere: data say themselves where an effect is as it is stated."""
+        return replace(self, effects=tuple(effect.known_everywhere() for effect in self.effects))
+
+    def within_measured(self) -> Arm:
+        """The same arm with the joints kept within the ranges that their effects were measured in.
+
+        A joint that cannot be there at all, by its limits, stays as it is.
+        """
+        joints = list(self.robot.joints)
+        for found in self.measured_ranges:
+            joint = joints[found.joint]
+            low, high = max(joint.lower, found.low), min(joint.upper, found.high)
+            if low < high:
+                joints[found.joint] = replace(joint, lower=low, upper=high)
+        return replace(self, robot=replace(self.robot, joints=tuple(joints))) if self.measured_ranges else self
 
     @cached_property
     def dimensions(self) -> dict[str, str]:

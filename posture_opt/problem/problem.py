@@ -57,6 +57,7 @@ class Problem(ProblemData):
         measurement: the standard deviations of the instrument; None where none is stated.
         data: how files of the instrument are written.
         cell: obstacles, and whether the arm may collide with itself; None where nothing is stated.
+        within_measured: whether postures are chosen where the effects were measured that hold nowhere else.
         notes: sentences for the report on what was assumed or overridden.
         folder: where relative file names start.
         document: the plain data of the file, units and all.

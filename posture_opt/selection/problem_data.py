@@ -40,6 +40,7 @@ class ProblemData(Summarised, ABC):
         measurement: the standard deviations of the instrument; None where none is stated.
         data: how files of the instrument are written.
         cell: obstacles, and whether the arm may collide with itself; None where nothing is stated.
+        within_measured: whether postures are chosen where the effects were measured that hold nowhere else.
         notes: sentences for the report on what was assumed or overridden.
         without_mounting: whether an assumed mounting plane is dropped, as the task cannot be done above it.
     """
@@ -55,6 +56,7 @@ class ProblemData(Summarised, ABC):
     measurement: MeasurementSpec | None
     data: DataSpec
     cell: CellSpec | None = None
+    within_measured: bool = True
     notes: tuple[str, ...] = ()
     workpiece_sources: Sources = field(default_factory=Sources)
     without_mounting: bool = False
@@ -79,6 +81,15 @@ class ProblemData(Summarised, ABC):
         """Whether the arm is kept above a mounting plane that the problem does not state."""
         mounting = self.scene.mounting
         return mounting is not None and mounting.assumed and not mounting.dropped
+
+    @property
+    def narrowed(self) -> bool:
+        """Whether joints are kept within ranges that their effects were measured in."""
+        return self.within_measured and bool(self.arm.measured_ranges)
+
+    def anywhere(self) -> Self:
+        """The same problem with postures beyond these ranges, where such effects are errors that are not known."""
+        return replace(self, within_measured=False)
 
     def mounting_dropped(self) -> Self:
         """The same problem without the mounting plane that was assumed."""

@@ -58,7 +58,7 @@ class Residuals:
         sigma_rotation: float = 0.0, distances: tuple[Distance, ...] = (),
     ) -> Residuals:  # fmt: skip
         """Of an arm whose effects see the inputs of every row."""
-        return cls(arm_for(arm, data), data, parameters, sigma, sigma_rotation, distances)
+        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, sigma_rotation, distances)
 
     @property
     def robot(self) -> Robot:

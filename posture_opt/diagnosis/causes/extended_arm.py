@@ -12,9 +12,10 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import nearest_semidefinite, persistent_sources, places_in_robot
-from posture_opt.calibration.estimation.residuals import gravity_of
+from posture_opt.calibration.estimation.residuals import Residuals, gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, covariance_at_shapes
+from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
@@ -53,11 +54,19 @@ def extended_arm(
         deviations=deviations,
         known=_extended_sources(problem, fitted, delivered).plus(scatter.errors),
         scatter=scatter.without_effects,
-        effects=delivered.effects,
+        effects=tuple(_over_data(effect, delivered.residuals) for effect in delivered.effects),
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
         header=_file_header(calibration, model, delivery, findings, statistics, scatter.note),
     )
+
+
+def _over_data(effect: Effect, residuals: Residuals) -> Effect:
+    """An effect with the values of its joint that it was found from."""
+    if effect.target not in residuals.robot.joint_names:
+        return effect
+    q = residuals.data.q[:, residuals.robot.joint_names.index(effect.target)]
+    return effect.measured_over(float(q.min()), float(q.max()))
 
 
 def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:

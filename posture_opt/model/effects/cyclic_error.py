@@ -87,6 +87,11 @@ class CyclicError(Harmonic):
         """k of the first line, cycles per revolution of the joint."""
         return self.cycles
 
+    @property
+    def frequencies(self) -> tuple[float, ...]:
+        """Cycles per revolution of all its lines."""
+        return self.lines
+
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(2 l,) sine and cosine of ``k_i (q − q0)`` of each of l lines, in the order of `dimensions`."""
         angles = [cycles * (state.q[joint] - self.centre) for cycles in self.lines]

@@ -21,6 +21,9 @@ def owner_of(parameter: str, arm: Arm) -> str:
             return owner
     if parameter in arm.unknown_sides:
         return parameter.removesuffix(".side")
+    for found in arm.measured_ranges:
+        if parameter == found.name:
+            return found.effect.target
     targets = [effect.target for effect in arm.effects if parameter in effect.parameter_names]
     return next((target for target in targets if target in (*robot.joint_names, BASE, TOOL)), "")
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
+from posture_opt.report.parts.measured_range_parts import range_facts
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.units_text import (
     joint_unit,
@@ -66,7 +67,7 @@ def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
     source = [("Robot data", f"{group}: {source}") for group, source in robot.sources if group == "geometry"]
     shape = [("Robot shape", "; ".join(robot.shape_notes))] if robot.shape_notes else []
-    return [("Robot", name), *source, *shape, *effect_facts(problem)]
+    return [("Robot", name), *source, *shape, *effect_facts(problem), *range_facts(problem.arm)]
 
 
 def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:

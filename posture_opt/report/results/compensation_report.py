@@ -20,7 +20,8 @@ from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import collision_facts, distance_facts
+from posture_opt.report.parts.collision_parts import collision_facts, distance_facts, mounting_lead
+from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import angle, count, length, length_unit
@@ -46,20 +47,22 @@ def compensation_report(problem: ProblemData, found: Compensation) -> Report:
 def lead(found: Compensation) -> tuple[str, ...]:
     """The answer: from how far off to how far off, as RMS over the targets.
 
-    One line instead where the file has no corrections. A sentence is added where what is left is more than 80 % of
-    what was off; then the joint that changes by more than five degrees, and notes.
+    First what was assumed and given up; another line where the file has no corrections. A sentence is added where what
+    is left is more than 80 % of what was off; then the joint that changes by more than five degrees, and notes.
     """
     among = [rms(found.off), rms(found.left)]
-    before, after = (length(size, among=among) for size in among)
-    first = f"Compensated, the tool is expected to miss {_targets(found)} by {after} (RMS) instead of {before}."
+    as_given, left = (length(size, among=among) for size in among)
+    first = f"Compensated, the tool is expected to miss {_targets(found)} by {left} (RMS) instead of {as_given}."
     if among[0] < _LENGTH_ROUNDING_M:
-        return (
+        first = (
             f"There is nothing to compensate: the file knows no corrections and no effects of this arm. The tool is "
-            f"expected to miss {_targets(found)} by {after} (RMS).",
+            f"expected to miss {_targets(found)} by {left} (RMS)."
         )
-    if among[1] > 0.8 * among[0]:
+    elif among[1] > 0.8 * among[0]:
         first += " What is uncertain of this arm is as large as what is known of its errors."
-    return (first, *_warning(found), *(f"Note: {note}." for note in found.notes))
+    before, after = mounting_lead(found.problem.scene, found.q)
+    beyond = beyond_lead(found.problem.arm, found.q)
+    return (*before, *beyond, first, *_warning(found), *(f"Note: {note}." for note in found.notes), *after)
 
 
 def _targets(found: Compensation) -> str:

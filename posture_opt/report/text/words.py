@@ -97,6 +97,9 @@ def _source_of_effect(name: str, arm: Arm) -> str:
     """A parameter of an effect, or a side that is not known, as a source of error; empty for other sources."""
     if name in arm.unknown_sides:
         return f"{name.removesuffix('.side')} side of approach"
+    for found in arm.measured_ranges:
+        if name == found.name:
+            return f"{found.effect.target} {found.effect.title} beyond its measured range"
     for effect in arm.effects:
         if name in effect.parameter_names:
             parameter = name.removeprefix(f"{effect.name}.")
@@ -109,6 +112,9 @@ def _spread_of_effect(name: str, sigma: float, arm: Arm) -> str:
     """The standard deviation of a parameter of an effect with its unit; empty for other sources."""
     if name in arm.unknown_sides:
         return "either side"
+    for found in arm.measured_ranges:
+        if name == found.name:
+            return shown(sigma * found.effect.unmeasured_size, "angle")
     dimension = arm.dimensions.get(name)
     return "" if dimension is None else shown(sigma, dimension)
 

@@ -15,9 +15,16 @@ Answer = TypeVar("Answer")
 def above_mounting(problem: Problem, solve: Callable[[Problem], Answer]) -> Answer:
     """``solve(problem)``; where its mounting plane is assumed and leaves no solution, the same without the plane.
 
+    Before that, joints may leave the ranges in which their effects were measured, at the cost of these.
+
     Raises:
         NoSolutionError: there is none without the plane either, for the reasons that there are then.
     """
+    if problem.narrowed:
+        try:
+            return solve(problem)
+        except NoSolutionError:
+            problem = problem.anywhere()
     try:
         return solve(problem)
     except NoSolutionError:

@@ -67,6 +67,7 @@ class PostureSelector:
         self._problem, self._compiled, self._keeps_mounting = problem, compiled, keeps_mounting
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
+        arm = arm.within_measured() if problem.within_measured else arm
         self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
@@ -176,9 +177,12 @@ class PostureSelector:
     def _solved(self, seek: Seek, target: TaskTarget, began: float, confirm: bool) -> Solution:
         """The solution of a search; where no posture stays above a mounting plane that is assumed, without that plane.
 
+        Before that, joints may leave the ranges in which their effects were measured, at the cost of these.
         What was found without the plane is lifted above it first: a search may have missed the postures that are.
         """
         outcome = self._searched(seek, target)
+        if not outcome.feasible and self._problem.narrowed:
+            return self._anywhere._solved(seek, target, began, confirm)
         if outcome.feasible or self._keeps_mounting or not self._problem.above_assumed_mounting:
             return self._answer(outcome, began, confirm)
         below = self._below_mounting
@@ -197,6 +201,12 @@ class PostureSelector:
         met = tuple(sorted((candidate for candidate in ends if candidate.feasible), key=rank))
         found = replace(outcome.found, found=(*met, *outcome.found.found))
         return replace(outcome, engine=engine, found=found, by_starts=met) if met else None
+
+    @cached_property
+    def _anywhere(self) -> PostureSelector:
+        """The selection beyond the ranges that effects were measured in."""
+        problem = self._problem.anywhere()
+        return PostureSelector(problem, compiled=self._compiled, keeps_mounting=self._keeps_mounting)
 
     @cached_property
     def _below_mounting(self) -> PostureSelector:

@@ -365,6 +365,7 @@ class Solution(Result):
             **self.worst.spread_json(),
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             **self._mounting_json(),
+            "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.postures)],
             "what_would_help": [change.to_json() for change in self.improvements],
             "solver": self.statistics.to_json(),
             "reasons": [vars(reason) for reason in self.reasons],

@@ -294,8 +294,8 @@ def _linear_sources(arm: Arm, sources: NamedCovariance, order: Sequence[int]) ->
     relative = [name for name in sources.names if of_workpiece(name)]
     if not arm.effects and not relative:
         return None
-    sides = arm.unknown_sides
-    names = (*arm.effect_parameters, *sides, *relative)
+    units = arm.unit_sources
+    names = (*arm.effect_parameters, *units, *relative)
     at = {name: k for k, name in enumerate(sources.names)}
     covariance, cross = np.zeros((len(names), len(names))), np.zeros((len(order), len(names)))
     known = [(e, at[name]) for e, name in enumerate(names) if name in at]
@@ -304,6 +304,6 @@ def _linear_sources(arm: Arm, sources: NamedCovariance, order: Sequence[int]) ->
         for f, m in known:
             covariance[e, f] = sources.covariance[k, m]
     for e, name in enumerate(names):
-        if name in sides:
-            covariance[e, e] = 1.0  # a side is -1 or +1
+        if name in units:
+            covariance[e, e] = 1.0  # a side is -1 or +1, what is unmeasured stated in standard deviations
     return LinearSources(names, covariance, cross) if covariance.any() else None

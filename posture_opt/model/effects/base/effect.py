@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, Vector
+from posture_opt.model.chain import ZERO, Scalar, Vector, scale
 from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
 from posture_opt.numerics import Array
@@ -39,6 +39,12 @@ class Sensitivity:
     joints: Mapping[int, Scalar] = field(default_factory=dict)
     lengths: Mapping[str, Scalar] = field(default_factory=dict)
     twist: tuple[Vector, Vector] = (ZERO, ZERO)
+
+    def scaled(self, factor: Scalar) -> Sensitivity:
+        """What ``factor`` units do; a twist that is exactly zero stays so."""
+        shift, turn = (v if v is ZERO else scale(factor, v) for v in self.twist)
+        joints = {joint: factor * size for joint, size in self.joints.items()}
+        return Sensitivity(joints, {name: factor * size for name, size in self.lengths.items()}, (shift, turn))
 
 
 @dataclass(frozen=True)
@@ -127,6 +133,32 @@ class Effect(CatalogueEntry):
         [rad].
         """
         return {}
+
+    @property
+    def valid_between(self) -> tuple[float, float] | None:
+        """Values of its joint [rad] beyond which it is not known; None where it is known everywhere."""
+        return None
+
+    @property
+    def unmeasured_size(self) -> float:
+        """Standard deviation [rad] of its joint beyond these values, where the effect is there and not known."""
+        return 0.0
+
+    def unknown_beyond(self, joint: int, outside: Scalar) -> Sensitivity:
+        """What one standard deviation of it does [rad] where it is not known: 1 ``outside`` of its range, else 0."""
+        return Sensitivity({joint: self.unmeasured_size * outside})
+
+    def measured_over(self, low: float, high: float) -> Effect:
+        """The same effect, found from values of its joint between ``low`` and ``high`` [rad]."""
+        return self
+
+    def also_measured(self, other: Effect) -> Effect:
+        """The same effect, known where it was and where another finding of it was measured."""
+        return self
+
+    def known_everywhere(self) -> Effect:
+        """The same effect without a range, as it is fitted."""
+        return self
 
     def acts(self, state: ArmState) -> bool:
         """Whether it can do anything in these postures; False leaves it out of a diagnosis."""

@@ -15,10 +15,12 @@ from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Robot
-from posture_opt.units import fixed, number, shown
+from posture_opt.units import Angle, fixed, number, shown
 
 _ARCSEC_PER_RAD = math.degrees(1.0) * 3600
 """Arc seconds in a radian."""
+_WHOLE_CYCLES = 1e-9
+"""By how much a number of cycles per revolution may differ from a whole one: rounding."""
 
 
 class EffectOfJoint(Effect):
@@ -89,10 +91,57 @@ class Harmonic(JointEffect):
 
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("sin", "angle"), ("cos", "angle"))
 
+    measured_range: tuple[Angle, Angle] | None = Field(
+        None, description="least and largest value of the joint that it was found from; beyond, it counts as unknown"
+    )
+
     @property
     @abstractmethod
     def frequency(self) -> float:
         """k, cycles per revolution of the joint."""
+
+    @property
+    def frequencies(self) -> tuple[float, ...]:
+        """Cycles per revolution of all its lines."""
+        return (self.frequency,)
+
+    @property
+    def valid_between(self) -> tuple[float, float] | None:
+        """The measured range, unless the error repeats after a whole turn: then its phase is the same everywhere.
+
+        Cycles that are found from data have an error, and the phase is lost where it has added up.
+        """
+        repeats = all(abs(k - round(k)) < _WHOLE_CYCLES for k in self.frequencies)
+        return None if repeats else self.measured_range
+
+    @property
+    def unmeasured_size(self) -> float:
+        """Root mean square over a cycle, ``√(Σ (a² + b²) / 2)`` [rad]."""
+        return math.sqrt(sum(value**2 for value in self.values) / 2)
+
+    def measured_over(self, low: float, high: float) -> Effect:
+        """The same effect with that range, rounded to a hundredth of a degree as its file has it."""
+        edges = (math.radians(round(math.degrees(end), 2)) for end in (low, high))
+        return self.model_copy(update={"measured_range": tuple(edges)})
+
+    def also_measured(self, other: Effect) -> Effect:
+        """The same effect with the hull of both ranges; with the range of the other one where it has none."""
+        theirs = getattr(other, "measured_range", None)
+        if self.measured_range is None or theirs is None:
+            return self.model_copy(update={"measured_range": theirs})
+        ends = (*self.measured_range, *theirs)
+        return self.model_copy(update={"measured_range": (min(ends), max(ends))})
+
+    def known_everywhere(self) -> Effect:
+        """The same effect without its range."""
+        return self if self.measured_range is None else self.model_copy(update={"measured_range": None})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entry of ``effects:``; the range in degrees."""
+        entry = super().to_dict()
+        if self.measured_range is not None:
+            entry["measured_range"] = [f"{round(math.degrees(end), 9):.12g} deg" for end in self.measured_range]
+        return entry
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(sin(k q), cos(k q))."""
