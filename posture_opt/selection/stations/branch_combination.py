@@ -15,7 +15,7 @@ import numpy as np
 
 from posture_opt.numerics import TURN, Array, Codes, Mask
 
-_EXCHANGED_STARTS = 4  # combinations, the best ones, in which postures are exchanged
+_EXCHANGED_STARTS = 2  # combinations, the best ones, in which postures are exchanged
 _MAX_SWEEPS = 8
 
 
@@ -107,14 +107,21 @@ def _greedy(features: Sequence[Branches]) -> Codes:
 
 def _exchanged(features: Sequence[Branches], chosen: Codes, loss: float) -> tuple[Codes, float]:
     """A combination with its postures exchanged one at a time, for as long as that makes its loss smaller."""
+    success, log_miss, extra = (
+        np.array([getattr(f, name)[b] for f, b in zip(features, chosen, strict=True)])
+        for name in ("success", "log_miss", "extra")
+    )
     for _ in range(_MAX_SWEEPS):
         before = loss
         for k, feature in enumerate(features):
-            trials = np.tile(chosen, (len(feature.Q), 1))
-            trials[:, k] = np.arange(len(trials))
-            losses = _losses(features, trials)
-            if losses.min() < loss:
-                chosen, loss = trials[np.argmin(losses)], float(losses.min())
+            others = np.prod(np.delete(success, k, axis=0), axis=0)
+            misses, extras = (np.tile(row, (len(feature.Q), 1)) for row in (log_miss, extra))
+            misses[:, k], extras[:, k] = feature.log_miss, feature.extra
+            losses = combination_losses(feature.success @ others / len(others), misses, extras)
+            b = int(np.argmin(losses))
+            if losses[b] < loss:
+                loss, chosen = float(losses[b]), np.where(np.arange(len(chosen)) == k, b, chosen)
+                success[k], log_miss[k], extra[k] = feature.success[b], feature.log_miss[b], feature.extra[b]
         if loss >= before:
             break
     return chosen, loss

@@ -32,7 +32,7 @@ _OF_STATION = ("main", "extra", "sigma", "gap")
 _PROBED = 32  # placements, by which the leading combinations of the errors that stay are found
 _BRANCHES = 6  # postures of a feature at a placement that are combined with those of the others, at most
 _DRAWS = 256  # of the errors that stay, to compare combinations by
-_JOINT_DRAWS = 64  # in the joint program
+_JOINT_SHARE = 4  # one in so many of them is in the joint program
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ class PlacedStations(DerivedAgain):
         placement: where the workpiece may stand.
         shared: sources whose constant part moves all stations at once, where what counts is that all succeed; None
             where the stations are independent.
+        draws: of these errors, by which combinations are compared.
     """
 
     engines: tuple[Engine, ...] = field(repr=False)
@@ -85,9 +86,10 @@ class PlacedStations(DerivedAgain):
     placement: PlacementRange
     combine: Combine
     shared: Sources | None = None
+    draws: int = _DRAWS
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PlacedStations, (self.engines, self.targets, self.placement, self.combine, self.shared)
+        return PlacedStations, (self.engines, self.targets, self.placement, self.combine, self.shared, self.draws)
 
     @cached_property
     def joint(self) -> StationsProblem:
@@ -165,18 +167,14 @@ class PlacedStations(DerivedAgain):
             return loss
         product = np.ones(1)
         for k in range(len(self.targets)):
-            product = product * self._success(k, W[rows], Q[rows, k])
+            product = product * self._draws.success(self._errors_at(k, W, rows, Q[rows, k]))
         loss[rows] = combination_losses(product.mean(axis=1), main[rows], extra[rows])
         return loss
 
-    def _success(self, k: int, W: Array, Q: Array) -> Array:
-        """(N, draws) probability of station k at placements W (N, 4) with postures Q (N, n), given each draw."""
-        return self._draws.success(self._errors_at(k, W, Q))
-
-    def _errors_at(self, k: int, W: Array, Q: Array) -> ErrorParts:
-        """The errors of station k at placements W (N, 4) with postures Q (N, n)."""
-        parameters = [self.targets[k].moved(w).parameters for w in W]
-        return self._errors[k].at(Q, np.array(parameters).reshape(len(Q), self.targets[k].parameters.size))
+    def _errors_at(self, k: int, W: Array, of: Codes, Q: Array) -> ErrorParts:
+        """The errors of station k with postures Q (N, n), each at the placement ``of`` (N,) it among W (M, 4)."""
+        parameters = np.array([self.targets[k].moved(w).parameters for w in W])
+        return self._errors[k].at(Q, parameters[of])
 
     @cached_property
     def _errors(self) -> list[StationErrors]:
@@ -189,19 +187,20 @@ class PlacedStations(DerivedAgain):
     def _draws(self) -> SharedDraws:
         """Draws of the errors that stay, in the combinations of them that move some postures at some placements."""
         rng, W = np.random.default_rng(0), self.placement.drawn(_PROBED, np.random.default_rng(0))
-        probed = [self._errors_at(k, W, e.ik.random_postures(_PROBED, rng)) for k, e in enumerate(self.engines)]
-        return SharedDraws.of([errors.shared for errors in probed], _DRAWS)
+        every = np.arange(_PROBED)
+        probed = [self._errors_at(k, W, every, e.ik.random_postures(_PROBED, rng)) for k, e in enumerate(self.engines)]
+        return SharedDraws.of([errors.shared for errors in probed], self.draws)
 
     @cached_property
     def _joint_errors(self) -> SharedSuccess | None:
         """What the joint problem knows of the errors that stay; None where the stations are independent."""
-        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[:: _DRAWS // _JOINT_DRAWS])
+        return None if self.shared is None else SharedSuccess(self.shared, self._draws.delta[::_JOINT_SHARE])
 
     def _together(self, alone: Postures, candidates: Sequence[StationCandidates]) -> Postures:
         """The same placements, where all stations can be done with the combination of candidates that is best."""
         names = ("main", "extra", "sigma")
         found: dict[str, Any] = {name: np.array(getattr(alone, name)) for name in ("Q", "loss", *names)}
-        success = [self._success(k, alone.W[c.of], c.Q) for k, c in enumerate(candidates)]
+        success = [self._draws.success(self._errors_at(k, alone.W, c.of, c.Q)) for k, c in enumerate(candidates)]
         for m in np.flatnonzero((alone.gap == 0).all(axis=1)).tolist():
             rows = [c.at(m) for c in candidates]
             branches = [

@@ -53,7 +53,8 @@ def outside(box: PlacementRange, W: Array) -> Array:
 def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> Array | None:
     """The placement (4,) nearest to the range, from tried ones W (M, 4), at which all can be done; None if none."""
     box = stations.placement
-    anywhere = replace(stations, placement=PlacementRange(np.full(4, -np.inf), np.full(4, np.inf)))
+    # Whether all can be done does not depend on the errors that they share.
+    anywhere = replace(stations, placement=PlacementRange(np.full(4, -np.inf), np.full(4, np.inf)), shared=None)
     best: Array | None = None
     known: Array | None = None
     for _ in range(2 * _MAX_ROUNDS + 1):

@@ -33,6 +33,7 @@ _OBJECTIVE_TOLERANCE = (
 _ROUNDING_TOLERANCE = 3e-5  # of the objective: less is the rounding of the placement
 BATCHES_THAT_FIND_IT = 3
 """Batches that are to find the best optimum."""
+_BATCHES_WITH_SHARED_ERRORS = 2  # of stations that share errors: each batch compares many combinations
 _MAX_BATCHES = 10  # batches
 _NEARER_SHARES = (0.3, 0.1)  # of the box, about the placements that came nearest, where no placement is feasible
 _MAX_FAILED_BATCHES = 2  # batches without any feasible placement, after which there is none
@@ -83,16 +84,18 @@ def search_placement(
     seed: int,
     workers: int = 1,
     progress: Progress | None = None,
-    wanted: int = BATCHES_THAT_FIND_IT,
+    wanted: int | None = None,
 ) -> PlacementSearch:
-    """Batches of placements until the best optimum has been found by three of them.
+    """Batches of placements until the best optimum has been found by some of them.
 
     Args:
         stations: with any scale.
         workers: processes that share the batches; the answer does not depend on it.
         progress: called with (done, most) batches.
-        wanted: batches that are to find the best optimum.
+        wanted: batches that are to find the best optimum; default three, or two where stations share errors.
     """
+    usual = BATCHES_THAT_FIND_IT if stations.shared is None else _BATCHES_WITH_SHARED_ERRORS
+    enough = usual if wanted is None else wanted
     rng = np.random.default_rng([seed, _MAX_BATCHES])
     probe = stations.best(stations.in_plane(stations.placement.drawn(8, rng)), _STARTS_PER_PLACEMENT, rng)
     stations = stations.scaled(stations.scale_of(probe))
@@ -105,7 +108,7 @@ def search_placement(
         if progress is not None:
             progress(len(values), _MAX_BATCHES)
         recurred = recurrences(values, _as_good)
-        if recurred >= wanted or (not whole.optima and len(values) >= _MAX_FAILED_BATCHES):
+        if recurred >= enough or (not whole.optima and len(values) >= _MAX_FAILED_BATCHES):
             break
     assert whole is not None
     return replace(whole, batches=len(values), recurred=recurred)
@@ -131,7 +134,9 @@ def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
     W = stations.in_plane(stations.placement.drawn(count, rng))
     if k == 0:
         W[0] = stations.in_plane(stations.placement.centre[None])[0]
-    screened = _shared(stations, stations.best(W, _STARTS_PER_PLACEMENT, rng), rng)
+    screened = stations.best(W, _STARTS_PER_PLACEMENT, rng)
+    if stations.shared is None:  # else each feature has several postures there as it is
+        screened = _shared(stations, screened, rng)
     for share in _NEARER_SHARES:
         if np.isfinite(screened.loss).any():
             break

@@ -15,7 +15,8 @@ from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.stations_problem import StationsPoint
 from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
 
-_MOST_SEEN = 32  # postures of a search for one feature that are tried beside its optima
+_MOST_SEEN = 12  # postures of a search for one feature that are tried beside its optima
+_DRAWS = 8192  # of the errors that stay: combinations that differ by less are as good
 
 
 def postures_together(
@@ -33,18 +34,25 @@ def postures_together(
     """
     if stations.shared is None:
         return solved
+    precise, still = replace(stations, draws=_DRAWS), replace(stations, placement=PlacementRange(w, w))
     given = [_postures(s, None if known is None else known[k]) for k, s in enumerate(solved)]
-    found = stations.among(w, given)
-    options = [np.array([s.q for s in solved]), *([found.Q[0]] if np.isfinite(found.loss[0]) else [])]
+    found = precise.among(w, given)
+    options = [np.array([s.q for s in solved]), *([] if known is None or not np.isfinite(known).all() else [known])]
+    options += [found.Q[0]] if np.isfinite(found.loss[0]) else []
     if any(engine.optimisation_problem.freedom for engine in stations.engines):
-        still = replace(stations, placement=PlacementRange(w, w))
         end = still.joint.solve(StationsPoint(w, options[-1]))
-        improved = still.among(w, list(end.point.Q[:, None]))
+        improved = precise.among(w, list(end.point.Q[:, None]))
         options += [improved.Q[0]] if np.isfinite(improved.loss[0]) else []
     scene = solved[0].problem.scene
     clear = [Q for Q in options if is_clear(scene, Q).all()] or options[:1]
-    answers = [_with_postures(solved, Q) for Q in clear]
+    answers = [_with_postures(solved, _tidied(stations, w, Q)) for Q in clear]
     return max(answers, key=_success)
+
+
+def _tidied(stations: PlacedStations, w: Array, Q: Array) -> Array:
+    """(K, n) the same postures, joints that do not matter at zero and whole turns taken off."""
+    each = zip(stations.engines, stations.at(w), Q, strict=True)
+    return np.array([engine.tidied(engine.candidates(q[None], target), target)[0].q for engine, target, q in each])
 
 
 def _postures(solved: Solution, known: Array | None) -> Array:

@@ -16,7 +16,7 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments.gaussian_rules import first_primes
 from posture_opt.uncertainty.spread.success_of_all import IDLE_SHARE, NO_SCATTER_SHARE, within_circle
 
-_NODES = 12  # of the inner quadrature: comparisons need three digits
+_QUADRATURE = (12, 4.0)  # nodes and half range: right to 0.003
 _ROWS_AT_ONCE = 512  # bounds the memory
 
 
@@ -73,5 +73,5 @@ class SharedDraws:
         for first in range(0, len(errors.bias), _ROWS_AT_ONCE):
             bias, shared, scatter = (part[first : first + _ROWS_AT_ONCE] for part in errors)
             mean = bias[:, None] + self.delta @ np.swapaxes(shared, 1, 2)
-            found.append(within_circle(mean, scatter, 1.0, _NODES))
+            found.append(within_circle(mean, scatter, 1.0, _QUADRATURE))
         return np.vstack(found)

@@ -9,6 +9,7 @@ quasi-Monte Carlo with a standard error from independent shifts of the points.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,10 +29,8 @@ _DIRECTION_POINTS = 4096
 """Points of each shift, where the radius is integrated in closed form."""
 _QUADRATURE_POINTS = 1024
 """Points of each shift, where the inner probabilities are integrated too."""
-_INNER_NODES = 32
-"""Nodes of the inner quadrature, over 14 standard deviations: right to 1e-7."""
-_INNER_RANGE_SIGMA = 7.0
-"""Half range of the inner quadrature in standard deviations."""
+_INNER_QUADRATURE = (32, 7.0)
+"""Nodes of the inner quadrature, and its half range in standard deviations: right to 1e-7."""
 _THIN_SHARE = 1e-9
 """Share of the clearance below which a standard deviation of the scatter makes no difference."""
 NO_SCATTER_SHARE = 1e-4
@@ -188,14 +187,16 @@ def _success_given_errors(places: Sequence[PlaceErrors], delta: Array) -> Array:
     return p_success
 
 
-def within_circle(mean: Array, covariance: Array, radius: float, nodes: int = _INNER_NODES) -> Array:
+def within_circle(
+    mean: Array, covariance: Array, radius: float, quadrature: tuple[int, float] = _INNER_QUADRATURE
+) -> Array:
     """(..., N) probability that Gaussian points with means (..., N, m), m = 1 or 2, lie in a circle about the origin.
 
     ``∫ φ(x) [Φ((h - μ)/σ) - Φ((-h - μ)/σ)] dx`` with ``h² = r² - x²`` along the minor axis, ``x = r sin θ``.
 
     Args:
         covariance: (..., m, m) of the points of each row; no axis of it counts as thinner than 1e-9 of the radius.
-        nodes: of the quadrature.
+        quadrature: nodes, and the half range that they fill, in standard deviations.
     """
     if not np.any(covariance):
         return np.asarray(np.linalg.norm(mean, axis=-1) <= radius, dtype=float)
@@ -204,15 +205,23 @@ def within_circle(mean: Array, covariance: Array, radius: float, nodes: int = _I
     if mean.shape[-1] == 1:
         return _interval_probability(mu[..., 0], sigma, np.full(mu.shape[:-1], radius))
     thin, wide, along, across = sigma[..., :1], sigma[..., 1:], mu[..., 0], mu[..., 1]
-    reach = _INNER_RANGE_SIGMA * thin
+    nodes, range_sigma = quadrature
+    reach = range_sigma * thin
     low, high = (np.arcsin(np.clip((along + side * reach) / radius, -1.0, 1.0)) for side in (-1, 1))
     total = np.zeros(along.shape)
-    for node, weight in zip(*np.polynomial.legendre.leggauss(nodes), strict=True):
+    for node, weight in zip(*_gauss_legendre(nodes), strict=True):
         theta = (low + high) / 2 + node * (high - low) / 2
         x, h = radius * np.sin(theta), radius * np.cos(theta)
         density = np.exp(-(((x - along) / thin) ** 2) / 2) / (math.sqrt(2 * math.pi) * thin)
         total += weight * (high - low) / 2 * h * density * _interval_probability(across, wide, h)
     return total
+
+
+@functools.cache
+def _gauss_legendre(count: int) -> tuple[list[float], list[float]]:
+    """Nodes in (-1, 1) and weights."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return nodes.tolist(), weights.tolist()
 
 
 def _interval_probability(mu: Array, sigma: Array, h: Array) -> Array:
