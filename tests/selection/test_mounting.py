@@ -108,10 +108,7 @@ def test_presets_that_stand_on_a_foot_have_their_plane_there() -> None:
 
 @pytest.mark.conformance
 def test_features_and_maps_drop_the_plane_together() -> None:
-    features = [
-        {"name": "low", "position": ["0 m", "0 m", "-0.35 m"]},
-        {"name": "high", "position": ["0 m", "0 m", "0 m"]},
-    ]
+    low, high = ({"name": name, "position": ["0 m", "0 m", z]} for name, z in (("low", "-0.35 m"), ("high", "0 m")))
     workpiece = {"x": "0.4 m", "y": "0.1 m", "z": "0.1 m"}
     both = po.select_posture(problem_of("ur5e", workpiece=workpiece, features=[low, high]))
     assert both.problem.scene.mounting.dropped
