@@ -27,13 +27,16 @@ PARTS = {  # sections within sections
     "ToolSpec": "`tool`",
     "MountingSpec": "`mounting`",
     "MeasurementSpec": "`measurement`",
+    "WorkpieceErrors": "`workpiece`: errors of where it stands",
+    "FeatureErrors": "`feature`: errors of where a feature is in it",
     "Region": "`region`",
     "Workpiece": "`workpiece`",
     "Feature": "A feature",
 }
 PARTS_OF = {"JointSpec": "robot", "FrameSpec": "robot", "CapsuleSpec": "robot", "ShapeSection": "robot"}
 PARTS_OF |= {"ToolSpec": "robot", "MountingSpec": "cell"}
-PARTS_OF |= {"MeasurementSpec": "uncertainty", "Region": "task", "Workpiece": "task", "Feature": "task"}
+PARTS_OF |= dict.fromkeys(("MeasurementSpec", "WorkpieceErrors", "FeatureErrors"), "uncertainty")
+PARTS_OF |= {"Region": "task", "Workpiece": "task", "Feature": "task"}
 
 
 def problem_file_page() -> str:

@@ -119,8 +119,11 @@ def test_budget_bound_and_what_helps_name_the_workpiece(single):
     assert halved.sigma_max == pytest.approx(np.sqrt(single.sigma_max**2 - 0.75 * POSITION**2), rel=1e-9)
     (calibrated,) = [one for one in single.improvements if one.change == "calibrate"]
     assert calibrated.sigma_max > np.hypot(POSITION, FEATURE)  # which no calibration of the arm removes
+    stated = single.to_json()["workpiece_errors"]
+    assert stated.pop("origin") == pytest.approx([0.6, 0.2, 0.1], abs=1e-6)
+    assert stated == pytest.approx({"position": POSITION, "angle": ANGLE, "feature": FEATURE})
     text = single.report(full=True)
-    assert "workpiece position" in text
+    assert "workpiece position 0.05 mm, workpiece angle 0.02 deg, feature position 0.02 mm" in text
     assert "halve σ of workpiece.position (to 0.025 mm)" in text
 
 
@@ -163,7 +166,7 @@ def test_features_share_the_draw_of_their_workpiece(plate, word):
     share = np.mean(every)
     error = np.sqrt(share * (1 - share) / DRAWS)
     assert abs(found.success.probability - share) < 4 * np.hypot(error, found.success.standard_error)
-    assert abs(found.success.product - share) > 10 * error  # as if the workpiece were drawn anew at each
+    assert abs(found.success.product - share) > 5 * error  # as if the workpiece were drawn anew at each
 
 
 def test_a_lever_is_that_to_the_origin_of_the_workpiece(plate):

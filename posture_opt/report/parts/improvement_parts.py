@@ -68,7 +68,8 @@ def _notes(problem: ProblemData, told: Sequence[Improvement]) -> tuple[str, ...]
             "under uncertainty: scatter."
         )
     elif sources.scatter.any() and not sources.constant.any():
-        notes.append("Calibration would not help: all stated errors change from repeat to repeat.")
+        of_arm = "" if problem.workpiece_sources.empty else " of the arm"
+        notes.append(f"Calibration would not help: all stated errors{of_arm} change from repeat to repeat.")
     if any(isinstance(change, HalvedSigma) for change in told):
         notes.append("Reductions from a smaller σ are those in the same posture; a new search may gain more.")
     return tuple(notes)

@@ -341,6 +341,15 @@ def method_fact(spread: Spread) -> tuple[str, str]:
     return "Method", METHODS.get(spread.method, spread.method)
 
 
+def relative_fact(spread: Spread) -> list[tuple[str, str]]:
+    """Whose errors the figures hold where the workpiece errs too."""
+    if spread.relative:
+        return [("Relative to", "the workpiece and its features, whose errors are included to first order")]
+    if spread.seen is spread:
+        return []
+    return [("Relative to", "the workpiece in what concerns the task; all other figures are of the arm alone")]
+
+
 def sigma_of(problem: ProblemData) -> dict[str, float]:
     """Standard deviation of every source that the task sees [rad or m], by the names that the file has."""
     sources = problem.task_sources

@@ -17,6 +17,7 @@ from posture_opt.report.parts.parts import (
     mean_fact,
     method_fact,
     nearest_limit,
+    relative_fact,
     sentence,
     tool_facts,
     validity_sentence,
@@ -95,7 +96,7 @@ def spread_block(solution: Solution) -> Block:
     linear = deviation(float(np.linalg.eigvalsh(first)[-1]), spread.covariance)
     rows.append(first_order_fact(critical.sigma_max, linear, among))
     rows += orientation_rows(solution)
-    rows.append(method_fact(spread))
+    rows += [method_fact(spread), *relative_fact(spread)]
     items = (Facts(tuple(rows)), validity_sentence(spread))
     contributions = main_fact(solution.problem.arm, solution.task_spread.budget_groups)
     brief = Facts((*rows[:short], contributions, *gain_facts(solution)[:1]))

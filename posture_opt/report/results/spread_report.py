@@ -26,6 +26,7 @@ from posture_opt.report.parts.parts import (
     method_fact,
     nearest_limit,
     note_facts,
+    relative_fact,
     robot_facts,
     source_facts,
     tool_facts,
@@ -142,6 +143,7 @@ def spread_block(spread: Spread) -> Block:
         mean_fact(spread, semi_axes),
         first_order_fact(semi_axes[0], largest, semi_axes),
         method_fact(spread),
+        *relative_fact(spread),
     )
     task, valid = task_items(spread, semi_axes), validity_sentence(spread)
     items: tuple[Item, ...] = (*task, Table(headers, rows), Facts(facts), valid)

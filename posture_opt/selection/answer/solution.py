@@ -34,6 +34,7 @@ from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION, stated_name
 from posture_opt.uncertainty.spread.budget import Share
 from posture_opt.uncertainty.spread.orientation import Orientation
 from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_json, relative_spread
@@ -236,7 +237,7 @@ class Solution(Result):
 
     @property
     def covariance(self) -> Array:
-        """(3, 3) exact covariance of the tool point at the worst station, world [m²]."""
+        """(3, 3) exact covariance of the tool point at the worst station, [m²]; relative to the workpiece."""
         return self.spread.covariance
 
     @property
@@ -372,6 +373,7 @@ class Solution(Result):
             "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
             "notes": list(self.notes),
             **({} if self.placement is None else {"workpiece": self.placement.workpiece}),
+            **({} if self.problem.workpiece_sources.empty else {"workpiece_errors": self._workpiece_errors()}),
             **({} if self.followed is None else self.followed.to_json(self)),
             **(self._features_json() if self.points and self.followed is None else {}),
         }
@@ -381,6 +383,14 @@ class Solution(Result):
         scene = self.problem.scene
         mounting = None if scene.mounting is None else scene.mounting.to_json()
         return {"mounting": mounting, "unchecked": list(scene.unchecked)}
+
+    def _workpiece_errors(self) -> dict[str, Json]:
+        """Standard deviations of workpiece [m, rad] and features [m], and the origin that the angle is about, world."""
+        errors, worst = self.problem.workpiece_sources, self.worst
+        sigma = dict(zip(map(stated_name, errors.names), map(float, errors.sigma), strict=True))
+        stated = {"position": POSITION, "angle": ANGLE, "feature": FEATURE}
+        origin = worst.spread.position - worst.target.lever
+        return {**{key: sigma.get(name, 0.0) for key, name in stated.items()}, "origin": origin.tolist()}
 
     def _features_json(self) -> dict[str, Any]:
         """What holds for all features: each of them, the worst, all together, the order of visits, other placements."""

@@ -20,7 +20,8 @@ def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
     description of each.
 
     By the criterion ``worst`` the objective is the largest variance [m²] in the directions that the task minds, as the
-    selection has it; further terms of the task are added with their weights, and the variance is not scaled.
+    selection has it, errors of the workpiece included; further terms of the task are added with their weights, and the
+    variance is not scaled.
 
     Raises:
         InputError: no task, several targets, or a task that the arm cannot do.
@@ -34,5 +35,6 @@ def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
     hessian, gradient = ca.hessian(value, q)
     entries = ca.cse([value, ca.densify(gradient), ca.densify(ca.triu2symm(ca.triu(hessian)))])
     minimised = " + ".join(label.replace(", over scale", " [m^2]") for label, _ in nlp.terms)
+    minimised += "" if problem.workpiece_sources.empty else ", errors of the workpiece included"
     function = ca.Function("objective", [q], entries, ["q"], ["objective", "gradient", "hessian"])
     return function, {key: text.format(objective=minimised) for key, text in DESCRIPTIONS.items()}
