@@ -43,6 +43,8 @@ def with_path(task: Task | None, folder: Path) -> Task | None:
         return task.with_points(*_read(open_table(located(folder, task.path), (*_POINT, *_AXIS))))
     except InputError as error:
         raise InputError([issue if issue.file else issue.at("task", "path") for issue in error.issues]) from None
+    except BadValueError as error:
+        raise InputError(error.issue(("task", "path"), task.path)) from None
 
 
 def _read(

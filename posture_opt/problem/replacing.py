@@ -20,7 +20,7 @@ _TARGET_KEYS: dict[str, tuple[str, ...]] = {
     "position": (),
     "region": (),
     "features": ("workpiece", "combine"),
-    **dict.fromkeys(("path", "points"), ("workpiece", "axes", "spacing", "largest_step")),
+    **dict.fromkeys(("path", "points"), ("workpiece", "axes", "spacing", "largest_step", "closed", "speed")),
 }
 """Keys of a task that say where, one of them at a time, each with those that mean nothing without it."""
 

@@ -292,7 +292,7 @@ def test_the_smallest_step_and_the_best_way_are_those_of_all_ways():
         postures = [rng.uniform(-1, 1, (3, 2)) for _ in range(4)]
         costs = [rng.uniform(0, 1, 3) for _ in range(4)]
         parts = np.array([1, 2, 2])
-        graph = StepGraph(steps, postures, costs, parts)
+        graph = StepGraph.of(steps, postures, costs, parts[:, None] * np.ones(2))
         ways = list(itertools.product(range(3), repeat=4))
         moved = [max(m * np.abs(postures[k + 1][w[k + 1]] - postures[k][w[k]]).max() for k, m in enumerate(parts))
                  for w in ways]  # fmt: skip

@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.errors import listed
 from posture_opt.report.page.presenter import problem_of
 from posture_opt.report.parts.collision_parts import distance_facts
 from posture_opt.report.parts.parts import joint_values, sentence
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.report.text.units_text import angle, count, joint_unit, length, length_unit, percent, place
-from posture_opt.units import fixed, number
+from posture_opt.units import fixed, joint_text, number
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.paths.motion import Motion
+    from posture_opt.selection.paths.path_breaks import PathBreak
 
 ACROSS = "across the path"
 _MAX_POINTS_SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
@@ -30,8 +32,48 @@ def path_lead(found: Solution) -> tuple[str, ...]:
     return (
         f"Largest standard deviation {ACROSS}: {critical_size(found.critical)}, "
         f"{point_words(found, found.worst_index)} of {count(len(found.stations), 'point')}.",
-        *(found.jumps or (f"Between listed points, {moved_words(found)}.",)),
+        *(map(break_words, found.breaks) if found.breaks else (f"Between listed points, {moved_words(found)}.",)),
+        *_closed_words(found),
+        *_speed_words(found),
     )
+
+
+def break_words(one: PathBreak) -> str:
+    """Where and why the arm leaves the path."""
+    why = "Singular" if one.kind == "singular" else "No motion within limits and clearance"
+    return (
+        f"{why} between points {one.first} and {one.last}: there {one.joint} moves by "
+        f"{joint_text(one.moved, one.unit)}, and the tool leaves the path by up to {length(one.off)}."
+    )
+
+
+def _closed_words(found: Solution) -> list[str]:
+    """How a closed path ends."""
+    if not found.task.closed:
+        return []
+    turns = found.law.whole_turns
+    if not turns:
+        return ["It ends in the posture in which it begins."]
+    words = listed([f"{name} by {turn:+d} turn{'s' if abs(turn) > 1 else ''}" for name, turn in turns.items()])
+    return [f"It ends in its first posture but for whole turns: {words}. It cannot be repeated without turning back."]
+
+
+def _speed_words(found: Solution) -> list[str]:
+    """The speed along the path, how long it takes, and which joint bounds it."""
+    law = found.law
+    if law.speed is None:
+        return []
+    asked, time = found.task.speed is not None, number(float(law.times[-1]))
+    bound = "" if law.highest is None else f"; {law.limiting_joint} allows at most {speed_text(law.highest)}"
+    if law.stated is not None:
+        return [f"At {speed_text(law.stated)} it takes {time} s{bound}."]
+    lead = "At the highest" if asked else "Highest possible"
+    return [f"{lead} constant speed: {speed_text(law.highest)}, {time} s, limited by {law.limiting_joint}."]
+
+
+def speed_text(speed: float) -> str:
+    """A speed of the tool point in mm/s."""
+    return f"{number(speed * 1e3)} mm/s"
 
 
 def point_words(found: Solution, k: int) -> str:
@@ -124,7 +166,7 @@ def path_checks(found: Solution) -> Block:
 def _finer(found: Solution) -> str:
     """What keeps the tool on the line as well as its scatter does; the way off it goes with the distance squared."""
     ratio = found.off_line / float(found.motion.sigma.max())
-    if ratio <= 1 or found.jumps:
+    if ratio <= 1 or found.breaks:
         return ""
     gap = float(np.diff(found.path.lengths).max())
     return f"; spacing: {number(1e3 * gap / ratio**0.5, 1)} mm would keep the deviation below one standard deviation"
@@ -168,6 +210,7 @@ def path_columns(found: Solution) -> dict[str, list[float]]:
         **points,
         "listed": [int(v) for v in found.path.listed],
         f"sigma {ACROSS} [mm]": (1e3 * motion.sigma).tolist(),
+        **({} if found.law.times is None else {"time [s]": found.law.times.tolist()}),
         **{f"{name} [{unit}]": (factor * motion.Q[:, k]).tolist() for k, (name, unit, factor) in enumerate(joints)},
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -40,23 +40,33 @@ class JointSteps:
         counted = np.array([k not in nlp.indifferent or k in settled for k in range(robot.n)])
         span = np.array(robot.upper) - np.array(robot.lower)
         turns = np.array([joint.type == "revolute" for joint in robot.joints])
-        return cls(robot, counted, turns & (span >= TURN - _LIMIT_TOLERANCE_RAD))
+        alike = np.array([k not in nlp.unlike_turns for k in range(robot.n)])
+        return cls(robot, counted, turns & alike & (span >= TURN - _LIMIT_TOLERANCE_RAD))
 
     def rested(self, Q: Array) -> Array:
         """The same postures (N, n), joints that matter to nothing in the middle of their limits."""
         return np.where(self.counted, Q, (np.array(self.robot.lower) + np.array(self.robot.upper)) / 2)
 
-    def between(self, A: Array, B: Array) -> Array:
-        """(N, M) the largest change of a joint from each posture of A (N, n) to each of B (M, n).
+    @property
+    def span(self) -> Array:
+        """(n,) from limit to limit [rad or m]: how far a joint can move at all."""
+        return np.asarray(np.array(self.robot.upper) - np.array(self.robot.lower))
+
+    def between(self, A: Array, B: Array, weights: Array | None = None) -> Array:
+        """(N, M) the largest change of a joint, times its weight, from each posture of A (N, n) to each of B (M, n).
 
         Of joints that turn more than once, the least over whole turns.
+
+        Args:
+            weights: (n,) of the joints; default: one.
         """
         largest = np.zeros((len(A), len(B)))
-        for k in np.flatnonzero(self.counted):
+        factors = np.ones(len(self.counted)) if weights is None else weights
+        for k in np.flatnonzero(self.counted & (factors > 0)):
             difference = B[None, :, k] - A[:, None, k]
             if self.wide[k]:
                 difference -= TURN * np.rint(difference / TURN)
-            np.maximum(largest, np.abs(difference), out=largest)
+            np.maximum(largest, factors[k] * np.abs(difference), out=largest)
         return largest
 
     def wrapped(self, Q: Array) -> Array:
@@ -82,6 +92,29 @@ class JointSteps:
         """
         moved = np.abs(np.diff(Q, axis=0))[:, self.counted]
         return np.asarray(np.max(moved, axis=1, initial=0.0))
+
+    def swept(self, Q: Array, listed: Mask) -> Array:
+        """(L − 1,) the largest range that a joint that counts sweeps on a motion (K, n) from one of the L listed points
+        to the next, those between them included; at most the range between its limits.
+        """
+        ends = np.flatnonzero(listed)
+        counted = Q[:, self.counted]
+        if not counted.shape[1]:
+            return np.zeros(len(ends) - 1)
+        high = np.maximum(np.maximum.reduceat(counted, ends[:-1]), counted[ends[1:]])
+        low = np.minimum(np.minimum.reduceat(counted, ends[:-1]), counted[ends[1:]])
+        return np.asarray(np.max(high - low, axis=1))
+
+    def whole_turns(self, Q: Array) -> Codes:
+        """(n,) by how many whole turns each joint ends a motion (K, n) away from where it began; the nearest number."""
+        turns = np.array([joint.type == "revolute" for joint in self.robot.joints])
+        return np.where(turns & self.counted, np.rint((Q[-1] - Q[0]) / TURN), 0.0).astype(int)
+
+    def without_turns(self, joints: Mask | Codes) -> JointSteps:
+        """The same steps, some joints (of n, or their numbers) compared as they are and not but for whole turns."""
+        none = np.zeros(len(self.wide), dtype=bool)
+        none[joints] = True
+        return replace(self, wide=self.wide & ~none)
 
     def turned(self, Q: Array, values: Array) -> tuple[Array, Array]:
         """Postures (M, n) with those that stand whole turns beside them within the limits, and their values (M,)."""

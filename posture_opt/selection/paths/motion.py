@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Mask
 from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
@@ -18,6 +18,7 @@ from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 
 _POSTURES_BETWEEN = 7  # postures between two points that are looked at
+_MAX_DEVIATION_SHARE = 0.5  # of the distance between two points: off the line by more is no way along it
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Motion:
         objectives: (K,), scaled; violations: (K,) the worst row of each [m, rad or 1].
         clear: whether all joints keep their limits, and the arm collides with nothing, at the points.
         sigma: (K,) largest standard deviation in the part that counts [m].
-        steps: (K − 1,) largest change of a joint, as it counts between listed points [rad or m].
+        steps: (L − 1,) largest range that a joint sweeps between neighbours of the L listed points [rad or m].
         optimal: whether first-order conditions hold, or nothing was left to choose but between separate postures.
     """
 
@@ -47,7 +48,7 @@ class Motion:
         """The motion through postures Q (K, n), evaluated at the targets of its points.
 
         Args:
-            steps: (K − 1,) as they count; ``optimal`` as of `Motion`.
+            steps: (L − 1,), ``optimal``: as of `Motion`.
             scene: what the arm must not collide with.
         """
         inside = np.all((np.array(engine.robot.lower) <= Q) & (np.array(engine.robot.upper) >= Q))
@@ -80,6 +81,21 @@ class Motion:
         return int(np.argmax(self.sigma))
 
 
+def breaks_away(engine: Engine, Q: Array) -> Mask:
+    """(K − 1,) whether the tool leaves the path from one of the postures (K, n) to the next, joints moving evenly.
+
+    By more than half of the distance between them.
+    """
+    ends = _positions(engine)(Q)
+    return np.asarray(off_lines(engine, Q) > _MAX_DEVIATION_SHARE * np.linalg.norm(np.diff(ends, axis=0), axis=1))
+
+
+def _positions(engine: Engine) -> BatchFunction:
+    """Postures (N, n) to nominal tool points (N, 3) [m]."""
+    at = engine.optimisation_problem.quantities
+    return BatchFunction(ca.Function("position", [at.q], [at.position]), compiled=False)
+
+
 def off_lines(engine: Engine, Q: Array) -> Array:
     """(K − 1,) how far [m] the tool point leaves the straight lines between points, where all joints move evenly.
 
@@ -88,8 +104,7 @@ def off_lines(engine: Engine, Q: Array) -> Array:
     """
     shares = np.linspace(0.0, 1.0, _POSTURES_BETWEEN + 2)[1:-1]
     between = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
-    at = engine.optimisation_problem.quantities
-    position = BatchFunction(ca.Function("position", [at.q], [at.position]), compiled=False)
+    position = _positions(engine)
     reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, _POSTURES_BETWEEN, 3)
     ends = position(Q)
     start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]

@@ -47,4 +47,4 @@ def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path
             return Naive(each, None, len(way))
         way.append(moved[0])
     Q = np.array(way)
-    return Naive(each, Motion.of(engine, found.targets, Q, steps.along(Q[path.listed]), scene, True), len(way))
+    return Naive(each, Motion.of(engine, found.targets, Q, steps.swept(Q, path.listed), scene, True), len(way))

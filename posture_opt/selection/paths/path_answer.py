@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Mask, finite_or_none
+from posture_opt.numerics import TURN, Mask, finite_or_none
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.naive import Naive
+from posture_opt.selection.paths.path_breaks import PathBreak
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.paths.time_law import TimeLaw
+
+_CLOSED_TOLERANCE_RAD = 1e-6  # rad or m: postures that are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +29,9 @@ class PathAnswer:
             something else is minimised.
         off_line: largest distance [m] of the tool point from the straight line between points where joints move evenly.
         naive: what simpler ways give.
-        jumps: where no motion leads along the path, but only away from it and back: sentences.
         candidates: (K,) postures that were compared at each point.
+        law: when the tool is at each point.
+        breaks: where no motion leads along the path, but only away from it and back.
     """
 
     path: TaskPath
@@ -37,7 +42,8 @@ class PathAnswer:
     off_line: float
     naive: Naive
     candidates: tuple[int, ...]
-    jumps: tuple[str, ...] = ()
+    law: TimeLaw
+    breaks: tuple[PathBreak, ...] = ()
 
     @property
     def listed(self) -> Mask:
@@ -49,6 +55,20 @@ class PathAnswer:
         """Largest change of any joint between listed points [rad, or m of a slide]."""
         return float(np.max(np.abs(np.diff(self.motion.Q[self.listed], axis=0))))
 
+    @property
+    def closed(self) -> bool:
+        """Whether the motion ends in the posture in which it began, or whole turns of joints away from it."""
+        Q = self.motion.Q
+        off = np.abs(Q[-1] - Q[0])
+        turns = np.array([joint.type == "revolute" for joint in self.law.robot.joints])
+        return bool(np.all(np.where(turns, np.abs(off - TURN * np.rint(off / TURN)), off) < _CLOSED_TOLERANCE_RAD))
+
+    @property
+    def times(self) -> list[float] | None:
+        """When the tool is at each listed point [s]; None where no speed is stated and none is the highest."""
+        every = self.law.times
+        return None if every is None else [float(t) for t in every[self.listed]]
+
     def to_json(self, found: Solution) -> dict[str, Any]:
         """What ``solution.json`` says of the path: plain data."""
         onward = self.naive.onward
@@ -59,7 +79,13 @@ class PathAnswer:
             "smallest_step": self.smallest_step,
             "sigma_max_bound": finite_or_none(self.bound),
             "off_line": self.off_line,
-            "notes": [*self.jumps, *found.notes],
+            "closed": self.closed,
+            "whole_turns": self.law.whole_turns if self.closed else {},
+            "speed": self.law.speed,
+            "highest_speed": self.law.highest,
+            "times": self.times,
+            "limiting_joint": self.law.limiting_joint,
+            "breaks": [one.to_json() for one in self.breaks],
             "without_look_ahead": {
                 "each_point_alone": self.naive.each.to_json(),
                 "following_the_first": None if onward is None else onward.to_json(),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array, Progress
+from posture_opt.numerics import Array, Mask, Progress
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.pose_request import PoseRequest, held_request
@@ -27,6 +27,7 @@ _STARTS_PER_POINT = 12  # random postures at every other point: what cannot be f
 _FOLLOWED_OPTIMA = 24  # local optima of an anchor that are followed along the path
 _ANCHOR_SEARCH_STEPS = 30  # steps of the local search at an anchor
 _RESTORING_STEPS = 4  # of it where a further requirement is broken
+_ONE_POSTURE_RAD = 1e-6  # rad or m: postures nearer to each other are one
 _FOLLOWING_STEPS = 3  # of it at each point that follows: from an optimum of the point before
 
 
@@ -43,6 +44,12 @@ class PathCandidates:
     postures: tuple[Array, ...]
     costs: tuple[Array, ...]
     arrived: tuple[int, ...]
+
+    def closed(self) -> PathCandidates:
+        """The same, first and last point with the candidates of both."""
+        both, costs = np.vstack([self.postures[0], self.postures[-1]]), np.append(self.costs[0], self.costs[-1])
+        postures, values = (both, *self.postures[1:-1], both), (costs, *self.costs[1:-1], costs)
+        return replace(self, postures=postures, costs=values)
 
     def turned(self, steps: JointSteps) -> PathCandidates:
         """The same, with postures whole turns away where ``steps`` distinguish these."""
@@ -170,9 +177,18 @@ class _Following:
             objective, violation = (column[:, 0] for column in self.engine.screen(Q, target.parameters)[:2])
             met = violation <= ROW_TOLERANCE
             met[met] = is_clear(scene, Q[met])
+            # Postures that are followed from several anchors meet in one branch.
+            met[met] = _first_of_each(Q[met])
             postures.append(Q[met])
             costs.append(objective[met])
         return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
+
+
+def _first_of_each(Q: Array) -> Mask:
+    """(N,) the first of all postures (N, n) that are one."""
+    first = np.zeros(len(Q), dtype=bool)
+    first[np.unique(np.rint(Q / _ONE_POSTURE_RAD), axis=0, return_index=True)[1]] = True
+    return first
 
 
 def _followed_from(search: _Following, anchor: tuple[int, Array]) -> list[tuple[int, Array]]:

@@ -15,12 +15,14 @@ from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.motion_search import smooth_problem
+from posture_opt.selection.paths.smooth_motion import SmoothMotion
+from posture_opt.selection.paths.step_bounds import step_bounds
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement_search import search_placement
 from posture_opt.selection.stations.stations_problem import StationsPoint
+from posture_opt.selection.tasks.path_task import PathTask
 
 _SEARCHED_POINTS = 6  # of the path that stand for all of it
 _SEARCHED_PLACEMENTS = 3  # placements whose motions are searched
@@ -56,6 +58,9 @@ def moved_on(found: Solution, targets: Sequence[TaskTarget], placement: Placemen
     problem, box = found.optimisation_problem, placement.without_seam
     own = [replace(target, scale=found.target.scale) for target in targets]
     steps = JointSteps.of(problem.robot, problem.nlp)
-    smooth = smooth_problem(problem, steps, own, found.path, box)
-    end = smooth.solve(StationsPoint(found.w, found.postures), found.largest_step)
+    task = found.problem.task
+    closed, speed = (task.closed, task.stated_speed) if isinstance(task, PathTask) else (False, None)
+    smooth = SmoothMotion.of(problem, steps, own, found.path, closed, box)
+    most = step_bounds(steps, found.path, found.largest_step, speed)
+    end = smooth.solve(StationsPoint(found.w, found.postures), most)
     return placement.tidied(end.point.w)

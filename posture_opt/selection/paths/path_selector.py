@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 
-from posture_opt.errors import InputError, NoSolutionError
+from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain, Progress
 from posture_opt.selection.answer.infeasible import infeasible
 from posture_opt.selection.answer.infeasible_stations import explain_stations
@@ -20,9 +21,11 @@ from posture_opt.selection.answer.shared_placement import Placement, PlacementFi
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion, off_lines
-from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch
+from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed
 from posture_opt.selection.paths.naive import naive_motions
+from posture_opt.selection.paths.pace_failure import too_fast, too_fast_in_small_steps, too_large_a_step
 from posture_opt.selection.paths.path_answer import PathAnswer
+from posture_opt.selection.paths.path_breaks import path_breaks
 from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
 from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.task_path import TaskPath
@@ -35,13 +38,11 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
 from posture_opt.selection.search.search_statistics import SearchStatistics
-from posture_opt.selection.tasks.path_task import PathTask
+from posture_opt.selection.tasks.path_task import HIGHEST, PathTask
 from posture_opt.workers import Workers, opened
 
-_MAX_DEVIATION_SHARE = 0.5  # of the distance between two points: off the line by more is no way along it
 _MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
 _MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
-_STEP_RATIO = 3.0  # the smallest step that is possible: what is allowed where nothing is stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,10 @@ class PathSelector(DerivedAgain):
             InputError: nothing uncertain, or a task that the arm cannot do.
         """
         task = path_task_of(problem)
+        if task.speed == HIGHEST and all(map(math.isnan, problem.robot.velocities)):
+            name = problem.robot.joint_names[0]
+            hint = f"add robot: velocity: {{{name}: 120 deg/s}}, or state a speed in mm/s"
+            raise InputError(Issue("no largest speed of a joint is known", ("task", "speed"), HIGHEST, hint))
         one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
         placement = PlacementRange.of(task.workpiece)
         # Many placements, and rows that keep the arm clear, are worth the seconds that compiling takes.
@@ -146,13 +151,25 @@ class PathSelector(DerivedAgain):
         """
         began = time.perf_counter()
         search = self._search(seed, began, pool, progress)
-        smallest, calm = search.smallest_step
-        largest = _STEP_RATIO * smallest if self.task.largest_step is None else self.task.largest_step
-        if smallest > largest + STEP_TOLERANCE_RAD:
-            reasons = search.too_large_a_step(smallest, largest, calm)
-            message = "\n".join(reason.message for reason in reasons)
-            raise NoSolutionError(message, self._solution(search, calm, largest, began, reasons))
-        return self._solution(search, search.best(largest), largest, began)
+        stated, speed = self.task.largest_step, self.task.stated_speed
+        known = [search.calmest[1]]
+        if stated is not None and known[0].largest_step > stated + STEP_TOLERANCE_RAD:
+            self._refuse(search, known[0], stated, began, too_large_a_step(search, stated, known[0]))
+        if speed is not None and not keeps_speed(search.law(known[0]), speed):
+            known.append(search.fastest(speed))
+            if not keeps_speed(law := search.law(known[-1]), speed):
+                largest = known[-1].largest_step if stated is None else stated
+                self._refuse(search, known[-1], largest, began, too_fast(search, speed, law))
+        paces = search.paces(stated, speed, known)
+        best = search.best(paces, known)
+        if best is None:
+            assert speed is not None, "the calmest motion keeps its step"
+            self._refuse(search, known[-1], paces.largest, began, too_fast_in_small_steps(search, paces.largest, speed))
+        return self._solution(search, best, paces.largest, began)
+
+    def _refuse(self, search: MotionSearch, motion: Motion, largest: float, began: float, reason: Reason) -> NoReturn:
+        """Raises the error of a motion that does not keep its bounds; arguments as of `_solution`."""
+        raise NoSolutionError(reason.message, self._solution(search, motion, largest, began, [reason]))
 
     def _search(
         self, seed: int, began: float, pool: Workers | None = None, progress: Progress | None = None
@@ -167,8 +184,7 @@ class PathSelector(DerivedAgain):
         failing = [k for k, costs in enumerate(found.costs) if not len(costs)]
         if failing:
             self._explain(engine, failing, began)
-        guard = self.selector.engine_of_all(self.targets, True)
-        return MotionSearch(engine, guard, self.path, found, steps, self.problem.scene).within_limits()
+        return self._joined(engine, found, steps)
 
     def _candidates(
         self, seed: int, pool: Workers | None = None, progress: Progress | None = None
@@ -185,16 +201,29 @@ class PathSelector(DerivedAgain):
         return engine, steps, found
 
     def can_be_done(self) -> bool:
-        """Whether every point has a posture, and steps as small as asked lead along them; why not is not asked."""
+        """Whether every point has a posture, and steps as small, or a speed as high, as asked lead along them.
+
+        Why not is not asked.
+        """
         seed = self.problem.solver.seed
         engine, steps, found = self._candidates(seed)
         if not all(map(len, found.costs)):
             return False
-        if self.task.largest_step is None:
+        stated, speed = self.task.largest_step, self.task.stated_speed
+        if stated is None and speed is None:
             return True
+        search = self._joined(engine, found, steps)
+        if stated is not None and search.calmest[1].largest_step > stated + STEP_TOLERANCE_RAD:
+            return False
+        return speed is None or keeps_speed(search.law(search.fastest(speed)), speed)
+
+    def _joined(self, engine: Engine, found: PathCandidates, steps: JointSteps) -> MotionSearch:
+        """The search among the candidates of all points, which have some each."""
         guard = self.selector.engine_of_all(self.targets, True)
-        search = MotionSearch(engine, guard, self.path, found, steps, self.problem.scene).within_limits()
-        return search.smallest_step[0] <= self.task.largest_step + STEP_TOLERANCE_RAD
+        alone = np.array([float(np.min(costs)) for costs in found.costs])
+        candidates, closed = found.closed() if self.task.closed else found, self.task.closed
+        search = MotionSearch(engine, guard, self.path, candidates, steps, self.problem.scene, closed, alone)
+        return search.within_limits()
 
     def _solution(
         self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
@@ -209,9 +238,11 @@ class PathSelector(DerivedAgain):
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
+        targets, jumps = search.found.targets, search.jumps(motion)
+        breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
         followed = PathAnswer(
-            self.path, motion, largest, search.smallest_step[0], search.bound(motion), float(astray.max()), naive,
-            tuple(map(len, search.found.costs)), tuple(self._jumps(motion, astray)),
+            self.path, motion, largest, search.calmest[1].largest_step, search.bound(motion), float(astray.max()),
+            naive, tuple(map(len, search.found.costs)), search.law(motion, self.task.stated_speed), breaks,
         )  # fmt: skip
         status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
         seconds, none = time.perf_counter() - began, np.zeros((0, motion.Q.shape[1]))
@@ -223,16 +254,6 @@ class PathSelector(DerivedAgain):
         placement = Placement(self.placement.lower, self.placement.upper, self.w)
         placed = None if self.task.workpiece is None else placement
         return replace(points[0], points=points, names=tuple(self.path.numbers), placement=placed, followed=followed)
-
-    def _jumps(self, motion: Motion, astray: Array) -> Iterator[str]:
-        """Where no motion leads along the path, but only away from it and back."""
-        lengths, names = np.diff(self.path.lengths), self.path.numbers
-        for k in np.flatnonzero(astray > _MAX_DEVIATION_SHARE * lengths)[:3].tolist():
-            joint = int(np.argmax(np.abs(motion.Q[k + 1] - motion.Q[k])))
-            yield (
-                f"From {names[k]} to {names[k + 1]} the arm has to change its posture off the path: "
-                f"{self.problem.robot.joints[joint].name} moves by {motion.steps[k] * 180 / math.pi:.3g} deg there."
-            )
 
     def _check_plane(self, began: float) -> None:
         """Raises the error of the point that lies farthest outside the plane (or line) that the arm moves in."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.paths.joint_steps import JointSteps
 
 _COST_TOLERANCE = 1 + 1e-9  # what is as good as the best
+_MAX_CLOSED_STARTS = 24  # candidates of the first point that ways are tried to come back to, the most promising first
 
 
 @dataclass(frozen=True)
@@ -20,20 +20,22 @@ class StepGraph:
 
     Args:
         postures: K arrays (N_k, n); costs: K arrays (N_k,).
-        parts: (K − 1,) into how many steps the step between two listed points is divided there; steps count so many
-            times.
+        distances: K − 1 arrays (N_k, N_{k+1}): the weighted steps between candidates of neighbours.
     """
 
-    steps: JointSteps
     postures: Sequence[Array]
     costs: Sequence[Array]
-    parts: Codes
+    distances: Sequence[Array]
 
-    @cached_property
-    def distances(self) -> list[Array]:
-        """K − 1 arrays (N_k, N_{k+1}): the step between listed points that steps like this one add up to."""
-        pairs = zip(self.postures, self.postures[1:], self.parts.tolist(), strict=False)
-        return [m * self.steps.between(A, B) for A, B, m in pairs]
+    @classmethod
+    def of(cls, steps: JointSteps, postures: Sequence[Array], costs: Sequence[Array], weights: Array) -> StepGraph:
+        """The graph of some candidates.
+
+        Args:
+            weights: (K − 1, n) by which the steps of each joint count.
+        """
+        pairs = zip(postures, postures[1:], weights, strict=False)
+        return cls(postures, costs, [steps.between(A, B, w) for A, B, w in pairs])
 
     def smallest_step(self) -> tuple[float, Codes]:
         """The least possible largest step on the way, and the candidates (K,) of such a way."""
@@ -85,6 +87,56 @@ class StepGraph:
     def motion(self, way: Codes) -> Array:
         """(K, n) the postures of a way."""
         return np.array([Q[k] for Q, k in zip(self.postures, way, strict=True)])
+
+    def closed_at(self, start: int) -> StepGraph:
+        """The ways that begin and end at candidate ``start`` of the first point, which is that of the last one too."""
+        postures, costs, distances = list(self.postures), list(self.costs), list(self.distances)
+        for end in (0, -1):
+            postures[end], costs[end] = postures[end][[start]], costs[end][[start]]
+        distances[0] = distances[0][[start]]
+        distances[-1] = distances[-1][:, [start]]
+        return StepGraph(postures, costs, distances)
+
+    def closed_of_smallest_step(self) -> StepGraph:
+        """The ways that come back to the candidate at which the least possible largest step of a closed way is found.
+
+        The candidates of the last point are those of the first one. Ways that need not close bound from below what each
+        start can have.
+        """
+        bound = np.zeros(len(self.postures[-1]))
+        for D in reversed(self.distances):
+            bound = np.min(np.maximum(D, bound), axis=1)
+        found = (np.inf, self)
+        for start in self._promising(bound):
+            if bound[start] >= found[0]:
+                break
+            ways = self.closed_at(start)
+            step = ways.smallest_step()[0]
+            if step < found[0]:
+                found = step, ways
+        return found[1]
+
+    def closed_of_least_cost(self, largest: float) -> StepGraph | None:
+        """The ways that come back to the candidate with the least possible largest cost of a closed way.
+
+        None where no way with steps up to ``largest`` comes back.
+        """
+        bound = self.worst_costs(largest)[: len(self.postures[0])]
+        least, best = np.inf, None
+        for start in self._promising(bound):
+            if bound[start] >= least:
+                break
+            ways = self.closed_at(start)
+            worst = float(np.min(ways.worst_costs(largest)))
+            if worst < least:
+                least, best = worst, ways
+        return best
+
+    @staticmethod
+    def _promising(bound: Array) -> list[int]:
+        """The candidates of the first point that closed ways are looked for at, the least bound first."""
+        order: list[int] = np.argsort(bound, kind="stable")[:_MAX_CLOSED_STARTS].tolist()
+        return order
 
 
 def _followed(before: Sequence[Codes], last: int) -> Codes:

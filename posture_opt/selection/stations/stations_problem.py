@@ -15,7 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, DerivedAgain, Mask
+from posture_opt.numerics import Array, DerivedAgain, Mask
 from posture_opt.selection.answer.combine import combined_success, combined_symbols
 from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -28,7 +28,6 @@ from posture_opt.uncertainty.sources.sources import Sources
 _VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
 _MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
 _STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
-_STEP_MARGIN_RAD = 1e-9  # rad: what IPOPT may overstep
 _OPTIONS = {
     "ipopt.tol": 1e-7,
     "ipopt.constr_viol_tol": 1e-9,
@@ -73,15 +72,17 @@ class StationsOutcome:
 
 @dataclass(frozen=True)
 class StationSteps:
-    """The steps from each of K stations to the next.
+    """The S steps from each of K stations to the next, S = K − 1, and where they are closed back to the first, S = K.
 
     Args:
         counted: (n,) joints whose steps count; the others stay where a solve starts.
-        parts: (K − 1,) how many times each step counts.
+        parts: (S,) how many times each step counts where steps are compared with each other.
+        closed: whether a last step leads back to the first posture, or to one that is whole turns of joints away.
     """
 
     counted: Mask
-    parts: Codes
+    parts: Array
+    closed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,18 +100,23 @@ class SharedSuccess:
 
 @dataclass(frozen=True)
 class _Program:
-    """A solver with its rows and the level (its objective without ties) as functions of ``(x, largest)``."""
+    """A solver with its rows and the level (its objective without ties) as functions of ``(x, p)``.
+
+    Args:
+        bounded: how many of the last rows are steps, between bounds that each solve has.
+    """
 
     solver: NonlinearSolver
     rows: ca.Function
     level: ca.Function
+    bounded: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class StationsProblem(DerivedAgain):
     """``min over w, q_1 … q_K`` of the stations' objectives taken together, subject to the rows of all of them.
 
-    ``worst`` is ``min t`` with ``f_k ≤ t``; steps add ``parts |q_{k+1} − q_k| ≤ largest``.
+    ``worst`` is ``min t`` with ``f_k ≤ t``; steps add ``|q_{k+1} − q_k| ≤ most_k``, of each joint that counts.
 
     Args:
         stations: K of them, with one scale.
@@ -128,98 +134,143 @@ class StationsProblem(DerivedAgain):
     max_iterations: int = 300
     shared: SharedSuccess | None = None
 
-    def solve(self, start: StationsPoint, largest: float = np.inf) -> StationsOutcome:
-        """The local optimum of IPOPT from a start, which should be feasible, with no step above ``largest``."""
-        return self._solved(self._least_objective, start, max(largest - _STEP_MARGIN_RAD, 0.0))
+    def solve(self, start: StationsPoint, most: Array | float = np.inf, turns: Array | float = 0.0) -> StationsOutcome:
+        """The local optimum of IPOPT from a start, which should be feasible.
 
-    def least_step(self, start: StationsPoint) -> StationsOutcome:
-        """The postures whose largest step is least, whatever the objectives."""
-        return self._solved(self._least_step, start, 0.0)
+        Args:
+            most: (S, n), or what they all are: how far each joint may move in each step [rad or m].
+            turns: (n,) how far from the first posture closed steps end [rad]: whole turns.
+        """
+        return self._solved(self._least_objective, start, most=most, turns=turns)
 
-    def _solved(self, program: _Program, start: StationsPoint, largest: float) -> StationsOutcome:
+    def least_step(
+        self, start: StationsPoint, weights: Array | None = None, turns: Array | float = 0.0
+    ) -> StationsOutcome:
+        """The postures whose largest step is least, whatever the objectives.
+
+        Args:
+            weights: (S, n) by which the steps of each joint count; default: by ``parts`` of the steps.
+            turns: as of `solve`.
+        """
+        assert self.steps is not None, "stations that are not joined have no steps"
+        each = np.asarray(self.steps.parts, dtype=float)[:, None] if weights is None else weights
+        return self._solved(self._least_step, start, weights=each, turns=turns)
+
+    def _solved(
+        self,
+        program: _Program,
+        start: StationsPoint,
+        most: Array | float = np.inf,
+        weights: Array | float = 0.0,
+        turns: Array | float = 0.0,
+    ) -> StationsOutcome:
         """Where a program ends from a start; the level begins at its value there."""
         Q = np.asarray(start.Q, dtype=float)
-        lower, upper = self._bounds(Q)
+        lower, upper = self._bounds(Q, turns)
+        p = self._step_parameters(weights, turns)
         x0 = np.concatenate([np.clip(start.w, self.lower, self.upper), [0.0], Q.ravel()])
-        x0[4] = np.clip(float(program.level(x0)), lower[4], upper[4])
-        row_lower, row_upper = self._row_ends(int(program.rows.numel_out(0)))
-        found = program.solver.solve(x0, lower, upper, row_lower, row_upper, p=largest)
+        x0[4] = np.clip(float(program.level(x0, p)), lower[4], upper[4])
+        row_lower, row_upper = self._row_ends(program, most)
+        found = program.solver.solve(x0, lower, upper, row_lower, row_upper, p=p)
         x = np.clip(found.x, lower, upper)
-        g = np.asarray(program.rows(x, largest)).ravel()
+        g = np.asarray(program.rows(x, p)).ravel()
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
         point = StationsPoint(x[:4], x[_VARIABLES_BEFORE_POSTURES:].reshape(Q.shape))
         return StationsOutcome(
-            point, float(program.level(x)), violation, found.optimal, found.message, found.iterations
+            point, float(program.level(x, p)), violation, found.optimal, found.message, found.iterations
         )
 
-    def _bounds(self, Q: Array) -> tuple[Array, Array]:
-        """Of all variables; the level is fixed at zero where it bounds nothing."""
+    def _bounds(self, Q: Array, turns: Array | float) -> tuple[Array, Array]:
+        """Of all variables; the level is fixed at zero where it bounds nothing, a posture that is come back to whole
+        turns away has to be within the limits there too.
+        """
         robot, level = self.stations[0].optimisation_problem.robot, np.inf if self.combine == "worst" else 0.0
         idle = np.zeros(robot.n, dtype=bool) if self.steps is None else ~self.steps.counted
-        low, high = (np.where(idle, Q, np.asarray(ends)).ravel() for ends in (robot.lower, robot.upper))
-        return np.concatenate([self.lower, [-level], low]), np.concatenate([self.upper, [level], high])
+        low, high = (np.where(idle, Q, np.asarray(ends)) for ends in (robot.lower, robot.upper))
+        low[0], high[0] = np.maximum(low[0], low[0] - turns), np.minimum(high[0], high[0] - turns)
+        return np.concatenate([self.lower, [-level], low.ravel()]), np.concatenate([self.upper, [level], high.ravel()])
 
-    def _row_ends(self, count: int) -> tuple[Array, Array]:
-        """Those of the stations' rows; all others are to be positive."""
+    def _row_ends(self, program: _Program, most: Array | float) -> tuple[Array, Array]:
+        """Those of the stations' rows, zero and infinity of those to be positive, and the bounds of the steps."""
         lower, upper = (np.concatenate([np.tile(f.ends[i], len(of)) for f, of in self._functions]) for i in (0, 1))
-        others = count - len(lower)
-        return np.append(lower, np.zeros(others)), np.append(upper, np.full(others, np.inf))
+        others = int(program.rows.numel_out(0)) - len(lower) - program.bounded
+        bounds = np.zeros(0)
+        if self.steps is not None and program.bounded:
+            shape = len(self.steps.parts), len(self.steps.counted)
+            bounds = np.broadcast_to(most, shape)[:, self.steps.counted].ravel()
+        return (
+            np.concatenate([lower, np.zeros(others), -bounds]), np.concatenate([upper, np.full(others, np.inf), bounds])
+        )  # fmt: skip
+
+    def _step_parameters(self, weights: Array | float, turns: Array | float) -> Array:
+        """What a solve says of steps: whole turns (m,) and weights (m S,) of the counted joints, if there are steps."""
+        if self.steps is None:
+            return np.zeros(0)
+        n, counted = len(self.steps.counted), self.steps.counted
+        each = np.broadcast_to(weights, (len(self.steps.parts), n))[:, counted]
+        return np.concatenate([np.broadcast_to(turns, n)[counted], each.ravel()])
 
     @cached_property
     def _least_objective(self) -> _Program:
         """The stations' objectives combined; with steps their bound and a tie-break besides."""
-        x, largest, main, extra, rows = self._expressions
+        x, p, main, extra, rows = self._expressions
         if self.shared is not None:
             objective = combined_success(main, extra)
-            return self._program(x, largest, objective, objective, rows)
+            return self._program(x, p, objective, objective, rows)
         objective = combined_symbols(self.combine, main, extra)
         if self.combine != "worst":
-            return self._program(x, largest, objective, objective, rows)
+            return self._program(x, p, objective, objective, rows)
         level, values = x[4], main + extra
         rows = [*rows, level - values]
         if self.steps is None:
-            return self._program(x, largest, level, objective, rows)
-        moved = self._moved(x, self.steps)
-        tie = _MEAN_WEIGHT * ca.sum1(values) / len(self.stations) + _STEP_WEIGHT * ca.sumsqr(moved) / moved.shape[1]
-        return self._program(
-            x, largest, level + tie, objective, [*rows, ca.vec(largest - moved), ca.vec(largest + moved)]
-        )
+            return self._program(x, p, level, objective, rows)
+        moved, parts = self._moved(x, p, self.steps), ca.DM(np.asarray(self.steps.parts, dtype=float)).T
+        even = moved * ca.repmat(parts, moved.shape[0], 1)
+        tie = _MEAN_WEIGHT * ca.sum1(values) / len(self.stations) + _STEP_WEIGHT * ca.sumsqr(even) / even.shape[1]
+        return self._program(x, p, level + tie, objective, [*rows, ca.vec(moved)], int(moved.numel()))
 
     @cached_property
     def _least_step(self) -> _Program:
         """The largest step as the level; the objectives break ties."""
         assert self.steps is not None, "stations that are not joined have no steps"
-        x, largest, main, extra, rows = self._expressions
-        moved, level = self._moved(x, self.steps), x[4]
+        x, p, main, extra, rows = self._expressions
+        weights, level = ca.reshape(p[int(self.steps.counted.sum()) :], -1, len(self.steps.parts)), x[4]
+        moved = self._moved(x, p, self.steps) * weights
         mean = ca.sum1(main + extra) / len(self.stations) + ca.sumsqr(moved) / moved.shape[1]
         step = ca.mmax(ca.fabs(ca.vec(moved)))
         rows = [*rows, ca.vec(level - moved), ca.vec(level + moved)]
-        return self._program(x, largest, level + _STEP_WEIGHT**2 * mean, step, rows)
+        return self._program(x, p, level + _STEP_WEIGHT**2 * mean, step, rows)
 
-    def _program(self, x: ca.MX, largest: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX]) -> _Program:
-        """A solver of ``objective`` subject to ``rows``, with functions of the rows and of the level."""
+    def _program(
+        self, x: ca.MX, p: ca.MX, objective: ca.MX, level: ca.MX, rows: Sequence[ca.MX], bounded: int = 0
+    ) -> _Program:
+        """A solver of ``objective`` subject to ``rows``, with functions of the rows and of the level.
+
+        Args:
+            bounded: as of `_Program`.
+        """
         g = ca.vertcat(*rows)
         # The second derivatives of an average over draws cost more than the iterations that they save.
         approximate = {} if self.shared is None else _AVERAGE_OPTIONS
         options = {**_OPTIONS, **approximate, "ipopt.max_iter": self.max_iterations}
-        solver = NonlinearSolver("stations", {"x": x, "p": largest, "f": objective, "g": g}, options)
-        return _Program(solver, ca.Function("rows", [x, largest], [g]), ca.Function("level", [x], [level]))
+        solver = NonlinearSolver("stations", {"x": x, "p": p, "f": objective, "g": g}, options)
+        return _Program(solver, ca.Function("rows", [x, p], [g]), ca.Function("level", [x, p], [level]), bounded)
 
     @cached_property
     def _expressions(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, list[ca.MX]]:
-        """Variables, the largest step, first and further terms of the objectives, rows of the stations.
+        """Variables, what a solve says of its steps, first and further terms of the objectives, rows of the stations.
 
         First terms are (K, 1), or (K, N) probabilities given draws of shared errors; further ones (K, 1).
         """
         n, K = self.stations[0].optimisation_problem.robot.n, len(self.stations)
-        x, largest = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("largest")
+        x, p = ca.MX.sym("x", _VARIABLES_BEFORE_POSTURES + n * K), ca.MX.sym("p", len(self._step_parameters(0.0, 0.0)))
         parts = []
         for function, of in self._functions:
             parameters = ca.DM(np.array([self.stations[k].target.parameters for k in of]).T)
             mapped = function.call.map("stations", "serial", len(of), [0], [])
             parts.append(mapped(x[:4], self._postures(x)[:, of], parameters))
         main, extra = (ca.vertcat(*(part[i].T for part in parts)) for i in (0, 1))
-        return x, largest, main, extra, [ca.vec(part[2]) for part in parts]
+        return x, p, main, extra, [ca.vec(part[2]) for part in parts]
 
     @cached_property
     def _functions(self) -> list[tuple[StationFunction, list[int]]]:
@@ -239,7 +290,10 @@ class StationsProblem(DerivedAgain):
         """(n, K) the postures among the variables."""
         return ca.reshape(x[_VARIABLES_BEFORE_POSTURES:], -1, len(self.stations))
 
-    def _moved(self, x: ca.MX, steps: StationSteps) -> ca.MX:
-        """(m, K − 1) steps of the counted joints, as they count."""
-        Q, counted = self._postures(x), np.flatnonzero(steps.counted).tolist()
-        return (Q[counted, 1:] - Q[counted, :-1]) * ca.repmat(ca.DM(steps.parts).T, len(counted), 1)
+    def _moved(self, x: ca.MX, p: ca.MX, steps: StationSteps) -> ca.MX:
+        """(m, S) steps of the counted joints [rad or m]."""
+        counted = np.flatnonzero(steps.counted).tolist()
+        Q = self._postures(x)[counted, :]
+        if steps.closed:
+            Q = ca.horzcat(Q, Q[:, 0] + p[: len(counted)])
+        return Q[:, 1:] - Q[:, :-1]

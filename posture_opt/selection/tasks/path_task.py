@@ -6,18 +6,35 @@ import math
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.direction import Direction
 from posture_opt.selection.tasks.task import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
-from posture_opt.units import Angle, Length
+from posture_opt.units import Angle, Length, parse_quantity
 
 Point = tuple[Length, Length, Length]
 MAX_POINTS = 20_000
 """Points of a path, those that ``spacing`` adds included: the document of more would be tens of megabytes."""
 _APART = 1e-9  # m: points nearer to each other than this are one
+
+
+def _speed(value: object) -> object:
+    """A speed [m/s], or the word ``highest`` as it is."""
+    return value if value == HIGHEST else parse_quantity(value, "velocity")
+
+
+HIGHEST = "highest"
+"""The speed that the joints allow."""
+Speed = Annotated[
+    float | Literal["highest"],
+    BeforeValidator(_speed),
+    WithJsonSchema({
+        "type": ["string", "number"], "minimum": 0, "maximum": 0, "description": "velocity with its unit, or highest",
+        "examples": ["20 mm/s", HIGHEST], "dimension": "velocity",
+    }),
+]  # fmt: skip
 
 
 class PathTask(Task):
@@ -35,6 +52,10 @@ class PathTask(Task):
         None, description="of any joint between listed points; a slide may move 1 m where a joint may turn by 1 rad"
     )
     spacing: Annotated[Length, Field(gt=0)] | None = Field(None, description="largest distance; more points are added")
+    closed: bool = Field(False, description="ends in the posture in which it began, or whole turns of a joint away")
+    speed: Speed | None = Field(
+        None, description="of the tool point along the path, constant; `highest`: by the joints"
+    )
 
     @property
     def on_path(self) -> bool:
@@ -77,8 +98,41 @@ class PathTask(Task):
         return self.points
 
     def with_points(self, points: tuple[Point, ...], axes: tuple[Direction, ...] | None) -> PathTask:
-        """The same task with the points [m] and tool axes that its file holds."""
-        return self.model_copy(update={"points": points, "axes": axes})
+        """The same task with the points [m] and tool axes that its file holds.
+
+        Raises:
+            BadValueError: a closed path that does not end where it begins.
+        """
+        found = self.model_copy(update={"points": points, "axes": axes})
+        found.check_closed()
+        return found
+
+    @property
+    def stated_speed(self) -> float | None:
+        """Of the tool point along the path [m/s]; None where none is stated, or the highest."""
+        return self.speed if isinstance(self.speed, float) else None
+
+    def check_closed(self) -> None:
+        """Refuse a closed path that does not end where it begins, with the tool axis that it begins with.
+
+        Raises:
+            BadValueError: it does not.
+        """
+        if not self.closed or self.points is None:
+            return
+        gap = math.dist(self.points[0], self.points[-1])
+        if gap > _APART:
+            raise BadValueError(
+                f"the path is closed, and its last point is {gap * 1e3:.4g} mm from the first one",
+                "add the first point as the last one too",
+            )
+        if math.dist(self.unit_axes[0], self.unit_axes[-1]) > _APART:
+            raise BadValueError(
+                "the path is closed, and the tool axis at its end is not that at its beginning",
+                "give the first axis as the last one too",
+            )
+        if len(self.points) < 3:
+            raise BadValueError("a closed path has at least two different points", "add points")
 
     @field_validator("points", mode="before")
     @classmethod
@@ -109,6 +163,23 @@ class PathTask(Task):
                 raise BadValueError(f"{' and '.join(given)} are given", "keep one of them")
         return data
 
+    @field_validator("speed", mode="after")
+    @classmethod
+    def _moving(cls, speed: float | Literal["highest"] | None) -> float | Literal["highest"] | None:
+        """The speed, above zero."""
+        if isinstance(speed, float) and not speed > 0:
+            raise BadValueError("the speed is not above zero", "write for example 20 mm/s, or highest")
+        return speed
+
+    @model_validator(mode="after")
+    def _keys_of_a_path(self) -> PathTask:
+        """The task as it is, unless it says how to follow a path and has none, or is closed and ends elsewhere."""
+        if (self.closed or self.speed is not None) and not self.on_path:
+            raise BadValueError(
+                "closed and speed belong to a path, and none is given", "add points: [[…], …] or path: FILE.csv"
+            )
+        return self
+
     @model_validator(mode="after")
     def _axes_belong_to_points(self) -> PathTask:
         """The task as it is, where there is one axis for each point."""
@@ -117,6 +188,7 @@ class PathTask(Task):
                 f"{len(self.axes)} axes for {len(self.points or ())} points",
                 "give one axis [dx, dy, dz] for each point",
             )
+        self.check_closed()
         return self
 
 
