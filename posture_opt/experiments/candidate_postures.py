@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.experiments.information import planned_rows
@@ -53,9 +52,8 @@ class Workspace:
 
     @classmethod
     def of(
-        cls, robot: Robot, cell: CellSpec | None = None, *, height: float = -math.inf, margin: float = 0.0,
-        box: Box = ANYWHERE,
-    ) -> Workspace:  # fmt: skip
+        cls, robot: Robot, scene: Scene, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE
+    ) -> Workspace:
         """The workspace inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
 
         Raises:
@@ -63,7 +61,7 @@ class Workspace:
         """
         ranges = [_joint_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
-        return cls(robot, lower, upper, height, box, Scene.of(robot, cell, guessed=True))
+        return cls(robot, lower, upper, height, box, scene)
 
     @property
     def bounded(self) -> bool:
@@ -174,7 +172,9 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
     rng = np.random.default_rng(seed)
     known = np.unique(data.q, axis=0)
     known = known[rng.permutation(len(known))]
-    workspace = Workspace.of(robot, height=_lowest_point(residuals))
+    # What the arm was mounted on when it was measured is not known; it reached no lower than the lowest row.
+    scene = Scene.of(robot, None, guessed=True, without_mounting=True)
+    workspace = Workspace.of(robot, scene, height=_lowest_point(residuals))
     swung = known[rng.integers(len(known), size=_SWUNG_CANDIDATES)]
     columns = list(joints) or list(range(robot.n))
     swung[:, columns] = rng.uniform(

@@ -7,6 +7,7 @@ from typing import get_args
 
 import numpy as np
 
+from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
@@ -23,6 +24,7 @@ from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
@@ -95,18 +97,25 @@ def plan_measurements(
         )
     if purpose not in get_args(Purpose):
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
-    height, margin = stated_bounds(problem)
-    height = height if link_height is None else link_height
-    workspace = Workspace.of(problem.robot, problem.cell, height=height, margin=margin, box=within or ANYWHERE)
-    target, notes = _planned_target(problem, needed=purpose == "task")
-    floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
-    notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(problem))
     with opened(workers, executor) as pool:
-        return plan_postures(
-            problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed or 0,
-            candidates=candidates, repeats=repeats, keeps_height=floored or not _least_height(problem), notes=notes,
-            workers=pool, progress=progress,
-        )  # fmt: skip
+
+        def planned(one: ProblemData) -> MeasurementPlan:
+            """The plan for a problem, by the workers."""
+            height, margin = stated_bounds(one)
+            height = height if link_height is None else link_height
+            scene = Scene.of(one.robot, one.cell, guessed=True, without_mounting=one.without_mounting)
+            workspace = Workspace.of(one.robot, scene, height=height, margin=margin, box=within or ANYWHERE)
+            target, notes = _planned_target(one, needed=purpose == "task")
+            floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
+            floored = floored or workspace.scene.plane is not None or not _least_height(one)
+            notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(one))
+            return plan_postures(
+                one, workspace, count, given=given, purpose=purpose, target=target, seed=seed or 0,
+                candidates=candidates, repeats=repeats, keeps_height=floored, notes=notes, workers=pool,
+                progress=progress,
+            )  # fmt: skip
+
+        return above_mounting(problem, planned)
 
 
 def stated_bounds(problem: ProblemData) -> tuple[float, float]:
@@ -120,7 +129,7 @@ def stated_bounds(problem: ProblemData) -> tuple[float, float]:
 def _least_height(problem: ProblemData) -> bool:
     """Whether some joint can change the height of what is behind it."""
     rng = np.random.default_rng(0)
-    workspace = Workspace.of(problem.robot)
+    workspace = Workspace.of(problem.robot, Scene.of(problem.robot, None))
     points, _ = nominal_poses(problem.robot, rng.uniform(workspace.lower, workspace.upper, (32, problem.robot.n)))
     return bool(np.ptp(points[:, 2]) > 1e-9)
 

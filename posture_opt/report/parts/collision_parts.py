@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from posture_opt.errors import listed
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from posture_opt.collision.nearest import Clearance
     from posture_opt.collision.scene import Scene
     from posture_opt.numerics import Array
+    from posture_opt.selection.answer.solution import Solution
 
 Fact = tuple[str, str]
 _HINT_DISTANCE_M = 5e-3  # m: nearer than this, people will want to know how to keep a distance
@@ -60,6 +62,14 @@ def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, .
     if not note:
         return (), ()
     return ((note,), ()) if scene.mounting is not None and scene.mounting.dropped else ((), (note,))
+
+
+def mounting_notes(answers: Mapping[str, Solution]) -> tuple[str, ...]:
+    """The same of several answers by their names, each sentence once; with the names where they differ."""
+    notes = {name: answer.mounting_note for name, answer in answers.items() if answer.mounting_note}
+    if len(set(notes.values())) < 2 and len(notes) == len(answers):
+        return tuple(dict.fromkeys(notes.values()))
+    return tuple(f"With {name}: {note[:1].lower()}{note[1:]}" for name, note in notes.items())
 
 
 def unchecked_facts(scene: Scene) -> list[Fact]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from posture_opt.errors import enumerated
+from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.units_text import joint_unit, joint_value, length, percent
@@ -47,7 +48,9 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
         f"Task: 95 % error radius {_length(before, [before, now])} with the posture planned before calibration, "
         f"{_length(now, [before, now])} with the posture planned with {_model(comparison.reference)}."
     )
-    return (lead, *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before))
+    answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
+    reference = {name: answer for name, answer in answers.items() if name == comparison.reference}
+    return (lead, *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before), *mounting_notes(reference))
 
 
 def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:

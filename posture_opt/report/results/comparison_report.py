@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.figures.comparison import plot_comparison
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.comparison_parts import FIRST, TITLE, comparison_blocks, comparison_lead, success_text
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
@@ -125,7 +126,8 @@ def _lead(found: Comparison) -> tuple[str, ...]:
         if name != best
     ]
     lines += [f"{name} cannot do the task." for name in found.arms if name not in answered]
-    return (*lines, *_cross_lead(found))
+    answers = {name: arm.answer for name, arm in answered.items() if arm.answer is not None}
+    return (*lines, *_cross_lead(found), *mounting_notes(answers))
 
 
 def _ratio(sigma: float, least: float) -> str:

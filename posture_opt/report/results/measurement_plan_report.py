@@ -17,6 +17,7 @@ from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.measured_parts.plan_parts import is_listed, planned_block
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
+from posture_opt.report.parts.collision_parts import mounting_lead
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import (
@@ -56,7 +57,8 @@ def measurement_plan_report(plan: MeasurementPlan) -> Report:
         observability_block(plan),
         postures_block(plan),
     )
-    return Report(problem.name or "Measurement plan", answer(plan), blocks)
+    first, last = mounting_lead(plan.workspace.scene, plan.q)
+    return Report(problem.name or "Measurement plan", (*first, *answer(plan), *last), blocks)
 
 
 def answer(plan: MeasurementPlan) -> tuple[str, ...]:

@@ -381,6 +381,11 @@ class Solution(Result):
             **(self._features_json() if self.points and self.followed is None else {}),
         }
 
+    @cached_property
+    def mounting_note(self) -> str:
+        """What a reader has to know of the surface that the arm stands on; empty where it is stated."""
+        return self.problem.scene.mounting_note(self.postures)
+
     def _mounting_json(self) -> dict[str, Any]:
         """What the arm stands on, and the links that nothing is known of."""
         scene = self.problem.scene
