@@ -18,8 +18,8 @@ from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
+from posture_opt.uncertainty.spread.fixed_plan import FixedPlan
 from posture_opt.uncertainty.spread.spread import propagate
-from posture_opt.uncertainty.spread.spread_function import FixedPlan
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated

@@ -53,10 +53,10 @@ def test_it_gives_what_propagate_gives(name, coupled, compiled):
         expected = spread.covariance, spread.first_order, spread.position, spread.position + spread.bias
         for values, value in zip(found, expected, strict=True):
             # hundreds of operations on metres of order one; variances of order 0.01. Correlated errors in space have
-            # nodes that are good at most, not all, postures: three times what was found at six of them.
+            # nodes that are good at most, not all, postures: three times what was found at some of them.
             near = 1e-14 + 3 * spread_at.relative_error * np.trace(spread.covariance)
             np.testing.assert_allclose(values[row], value, rtol=1e-7, atol=near)
-            assert spread_at.relative_error < 1e-4
+            assert spread_at.relative_error < 1e-3
 
 
 def test_one_posture_gives_one_covariance():
@@ -143,3 +143,62 @@ def test_nothing_uncertain_is_refused_and_no_variance_is_zero():
     still = SpreadFunction(stated(robot=robot, sources=Sources(("joint1.a",), np.zeros((1, 1)))), compiled=False)
     np.testing.assert_array_equal(still([[0.1, 0.2]]), np.zeros((1, 3, 3)))
     np.testing.assert_array_equal(still.first_order([[0.1, 0.2]]), np.zeros((1, 3, 3)))
+
+
+def drawn_points(given, q, count, seed):
+    """(count, 3) tool points of Gaussian errors at one posture: the chain written out, all draws side by side."""
+    rng = np.random.default_rng(seed)
+    errors = rng.multivariate_normal(np.zeros(len(given.sources.names)), given.sources.covariance, count, method="svd")
+    column = dict(zip(given.sources.names, errors.T, strict=True))
+    p = np.zeros((3, count))
+    for factor in reversed(given.robot.factors):
+        value = (
+            factor.nominal + (q[factor.joint] if factor.joint is not None else 0.0) + column.get(factor.parameter, 0.0)
+        )
+        if factor.kind == "translate":
+            p[factor.axis] += value
+            continue
+        i, j = (factor.axis + 1) % 3, (factor.axis + 2) % 3
+        p[i], p[j] = np.cos(value) * p[i] - np.sin(value) * p[j], np.sin(value) * p[i] + np.cos(value) * p[j]
+    return p.T
+
+
+def along_any_direction(C, reference):
+    """Largest relative difference of the variance along any direction."""
+    values, axes = np.linalg.eigh(reference)
+    W = axes / np.sqrt(values)
+    return np.abs(np.linalg.eigvalsh(W.T @ (C - reference) @ W)).max()
+
+
+def test_dense_correlations_of_ten_degrees_are_those_of_drawn_arms():
+    """Eighteen errors that all vary together: to 1 % of the variance along any direction, beside the scatter."""
+    given = problem("ur5", angle=np.radians(10), length=0.001, coupled=True)
+    spread_at = SpreadFunction(given, compiled=False)
+    assert spread_at.relative_error < 0.01
+    q = random_postures(given.robot, 1)[0]
+    drawn = np.cov(drawn_points(given, q, 300_000, 1).T)
+    assert along_any_direction(spread_at(q), drawn) < 0.01 + 2 * np.sqrt(2 / 300_000)
+    assert np.trace(spread_at(q)) == pytest.approx(np.trace(drawn), rel=0.01)
+
+
+def test_the_stated_error_is_that_of_large_correlated_errors():
+    """Four factors, which `propagate` integrates to 1e-8; none of the postures is one that the error was taken at."""
+    given = problem("ur5", angle=np.radians(10), kinds=("theta",))
+    given = stated(robot=given.robot, sources=correlated(given.sources, seed=2))
+    spread_at = SpreadFunction(given, compiled=False)
+    Q = np.random.default_rng(3).uniform(given.robot.lower, given.robot.upper, (12, 6))
+    off = max(along_any_direction(C, propagate(given, q).covariance) for C, q in zip(spread_at(Q), Q, strict=True))
+    assert off < 0.01
+    assert off / 3 < spread_at.relative_error < 3 * off
+
+
+def test_few_or_no_postures_of_many_nodes():
+    given = problem("ur5", angle=np.radians(10), kinds=("theta",), coupled=True)
+    spread_at = SpreadFunction(given, compiled=False)
+    Q = random_postures(given.robot, 90)
+    whole, mean = spread_at(Q), spread_at.mean(Q)
+    assert spread_at(Q[:0]).shape == (0, 3, 3)
+    np.testing.assert_allclose(spread_at(Q[89]), whole[89], rtol=1e-12)
+    np.testing.assert_allclose(spread_at.mean(Q[89]), mean[89], rtol=1e-12)
+    np.testing.assert_array_equal(whole, np.swapaxes(whole, 1, 2))
+    assert (np.linalg.eigvalsh(whole) > 0).all()

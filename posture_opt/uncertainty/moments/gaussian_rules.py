@@ -98,6 +98,19 @@ def degree_five(r: int, *, other: bool = False) -> Nodes:
     return Nodes(np.vstack([np.zeros((1, r)), points]), np.array([1 - weights.sum(), *weights]))
 
 
+def rotated(nodes: Nodes, rng: np.random.Generator) -> Nodes:
+    """The rule in random axes, uniform among all: of the same degree."""
+    r = nodes.points.shape[1]
+    axes, upper = np.linalg.qr(rng.standard_normal((r, r)))
+    return Nodes(nodes.points @ (axes * np.sign(np.diag(upper))), nodes.weights)
+
+
+def joined(rules: Sequence[Nodes]) -> Nodes:
+    """The mean of several rules for the same variables."""
+    weights = np.concatenate([nodes.weights for nodes in rules]) / len(rules)
+    return Nodes(np.vstack([nodes.points for nodes in rules]), weights)
+
+
 def _sign_array(r: int) -> Array:
     """(N, r) of ±1, with every row its opposite: in any five columns all 32 patterns occur equally often.
 

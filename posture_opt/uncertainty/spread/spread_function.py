@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,17 +15,12 @@ from posture_opt.model.c_source import c_source
 from posture_opt.model.chain import Scalar
 from posture_opt.model.lane_function import LaneFunction
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.moments.integration import MAX_LEVELS, relative_difference
-from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.tool_point import Moments, ToolPoint
+from posture_opt.uncertainty.spread.fixed_plan import MAX_UNROLLED_WALKS, FixedPlan
 from posture_opt.uncertainty.spread.spread import HasSources, require_sources
 
-_VARIANCE_TOLERANCE = 1e-6
-"""Relative error of the variance in any direction at which no further plan is tried."""
-_MAX_WALKS = 128
-"""Walks along a segment: generated code of half a megabyte."""
-_PROBE_POSTURES = 6
-"""Random postures at which the error of a plan is measured."""
+_BLOCK_WALKS = 1 << 15
+"""Walks along the chain that are evaluated at once: arrays that stay in the cache."""
 
 
 class SpreadFunction:
@@ -34,7 +29,8 @@ class SpreadFunction:
     ``spread_at(Q)`` maps postures (N, n) [rad or m] to the covariances (N, 3, 3) [m²] of the tool point in the
     world that `propagate` gives, and one posture (n,) to one covariance (3, 3). Memory grows linearly in N;
     batches may run in threads. Correlated errors of a spatial arm are integrated at nodes that are the same at every
-    posture: `relative_error` says how well.
+    posture: `relative_error` says how well. Where errors are so large that these are thousands, NumPy evaluates the
+    covariance, about a microsecond a node.
 
     Args:
         problem: names ``arm`` and ``sources``.
@@ -54,9 +50,9 @@ class SpreadFunction:
     def __init__(self, problem: HasSources, compiled: bool | None = None) -> None:
         require_sources(problem.sources)
         self._tool_point = ToolPoint.of(problem.arm, problem.sources)
-        self._plan = FixedPlan.of(self._tool_point)
+        self._plan = FixedPlan.of_rows(self._tool_point)
         self._wanted = compiled
-        self._covariance = self._batch_of(lambda moments: _symmetric_expression(moments.covariance))
+        self._covariance = self._integrated_batch(lambda moments: moments.covariance, (3, 3))
 
     @property
     def method(self) -> str:
@@ -65,13 +61,15 @@ class SpreadFunction:
 
     @property
     def relative_error(self) -> float:
-        """Largest relative error of the variance along any direction found at random postures; 0 in closed form."""
+        """Estimate of the largest relative error of the variance along any direction, at random postures; 0 in closed
+        form.
+        """
         return self._plan.relative_error
 
     @property
     def compiled(self) -> bool:
-        """Whether generated C is evaluated."""
-        return self._covariance.compiled
+        """Whether generated C gives the covariance."""
+        return isinstance(self._covariance, LaneFunction) and self._covariance.compiled
 
     def __call__(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) covariance of the tool point at postures (N, n), by `method` [m²]."""
@@ -92,7 +90,7 @@ class SpreadFunction:
     @cached_property
     def _first_order(self) -> LaneFunction:
         """Rows of postures (N, n) -> entries (N, 9) of ``J Σ Jᵀ`` [m²]."""
-        return self._batch_of(lambda moments: _symmetric_expression(moments.first_order))
+        return self._batch_of(lambda moments: moments.first_order)
 
     @cached_property
     def _position(self) -> LaneFunction:
@@ -100,18 +98,27 @@ class SpreadFunction:
         return self._batch_of(lambda moments: moments.position)
 
     @cached_property
-    def _mean(self) -> LaneFunction:
+    def _mean(self) -> Callable[[Array], Array]:
         """Rows of postures (N, n) -> mean tool points (N, 3) [m]."""
-        return self._batch_of(lambda moments: moments.mean)
+        return self._integrated_batch(lambda moments: moments.mean, (3,))
+
+    def _integrated_batch(
+        self, select: Callable[[Moments], Scalar], shape: tuple[int, ...]
+    ) -> Callable[[Array], Array]:
+        """The function of rows of postures that gives a part of the moments, of that shape, which takes nodes."""
+        many = self._plan.count > MAX_UNROLLED_WALKS
+        return _NodeRows(self._tool_point, self._plan, select, shape) if many else self._batch_of(select)
 
     def _batch_of(self, select: Callable[[Moments], Scalar]) -> LaneFunction:
         """The function of rows of postures that gives a part of the moments, column by column."""
         q = ca.SX.sym("q", self._tool_point.robot.n)
         # A robot that does not move its tool point leaves numbers, which CasADi must hear of as SX.
-        entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q), self._plan.plan)))))
+        plan = self._plan.plan if self._plan.count <= MAX_UNROLLED_WALKS else None
+        part = ca.SX(select(self._tool_point.moments(ca.vertsplit(q), plan)))
+        entries = ca.densify(ca.vec(_symmetric_expression(part) if part.is_square() else part))
         return LaneFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
 
-    def _evaluate_rows(self, function: LaneFunction, Q: ArrayLike, shape: tuple[int, ...]) -> Array:
+    def _evaluate_rows(self, function: Callable[[Array], Array], Q: ArrayLike, shape: tuple[int, ...]) -> Array:
         """Values (N, …) of postures (N, n), or (…) of a single one (n,), each of the given shape."""
         postures, single = self._read_postures(Q)
         shaped = function(postures).reshape(-1, *shape)
@@ -139,6 +146,24 @@ class SpreadFunction:
             row = int(np.argmin(np.isfinite(rows).all(axis=1)))
             raise InputError(Issue(f"the posture in row {row} is not finite", ("Q",), rows[row].tolist(), hint))
         return rows, single
+
+
+@dataclass(frozen=True, eq=False)
+class _NodeRows:
+    """A part of the moments (N, …) at rows of postures (N, n), with many nodes, evaluated block by block."""
+
+    tool_point: ToolPoint
+    plan: FixedPlan
+    select: Callable[[Moments], Scalar]
+    shape: tuple[int, ...]
+
+    def __call__(self, Q: Array) -> Array:
+        found = np.empty((len(Q), *self.shape))
+        size = max(_BLOCK_WALKS // self.plan.count, 1)
+        for first in range(0, len(Q), size):
+            columns = [np.ascontiguousarray(column) for column in Q[first : first + size].T]
+            found[first : first + size] = self.select(self.tool_point.moments(columns, self.plan.plan))
+        return found
 
 
 def _symmetric_expression(matrix: Scalar) -> ca.SX:
@@ -181,52 +206,3 @@ def spread_expressions(problem: HasSources) -> tuple[ca.Function, dict[str, str]
         "first_order": "the same to first order, J Sigma J' [m^2]",
     }
     return function, described
-
-
-@dataclass(frozen=True, eq=False)
-class FixedPlan:
-    """Nodes for shared factors that do not depend on the posture.
-
-    Args:
-        plan: None where there is a closed form.
-        relative_error: the largest of the variance along any direction that was found at random postures; 0 in closed
-            form.
-    """
-
-    plan: NodePlan | None
-    relative_error: float
-
-    @classmethod
-    def of(cls, tool_point: ToolPoint) -> FixedPlan:
-        """The first of some plans, the cheapest first, whose error is below 1e-6, else the best of them.
-
-        It costs an integration to convergence at each of `_PROBE_POSTURES` postures.
-        """
-        if not tool_point.integrated:
-            return cls(None, 0.0)
-        robot = tool_point.robot
-        Q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (_PROBE_POSTURES, robot.n))
-        truth = [tool_point.moments([float(v) for v in q]).covariance for q in Q]
-        columns = [np.ascontiguousarray(column) for column in Q.T]
-        best = cls(None, np.inf)
-        for plan in _candidate_plans(tool_point):
-            found = np.broadcast_to(tool_point.moments(columns, plan).covariance, (_PROBE_POSTURES, 3, 3))
-            error = max(relative_difference(C, exact) for C, exact in zip(found, truth, strict=True))
-            best = min(best, cls(plan, error), key=lambda either: either.relative_error)
-            if error <= _VARIANCE_TOLERANCE:
-                break
-        return best
-
-
-def _candidate_plans(tool_point: ToolPoint) -> Iterator[NodePlan]:
-    """Plans of rising cost, at most `_MAX_WALKS` walks each."""
-    chain = tool_point.shared, tool_point.indices, tool_point.robot.factors
-    few = NodePlan.few(*chain)
-    yield few
-    if few.straight.shape[1] and (whole := NodePlan.few(*chain, most=tool_point.shared.count)).count <= _MAX_WALKS:
-        yield whole
-    for level in range(MAX_LEVELS):
-        plan = NodePlan.at_level(tool_point.shared, tool_point.spans, level)
-        if plan is None or plan.count > _MAX_WALKS:
-            return
-        yield plan
