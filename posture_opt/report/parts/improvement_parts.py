@@ -8,31 +8,73 @@ from typing import TYPE_CHECKING
 
 from posture_opt.model.arm import Arm
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import length, length_unit, percent, shift
+from posture_opt.report.text.units_text import (
+    length,
+    length_unit,
+    percent,
+    quantity,
+    shift,
+    stated_angle,
+    stated_length,
+)
 from posture_opt.report.text.words import source_size
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
 from posture_opt.units import number
 
 if TYPE_CHECKING:
+    from posture_opt.selection.answer.prices import Price
     from posture_opt.selection.problem_data import ProblemData
 
 _MAX_ROWS = 6
 _MIN_GAIN = 0.005  # a smaller gain is none
+_MAX_PRICES = 4
+_MIN_WORTH = 1e-4  # of the standard deviation: what a degree or a millimetre is worth, to be worth a word
 
 
-def improvements_block(problem: ProblemData, changes: Sequence[Improvement], part: str) -> Block:
+def improvements_block(
+    problem: ProblemData, changes: Sequence[Improvement], prices: Sequence[Price], sigma: float, part: str
+) -> Block:
     """What would lower the standard deviation of the answer, most gain first; empty where nothing would.
 
     Args:
+        prices: of the requirements that hold the answer back.
+        sigma: the standard deviation [m].
         part: of the spread that counts, ``across the direction``.
     """
     told = [change for change in changes if change.gain >= _MIN_GAIN][:_MAX_ROWS]
+    worth = price_words(prices, sigma)
     if not told:
-        return Block("What would help", ())
+        return Block("What would help", worth)
     unit, factor = length_unit([change.sigma_max for change in told])
     rows = [(_words(c, problem.arm), number(c.sigma_max * factor, 3), percent(c.gain)) for c in told]
     table = Table(("change", f"σ {part} [{unit}]", "reduction"), tuple(rows))
-    return Block("What would help", (table, *_notes(problem, told)))
+    return Block("What would help", (table, *worth, *_notes(problem, told)))
+
+
+def price_words(prices: Sequence[Price], sigma: float) -> tuple[str, ...]:
+    """What a degree or a millimetre of the requirements that hold the answer is worth, in one sentence or none.
+
+    Args:
+        sigma: the standard deviation of the answer [m].
+    """
+    told = [price for price in prices if price.gain >= _MIN_WORTH * sigma][:_MAX_PRICES]
+    if not told:
+        return ()
+    gains = [price.gain for price in told]
+    parts = [f"{length(price.gain, 2, gains)} with {_loosened(price)}" for price in told]
+    return (f"Loosening a requirement that holds the answer lowers σ by {', by '.join(parts)} (solved again).",)
+
+
+def _loosened(price: Price) -> str:
+    """By what a requirement is loosened: 1 deg more tilt."""
+    write = {"rad": stated_angle, "m": stated_length}.get(price.unit)
+    step = quantity(price.step, price.unit) if write is None else write(price.step)
+    owner, _, end = price.requirement.rpartition(".")
+    if end == "limits":
+        return f"{step} beyond the {price.side} limit of {owner}"
+    if owner == "region":
+        return f"{step} more region in {'-' if price.side == 'lower' else '+'}{end}"
+    return f"{step} {'more' if price.side == 'upper' else 'less'} {price.requirement}"
 
 
 @singledispatch

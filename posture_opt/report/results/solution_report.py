@@ -115,7 +115,7 @@ class SolutionPresenter(Presenter["Solution"]):
             self.problem_block(),
             *self._station_blocks(),
             task_budget_block(self.problem, found.task_spread),
-            improvements_block(self.problem, found.improvements, self.part),
+            improvements_block(self.problem, found.improvements, found.prices, found.sigma, self.part),
             *(() if found.points else (alternatives_block(found),)),
             path_checks(found) if self.along_path else features_checks(found) if found.points else checks_block(found),
         )

@@ -22,6 +22,7 @@ from posture_opt.selection.answer.end_moments import end_moments
 from posture_opt.selection.answer.improvements import Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
+from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.shared_placement import Placement
 from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.problem_data import ProblemData
@@ -335,6 +336,13 @@ class Solution(Result):
         return found
 
     @cached_property
+    def prices(self) -> tuple[Price, ...]:
+        """What one unit of each requirement that holds the answer back is worth, the weightiest first."""
+        if self.points or self.engine is None:
+            return ()
+        return prices_of(self.engine, self.target, self.statistics.confirmation)
+
+    @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
         """What would lower the spread: smaller errors, a calibration, the one target elsewhere; most gain first."""
         if self.status == "infeasible":
@@ -372,6 +380,7 @@ class Solution(Result):
             "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.postures)],
             "what_would_help": [change.to_json() for change in self.improvements],
             "solver": self.statistics.to_json(),
+            "prices": [price.to_json() for price in self.prices],
             "reasons": [vars(reason) for reason in self.reasons],
             "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
             "notes": list(self.notes),

@@ -50,6 +50,11 @@ class Row:
     convex: bool = False
 
     @property
+    def equality(self) -> bool:
+        """Whether both ends are one expression."""
+        return bool(ca.is_equal(self.lower, self.upper, 2))
+
+    @property
     def requirement(self) -> str:
         """What people may change: ``target``, ``tool_axis``, or the term."""
         return self.term or self.name.partition(".")[0]
@@ -95,7 +100,7 @@ class Nlp:
         An inequality in one variable alone is a bound on it, and no reason to prefer a value within.
         """
         uses = [np.array(ca.which_depends(row.expression, self.x, 1, False)) for row in self.rows]
-        equal = [ca.is_equal(row.lower, row.upper, 2) for row in self.rows]
+        equal = [row.equality for row in self.rows]
         matters = [used for used, one in zip(uses, equal, strict=True) if one or np.count_nonzero(used) > 1]
         matters.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
         return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))

@@ -208,7 +208,7 @@ class OptimisationProblem(DerivedAgain):
     @cached_property
     def freedom(self) -> int:
         """Degrees of freedom that target and tool axis leave, those that matter to nothing not counted."""
-        equal = sum(ca.is_equal(row.lower, row.upper, 2) for row in self.nlp.rows)
+        equal = sum(row.equality for row in self.nlp.rows)
         held = [k for k, joint in enumerate(self.robot.joints) if joint.lower == joint.upper]
         return max(self.robot.n - len({*self.nlp.indifferent, *held}) - equal, 0)
 
