@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
+from posture_opt.problem.fitting import uncertainty_section
 from posture_opt.selection.answer.task_objective import task_objective
+from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.brute_force import elementary
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -229,6 +233,9 @@ def test_files_keep_what_is_stated_of_the_workpiece(plate):
     other = problem({}, position=["0.6 m", "0.2 m", "0.1 m"]).with_task_of(plate.problem)
     assert other.task_sources.same_as(plate.problem.task_sources)
     assert other.to_dict()["uncertainty"]["feature"] == ERRORS["feature"]
+    fit = SimpleNamespace(known=Sources.independent({"elbow.theta": 1e-4}), scatter={}, covariance_file="c.csv")
+    fitted = uncertainty_section(stated, plate.problem.robot, fit)  # what a calibration writes
+    assert fitted == {"covariance": "c.csv", **ERRORS}
     assert plate.problem.of_robot().workpiece_sources.empty
     assert "workpiece" not in plate.problem.of_robot().to_dict()["uncertainty"]
 

@@ -376,8 +376,9 @@ def sources_of(problem: ProblemData) -> Sources:
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        what = "nothing" if problem.workpiece_sources.empty else "nothing of the arm"
         raise InputError(
-            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
+            Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.task_sources
 
