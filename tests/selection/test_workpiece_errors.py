@@ -11,6 +11,7 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.problem.fitting import uncertainty_section
 from posture_opt.selection.answer.task_objective import task_objective
+from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.brute_force import elementary
 
@@ -182,6 +183,14 @@ def test_a_lever_is_that_to_the_origin_of_the_workpiece(plate):
         turned = ANGLE**2 * (lever @ lever * np.eye(3) - np.outer(lever, lever))
         arm = po.propagate(plate.problem, one.q).covariance
         assert np.allclose(one.covariance, arm + turned + (POSITION**2 + FEATURE**2) * np.eye(3), rtol=1e-9)
+
+
+def test_one_feature_alone_keeps_its_lever(plate):
+    worst = plate.worst.target
+    alone = worst.in_task(plate.task.model_copy(update={"features": (), "workpiece": None, "combine": "worst"}))
+    assert alone.lever_at(alone.position) == pytest.approx(worst.lever, abs=1e-12)
+    found = compare_plans({"nominal": plate.problem, "calibrated": plate.problem})
+    assert found.arms["nominal"].judged["calibrated"].sigma_max == pytest.approx(plate.sigma_max, rel=1e-4)
 
 
 def test_without_a_place_of_the_workpiece_the_middle_is_its_origin():
