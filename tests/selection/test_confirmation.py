@@ -40,7 +40,7 @@ def problem_of(arm: str, task: str, **more: Any) -> po.Problem:
         {
             "robot": {"kind": "preset", "name": arm},
             "uncertainty": {"sigma": sigma},
-            "task": stated,
+            "task": {key: value for key, value in stated.items() if value is not None},
         }
     )
 
@@ -94,3 +94,21 @@ def test_ipopt_ends_at_the_standard_deviation_of_the_search(arm: str, task: str)
     assert told["agrees"] <= 1e-6
     assert told["kkt"] <= 1e-7
     assert found.status == "optimal"
+
+
+@pytest.mark.parametrize("combine", ["worst", "mean"])
+def test_every_feature_is_confirmed(combine: str) -> None:
+    places = [
+        {"name": "left", "position": ["0 m", "0 m", "0 m"]},
+        {"name": "right", "position": ["0 m", "80 mm", "0 m"]},
+    ]
+    stated = {"features": places, "combine": combine, "workpiece": {"x": "0.4 m", "y": "-0.25 m", "z": "0.2 m"}}
+    problem = problem_of("ur5e", "insert", position=None, **stated)
+    found = po.select_posture(problem)
+    told = found.to_json()["solver"]
+    every = [point.statistics.confirmation for point in found.points]
+    assert told["name"] == "ipopt"
+    assert told["agrees"] == max(one.agrees for one in every if one is not None) <= 1e-6
+    assert told["iterations"] == sum(one.iterations for one in every if one is not None)
+    assert "confirmed by IPOPT" in found.report()
+    assert bool(found.prices) == (combine == "worst")

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.parts.parts import sentence
+from posture_opt.report.parts.solution_checks import confirmation_words
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.report.text.units_text import (
@@ -255,6 +256,8 @@ def features_checks(found: Solution) -> Block:
         rows.append(("", f"the best optimum was found by {e.recurred} of {e.batches} independent batches"))
     else:
         rows.append(("Search", f"each feature on its own: {count(e.starts, 'random start')} in {e.batches} batches"))
+    if found.confirmation is not None:
+        rows.append(("", confirmation_words(found.confirmation)))
     rows.append(("Time", f"{e.seconds:.2f} s"))
     return Block("Checks", (Facts(tuple(rows)),))
 

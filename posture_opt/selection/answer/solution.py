@@ -28,6 +28,7 @@ from posture_opt.selection.answer.visiting_order import VisitingOrder, best_orde
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation, joined_confirmation
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
@@ -338,9 +339,25 @@ class Solution(Result):
     @cached_property
     def prices(self) -> tuple[Price, ...]:
         """What one unit of each requirement that holds the answer back is worth, the weightiest first."""
-        if self.points or self.engine is None:
-            return ()
-        return prices_of(self.engine, self.target, self.statistics.confirmation)
+        if self.points and (self.followed is not None or self.combine != "worst" or self._placement_is_free):
+            return ()  # what holds one station is not what holds all of them together
+        held = self.worst
+        return () if held.engine is None else prices_of(held.engine, held.target, held.statistics.confirmation)
+
+    @property
+    def _placement_is_free(self) -> bool:
+        """Whether the workpiece could stand elsewhere."""
+        return self.placement is not None and bool(self.placement.free.any())
+
+    @property
+    def confirmation(self) -> Confirmation | None:
+        """What the solver of the problem says of the postures; None where it was not asked about all of them."""
+        return joined_confirmation([point.statistics.confirmation for point in self.points or (self,)])
+
+    @property
+    def _confirmation_json(self) -> dict[str, Json]:
+        """The same in the part ``solver`` of ``solution.json``."""
+        return UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json()
 
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
@@ -428,6 +445,7 @@ class Solution(Result):
             "solver": {
                 **self.statistics.to_json(),
                 **(self.placement.search_json if self.placement is not None else {}),
+                **self._confirmation_json,
             },
         }
 

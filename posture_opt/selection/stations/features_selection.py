@@ -25,6 +25,7 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.stations.bench_map import PlacementOnBench, placement_sigma
+from posture_opt.selection.stations.confirmed_features import confirmed_features
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.placement_search import (
@@ -213,6 +214,7 @@ class _FeaturesSelection:
         turned = nearest_turns(robot, Q, best_order(robot, Q).order)
         if best_order(robot, turned).travel < best_order(robot, Q).travel - 1e-9:
             solved = [replace(solution, q=q) for solution, q in zip(solved, turned, strict=True)]
+        solved = solved if self.task.combine == "success" else confirmed_features(solved)
         status: Status = "optimal" if optimal and all(s.status == "optimal" for s in solved) else "feasible"
         notes = tuple(dict.fromkeys(note for solution in solved for note in solution.notes))
         names = [feature.name for feature in self.task.features]
