@@ -7,13 +7,14 @@ has been solved as it is printed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.mounting import MOUNTING_PLANE
 from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
@@ -44,12 +45,11 @@ class Changes:
 
     Args:
         problem, target: what was asked; ``elastic`` is what the compromise ``way`` solves.
-        task: as the file has it, with its held joints; ``stated`` are the names of the obstacles in the file.
+        task: as the file has it, with its held joints.
     """
 
     problem: OptimisationProblem
     task: Task
-    stated: Collection[str]
     elastic: ElasticProblem
     target: TaskTarget
     way: Compromise
@@ -89,11 +89,11 @@ class Changes:
         return _moved_target(self.problem, self.target, self.way.q, shift)
 
     def _axis(self) -> list[Change]:
-        """The tilt that would do; none beside a yaw, which allows no tilt."""
-        if self.task.heading is not None:
-            return []
+        """The tilt that would do; none beside a yaw, which allows no tilt, and none beyond a right angle."""
         lacking = float(self.way.lacking[self.elastic.requirements.index(AXIS)])
         tilt = self._up(self.target.tilt, lacking, "rad")
+        if self.task.heading is not None or tilt.value > math.pi / 2:
+            return []
         words = f"set tilt: {tilt.text} (now {shown(self.target.tilt, 'rad')})"
         return [Change(("task", "tilt"), tilt.value, tilt.text, words, looser=1)]
 
@@ -172,9 +172,9 @@ class Changes:
         """An obstacle made smaller on every side, or removed where too little of it would be left."""
         obstacles = self.elastic.cell.scene.obstacles
         before, key = obstacles[k], ("cell", "obstacles", obstacles[k].name)
-        if before.name not in self.stated:
-            return []
         by = self._up(0.0, float(self.way.slacks[name][0]), "m")
+        if before.name == MOUNTING_PLANE:
+            return self._lower_mounting(by)
         after = gives_enough(obstacles, before.name, by.value)
         if after is None:
             return [Change(key, None, None, f"remove obstacle {before.name}")]
@@ -185,11 +185,19 @@ class Changes:
         words = f"obstacle {before.name} must give {by.text} on every side: {sizes}"
         return [Change((*key, field), value, texts[field], words, looser=-1) for field, value in changed.items()]
 
+    def _lower_mounting(self, by: Quantity) -> list[Change]:
+        """The mounting plane that the file states, farther below the base."""
+        mounting = self.elastic.cell.scene.mounting
+        if mounting is None or mounting.assumed:
+            return []
+        below = mounting.below + by.value
+        text = exact_text(below, "m")
+        words = f"state the mounting plane {text} below the base (now {shown(mounting.below, 'm')})"
+        return [Change(("cell", "mounting", "below"), below, text, words, looser=1)]
+
     def _moved(self, k: int, name: str) -> list[Change]:
         """An obstacle somewhere else."""
         obstacle = self.elastic.cell.scene.obstacles[k]
-        if obstacle.name not in self.stated:
-            return []
         shift = self._vector(self.way.slacks[name])
         moved = np.array([part.value for part in shift])
         there = np.array(getattr(obstacle, "xyz", np.zeros(3))) + moved

@@ -38,6 +38,7 @@ SEARCH = "search"
 """Name of the reason where requirements can be met one by one, and the search did not meet them together."""
 MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
 MAX_OFFERED = 4  # changes that are offered: each is solved first
+MAX_TRIALS = 8  # solves that this takes at most
 
 Does = Callable[[Sequence[Change]], bool]
 """Whether the problem with some changes has a solution."""
@@ -173,9 +174,10 @@ class Infeasibility:
         names, nearest = max(own, key=lambda way: (specific(way[0]), -way[1].cost))
         reasons = self.reasons(names, nearest)
         offered: list[Relaxation] = []
+        does = limited(self.does)
         for names, way in sorted(ways, key=lambda way: way[1].cost):
             if len(offered) < MAX_OFFERED:
-                found = self.relaxation(names, way, own)
+                found = self.relaxation(names, way, own, does)
                 offered += [] if found is None else [found]
         changes = {one.reasons: one.change for one in reversed(offered)}
         reasons_said = tuple(
@@ -194,19 +196,18 @@ class Infeasibility:
             rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
-    def relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> Relaxation | None:
+    def relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way], does: Does) -> Relaxation | None:
         """The change that a way shows, with the first digits that do; None where none does."""
         assert self.asked is not None
         assert self.asked.task is not None
-        task, stated = self.asked.task, obstacles_in_file(self.asked)
+        task = self.asked.task
         given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
         reasons = self._reasons_of(given, way, own)
         posture = Posture(self.problem.robot, way.q)
         written = (
-            Changes(self.problem, task, stated, self.elastic, self.target, way, attempt).of(given)
-            for attempt in ATTEMPTS
+            Changes(self.problem, task, self.elastic, self.target, way, attempt).of(given) for attempt in ATTEMPTS
         )
-        changes = first_that_does(written, self.does)
+        changes = first_that_does(written, does)
         return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
     def _reasons_of(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> tuple[Reason, ...]:
@@ -293,9 +294,8 @@ class Infeasibility:
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
-        chosen = self._pool[
-            np.concatenate([order[: _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER] for order in orders])
-        ]
+        most = _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER
+        chosen = self._pool[np.column_stack([order[:most] for order in orders]).ravel()]  # in turn of either
         return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
@@ -361,11 +361,6 @@ def specific(names: Sequence[str]) -> int:
     return min(order.index(name) if name in order else len(order) for name in names)
 
 
-def obstacles_in_file(problem: ProblemData) -> tuple[str, ...]:
-    """Names of the obstacles that the file states."""
-    return () if problem.cell is None else tuple(obstacle.name for obstacle in problem.cell.obstacles)
-
-
 def first_that_does(written: Iterable[tuple[Change, ...]], does: Does) -> tuple[Change, ...] | None:
     """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
     tried: list[tuple[Change, ...]] = []
@@ -376,6 +371,17 @@ def first_that_does(written: Iterable[tuple[Change, ...]], does: Does) -> tuple[
             return changes
         tried.append(changes)
     return None
+
+
+def limited(does: Does) -> Does:
+    """The same question, answered `MAX_TRIALS` times; then with no."""
+    left = iter(range(MAX_TRIALS))
+
+    def asked(changes: Sequence[Change]) -> bool:
+        """Whether the problem with some changes is solved; no, once enough were tried."""
+        return next(left, None) is not None and does(changes)
+
+    return asked
 
 
 def words_of(changes: Sequence[Change]) -> str:

@@ -18,7 +18,7 @@ from posture_opt.selection.answer.infeasible import (
     Explanation,
     Infeasibility,
     first_that_does,
-    obstacles_in_file,
+    limited,
     specific,
     words_of,
 )
@@ -73,6 +73,7 @@ def explain_stations(inquiry: Infeasibility, targets: Sequence[TaskTarget], name
     chief = max(own, key=lambda way: (specific(way.names), -way.cost))
     reasons = _reasons(inquiry, chief, targets, names)
     offered: list[Relaxation] = []
+    inquiry = replace(inquiry, does=limited(inquiry.does))
     for way in sorted(changing, key=lambda way: way.cost):
         if len(offered) < MAX_OFFERED and (found := _relaxation(inquiry, way, targets, names)) is not None:
             offered.append(found)
@@ -129,11 +130,11 @@ def _changes(
     """What to change for all stations: at each key the loosest value that any of them needs."""
     assert inquiry.asked is not None
     assert inquiry.asked.task is not None
-    task, stated, loosest = inquiry.asked.task, obstacles_in_file(inquiry.asked), dict[str, Change]()
+    task, loosest = inquiry.asked.task, dict[str, Change]()
     requirements = inquiry.elastic.requirements
     for target, one in zip(targets, way.ways, strict=True):
         given = [name for name in way.names if one.lacking[requirements.index(name)] > 0]
-        changes = Changes(inquiry.problem, task, stated, inquiry.elastic, target, one, attempt).of(given)
+        changes = Changes(inquiry.problem, task, inquiry.elastic, target, one, attempt).of(given)
         if given and not changes:
             return ()
         for change in changes:
