@@ -16,8 +16,9 @@ from posture_opt.problem.load import load_problem, problems_folder
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.select_posture import planned_posture
-from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
+from posture_opt.selection.stations.placement_relaxation import turned_feasible
 from tests.helpers import factors
+from tests.helpers.changes import changed
 from tests.helpers.variants import conformance
 
 FILES = ("insert_ur10_plate", "insert_panda_block", "insert_scara_tray")
@@ -183,14 +184,27 @@ def test_failure_names_the_feature_and_a_move_that_suffices() -> None:
     assert found.status == "infeasible"
     assert found.reasons[0].message.startswith("right: the target is out of reach")
     assert found.statistics.seconds < 30
-    assert "let the workpiece stand at" in found.relaxations[0].change or len(found.relaxations) > 1
     assert found.to_json()["features"][0]["name"] == "right"
-    moved = nearest_feasible(found.placed, 0)
-    assert moved is not None
-    away = float(outside(found.placement, moved[None])[0])
-    assert 0 < away < 0.2
-    there = {name: f"{v} m" for name, v in zip("xyz", moved, strict=False)} | {"yaw": f"{moved[3]} rad"}
-    assert po.select_posture(problem.with_task(workpiece=there)).status == "optimal"
+    (relaxation,) = found.relaxations
+    assert relaxation.change.startswith("let the workpiece stand at (")
+    assert 0.05 < relaxation.cost < 0.1  # 71 mm of reach are missing
+    assert po.select_posture(changed(problem, relaxation)).status != "infeasible"
+
+
+def test_a_change_does_for_every_feature_that_fails() -> None:
+    """Two holes at two heights: the lower one lacks more, and the change that it needs is offered."""
+    holes = [
+        {"name": "upper", "position": ["0 m", "0 m", "0 mm"]},
+        {"name": "lower", "position": ["-40 mm", "0 m", "-30 mm"]},
+    ]
+    bound = [{"kind": "link_height", "at_least": "20 mm"}]
+    stands = {"x": "0.3 m", "y": "0.1 m", "z": "-20 mm"}
+    problem = plate("scara", holes, workpiece=stands, subject_to=bound)
+    with pytest.raises(NoSolutionError) as error:
+        po.select_posture(problem)
+    (relaxation,) = (r for r in error.value.solution.relaxations if r.change.startswith("set at_least"))
+    assert relaxation.to_json()["set"] == {"task.subject_to.0.at_least": "-50 mm"}
+    assert po.select_posture(changed(problem, relaxation)).status != "infeasible"
 
 
 @pytest.mark.conformance

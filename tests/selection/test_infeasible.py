@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -13,8 +11,10 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
+from posture_opt.selection.answer.infeasible import Infeasibility
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.terms import TERMS
+from tests.helpers.changes import changed
 from tests.helpers.variants import conformance
 
 POINTS = {"ur10": [0.6, 0.2, 0.1], "panda": [0.45, 0.1, 0.2], "scara": [0.28, 0.15, -0.05]}
@@ -62,21 +62,6 @@ def refused(data: dict[str, Any]) -> Solution:
     costs = [relaxation.cost for relaxation in solution.relaxations]
     assert costs == sorted(costs)
     return solution
-
-
-def changed(problem: po.Problem, relaxation: Any) -> po.Problem:
-    """The problem with the change made by its keys, as they are printed in the document and no digit more."""
-    keys = json.loads(json.dumps(relaxation.to_json()))["set"]
-    assert keys
-    limits = {key.split(".")[2]: keys.pop(key) for key in list(keys) if key.startswith("robot.")}
-    names = sorted((key for key in keys), key=len)
-    problem = problem.replace(**{key.replace(".", "__"): keys[key] for key in names})
-    size = {"deg": math.radians(1.0), "mm": 1e-3}
-    for name, ends in limits.items():  # a preset has no key for them
-        lower, upper = (float(end.split()[0]) * size[end.split()[1]] for end in ends)
-        joints = tuple(replace(j, lower=lower, upper=upper) if j.name == name else j for j in problem.robot.joints)
-        problem = replace(problem, arm=replace(problem.arm, robot=replace(problem.robot, joints=joints)))
-    return problem
 
 
 def assert_all_do(data: dict[str, Any], solution: Solution) -> None:
@@ -195,3 +180,79 @@ def test_an_obstacle_is_named_and_a_move_gets_out_of_its_way(robot: str, name: s
     )
     assert any(r.change.startswith(f"move obstacle {name} by ") for r in solution.relaxations)
     assert_all_do(data, solution)
+
+
+SCARA_POINT = POINTS["scara"]
+
+
+def test_how_much_an_obstacle_must_give_is_how_deep_the_arm_is_in_it() -> None:
+    """The tool is 108 mm inside of a drum: no distance says how deep; a tenth less than offered does not do."""
+    data = asked("scara", SCARA_POINT)
+    place = [f"{x} m" for x in (0.45, 0.24, 0.2)]
+    drum = {"name": "drum", "kind": "cylinder", "radius": "300 mm", "length": "2 m", "xyz": place}
+    data["cell"] = {"obstacles": [drum], "clearance": "5 mm", "mounting": "none"}
+    solution = refused(data)
+    assert [reason.requirement for reason in solution.reasons] == ["clearance to drum"]
+    (gives,) = (r for r in solution.relaxations if r.change.startswith("obstacle drum must give "))
+    keys = gives.to_json()["set"]
+    assert set(keys) == {"cell.obstacles.drum.radius", "cell.obstacles.drum.length"}
+    radius = float(keys["cell.obstacles.drum.radius"].split()[0])
+    assert gives.reasons[0].amount * 1e3 == pytest.approx(300 - radius, abs=0.2)
+    assert_all_do(data, solution)
+    less = 0.9 * (300 - radius)
+    drum |= {"radius": f"{300 - less} mm", "length": f"{2000 - 2 * less} mm"}
+    refused(data)
+
+
+def test_a_mounting_plane_that_is_stated_is_lowered() -> None:
+    data = asked("scara", [0.28, 0.15, -0.1])
+    data["cell"] = {"mounting": {"below": "0 mm"}, "clearance": "5 mm"}
+    solution = refused(data)
+    assert [reason.requirement for reason in solution.reasons] == ["clearance to mounting plane"]
+    (lower,) = (r for r in solution.relaxations if "cell.mounting.below" in r.to_json()["set"])
+    assert lower.change.startswith("state the mounting plane ")
+    assert_all_do(data, solution)
+
+
+def test_links_that_touch_are_the_reason_and_not_the_joint_that_is_held() -> None:
+    """The joints that are held have no value nearby that does: it is the arm itself that is in the way."""
+    data = {
+        "robot": {"kind": "preset", "name": "panda", "tool": {"xyz": ["0 m", "0 m", "103.4 mm"]}},
+        "cell": {"obstacles": [], "clearance": "20 mm"},
+        "uncertainty": {"repeatability": "0.1 mm"},
+        "task": {
+            "kind": "measure",
+            "position": ["0.4 m", "0.1 m", "0.6 m"],
+            "subject_to": [{"kind": "fixed_joints", "values": {"panda_joint6": "0.3 rad", "panda_joint7": "45 deg"}}],
+        },
+    }
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(po.problem_from_dict(data))
+    solution = caught.value.solution
+    assert [reason.requirement for reason in solution.reasons] == ["clearance of the arm to itself"]
+    assert all("17.19 deg (now 17.19 deg)" not in relaxation.change for relaxation in solution.relaxations)
+    assert_all_do(data, solution)
+
+
+def test_what_does_not_do_is_not_offered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(po.PostureSelector, "can_be_done", lambda *args: False)
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(po.problem_from_dict(asked("scara", FAR["scara"])))
+    assert caught.value.solution.relaxations == ()
+    assert "move the target" not in str(caught.value)
+    assert "What would help" not in caught.value.solution.report()
+
+
+def test_requirements_that_are_met_one_by_one_and_not_together_are_no_error_of_the_solver(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data = asked("scara", SCARA_POINT, subject_to=[{"kind": "link_height", "at_least": "2 m"}])
+    monkeypatch.setattr(Infeasibility, "ways", lambda self: [])
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(po.problem_from_dict(data))
+    solution = caught.value.solution
+    first, *missed = solution.reasons
+    assert first.requirement == "search"
+    assert "no posture was found that meets all of them" in first.message
+    assert any(reason.requirement.startswith("link_height") for reason in missed)
+    assert solution.to_json()["status"] == "infeasible"

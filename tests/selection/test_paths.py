@@ -17,6 +17,7 @@ from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, between, tangents
 from tests.helpers import factors
+from tests.helpers.changes import changed
 from tests.helpers.path_brute_force import across, bottleneck, reached, tangents_of
 from tests.helpers.planar_2r import exact, postures_at
 from tests.helpers.variants import conformance
@@ -365,3 +366,24 @@ def test_a_workpiece_that_stands_moves_and_turns_its_path():
         np.testing.assert_allclose(T[:3, 3], R @ point + [0.5, 0, 0.2], atol=1e-7)
         np.testing.assert_allclose(T[:3, 2], R @ [0.1, 0, -1] / math.hypot(0.1, 1), atol=1e-6)
     assert found.to_json()["workpiece"] == pytest.approx({"x": 0.5, "y": 0, "z": 0.2, "yaw": math.pi / 6})
+
+
+def test_a_path_that_fails_is_explained_by_its_worst_point_and_the_change_does_for_all() -> None:
+    """Behind a SCARA: the point on the axis of symmetry needs most of its first joint."""
+    points = [[-0.15, y, -0.08] for y in (0.06, 0.022, 0.011, 0.0, -0.011, -0.022, -0.06)]
+    task = {"kind": "dispense", "points": [[f"{x} m" for x in point] for point in points]}
+    problem = po.problem_from_dict(
+        {"robot": {"kind": "preset", "name": "scara"}, "uncertainty": {"repeatability": "0.02 mm"}, "task": task,
+         "cell": "none"}
+    )  # fmt: skip
+    with pytest.raises(NoSolutionError, match="point 4: joint1 would have to go to") as caught:
+        po.select_posture(problem)
+    # The law of cosines at 150 mm, straight behind: the angle that the joint needs.
+    first, second = 0.22, 0.13
+    shoulder = np.arccos((first**2 + 0.15**2 - second**2) / (2 * first * 0.15))
+    beyond = 180 - np.degrees(shoulder) - 140
+    (reason,) = caught.value.solution.reasons
+    assert np.degrees(reason.amount) == pytest.approx(beyond, abs=0.01)
+    assert caught.value.solution.relaxations
+    for relaxation in caught.value.solution.relaxations:
+        assert po.select_posture(changed(problem, relaxation)).status != "infeasible"

@@ -182,7 +182,8 @@ class Changes:
         changed = {field: value for field, value in changed.items() if value != getattr(before, field)}
         texts = {field: _lengths_text(value) for field, value in changed.items()}
         sizes = ", ".join(f"{f} {t if isinstance(t, str) else '[' + ', '.join(t) + ']'}" for f, t in texts.items())
-        words = f"obstacle {before.name} must give {by.text} on every side: {sizes}"
+        sides = " on every side" if math.isfinite(before.half_thickness) else ""
+        words = f"obstacle {before.name} must give {by.text}{sides}: {sizes}"
         return [Change((*key, field), value, texts[field], words, looser=-1) for field, value in changed.items()]
 
     def _lower_mounting(self, by: Quantity) -> list[Change]:

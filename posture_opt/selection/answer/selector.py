@@ -58,13 +58,22 @@ class PostureSelector:
             False interprets it; True insists.
         keeps_mounting: whether what cannot be done above an assumed mounting plane has no solution; else that plane is
             dropped for it.
+        offers: whether changes that would help are tried where there is no solution.
 
     Raises:
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
     """
 
-    def __init__(self, problem: ProblemData, *, compiled: bool | None = None, keeps_mounting: bool = False) -> None:
+    def __init__(
+        self,
+        problem: ProblemData,
+        *,
+        compiled: bool | None = None,
+        keeps_mounting: bool = False,
+        offers: bool = True,
+    ) -> None:
         self._problem, self._compiled, self._keeps_mounting = problem, compiled, keeps_mounting
+        self._offers = offers
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
         arm = arm.within_measured() if problem.within_measured else arm
@@ -270,6 +279,11 @@ class PostureSelector:
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
+        if self._keeps_mounting and self._problem.above_assumed_mounting:  # which is dropped, and asked again
+            met = met_after_all(engine, found)
+            if met is None:
+                raise NoSolutionError("no posture was found above the mounting plane")
+            return [met]
         why = self._explained(found)
         if not why.reasons:
             rescued = engine.polished(engine.candidates(why.q[None], found.target)[0], found.target)
@@ -286,6 +300,8 @@ class PostureSelector:
 
         def does(changes: Sequence[Change]) -> bool:
             """Whether the problem with some changes is solved."""
+            if not self._offers:
+                return False
             other = with_changes(asked, changes)
             if {change.path for change in changes} == {"task.position"}:  # a number of this program
                 return self.can_be_done(target.with_position(np.array(task_of(other).position)))

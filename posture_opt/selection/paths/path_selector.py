@@ -47,13 +47,18 @@ _MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
 
 @dataclass(frozen=True, eq=False)
 class PathSelector(DerivedAgain):
-    """The search for the postures along the path of one problem; ``selector`` builds what every point needs."""
+    """The search for the postures along the path of one problem; ``selector`` builds what every point needs.
+
+    Args:
+        w: (4,) where the workpiece stands; ``explains`` says whether a failure is looked into.
+    """
 
     problem: ProblemData
     selector: PostureSelector
     task: PathTask
     placement: PlacementRange
     w: Array
+    explains: bool = True
 
     @classmethod
     def of(cls, problem: ProblemData) -> PathSelector:
@@ -136,7 +141,7 @@ class PathSelector(DerivedAgain):
     def _attempted(self, w: Array, seed: int, pool: Workers) -> Solution | None:
         """The motion with the workpiece at w (4,); None where there is none."""
         try:
-            return replace(self, w=w).solve_here(seed, pool)
+            return replace(self, w=w, explains=False).solve_here(seed, pool)
         except NoSolutionError:
             return None
 
@@ -265,6 +270,8 @@ class PathSelector(DerivedAgain):
 
     def _explain(self, engine: Engine, failing: Sequence[int], began: float) -> None:
         """Raises the error of points that no posture does, with the reasons at the one that lacks most."""
+        if not self.explains or self.problem.above_assumed_mounting:  # which is dropped first
+            raise NoSolutionError(f"{self.path.numbers[failing[0]]}: no posture was found that meets all requirements")
         targets, names = [self.targets[k] for k in failing], [self.path.numbers[k] for k in failing]
         target = targets[len(targets) // 2]
         searched = multistart(engine, target, np.random.default_rng(self.problem.solver.seed), usual_starts(engine))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.answer.placement import PlacementRange
@@ -120,7 +120,7 @@ class _FeaturesSelection:
         }  # fmt: skip
         single = replace(self.problem, task=self.task.model_copy(update=given))
         compiled = None if self.placement.free.any() else False
-        return PostureSelector(single, compiled=compiled, keeps_mounting=True)
+        return PostureSelector(single, compiled=compiled, keeps_mounting=True, offers=False)
 
     def _stations(self, guarded: bool | None = None) -> PlacedStations:
         """The features as stations, with the engines that serve them.
@@ -248,7 +248,11 @@ class _FeaturesSelection:
             try:
                 solved.append(selector.solve_thoroughly(seed=self.seed, workers=workers, target=target))
             except NoSolutionError as error:
-                raise self._explained(stations).error(w, [k], [error], 1, began) from None
+                if self.problem.above_assumed_mounting:  # which is dropped first
+                    raise
+                after = range(k + 1, len(stations.targets))
+                failed = [k, *(j for j in after if not selector.can_be_done(stations.at(w)[j]))]
+                raise self._explained().error(w, failed, [error], 1, began) from None
             if progress is not None:
                 progress(k + 1, len(stations.targets))
         starts = sum(solution.statistics.tried for solution in solved)
@@ -257,28 +261,42 @@ class _FeaturesSelection:
         statistics = PlacementStatistics(1, 1, starts, 0, batches, recurred, time.perf_counter() - began)
         return self._solution(stations, w, postures_together(stations, w, solved), statistics)
 
-    def _explained(self, stations: PlacedStations) -> FeaturesFailure:
-        """The inquiry into a failure."""
-        return FeaturesFailure(self.problem, self.task, stations, self.seed)
+    def _explained(self) -> FeaturesFailure:
+        """The inquiry into a failure, with rows that keep the arm clear."""
+        return FeaturesFailure(self.problem, self.task, self._stations(guarded=True), self.seed, self._selector, _does)
+
+    def can_be_done(self) -> bool:
+        """Whether a placement is found at which every feature can be done; why not is not asked."""
+        if self.placement.free.any():
+            return bool(search_placement(self._stations(guarded=True), self.seed, wanted=1).optima)
+        return all(self._selector.can_be_done(target) for target in self._stations().at(self.placement.lower))
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
         """The error with the placement at which least is missing, and why the features fail there that do."""
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
         selector = self._selector
+        if self.problem.above_assumed_mounting:  # which is dropped first
+            raise NoSolutionError("no placement was found above the mounting plane")
         errors: list[NoSolutionError] = []
+        solved: list[Solution] = []
         failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
         for k in failed[:_EXPLAINED_FEATURES]:
             try:
-                selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
+                solved.append(selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8))
             except NoSolutionError as error:
                 errors.append(error)
         if not errors:
-            raise SolverError(
-                "each feature can be done by itself, but no placement was found at which all of them can be done; more "
-                "starts may help (solver: {starts: 500})"
-            )
-        return self._explained(stations).error(every.W[m], failed, errors, len(every.W), began)
+            return self._explained().not_together(every.W[m], failed, solved, len(every.W), began)
+        return self._explained().error(every.W[m], failed, errors, len(every.W), began)
+
+
+def _does(problem: ProblemData) -> bool:
+    """Whether a changed problem with features is solved."""
+    try:
+        return _FeaturesSelection.of(problem, None).can_be_done()
+    except InputError:  # no such problem can be stated
+        return False
 
 
 @dataclass(frozen=True)

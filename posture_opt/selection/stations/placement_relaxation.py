@@ -12,12 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.collision.mounting import base_frame
 from posture_opt.numerics import Array
 from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.stations.placed_stations import PlacedStations
 
-_PLACEMENTS_BEYOND = 192  # placements beyond the range
+_PLACEMENTS_BEYOND = 96  # placements beyond the range, towards the base and anywhere
 _PLACEMENTS_ALONG = 12  # of the way back
+_BESIDE = 0.1  # of the reach: so far from the way to the base
 _MAX_ROUNDS = 3
 _STARTS_PER_PLACEMENT = 8
 
@@ -32,7 +34,12 @@ def nearest_feasible(stations: PlacedStations, seed: int) -> Array | None:
     far = np.append(np.full(3, reach.radius), 0.0)
     share = rng.random((_PLACEMENTS_BEYOND, 1)) ** 2  # more of them near the range
     inside = box.lower + rng.random((_PLACEMENTS_BEYOND, 4)) * (box.upper - box.lower)
-    return _led_back(stations, inside + share * rng.uniform(-1, 1, (_PLACEMENTS_BEYOND, 4)) * far, rng)
+    anywhere = inside + share * rng.uniform(-1, 1, (_PLACEMENTS_BEYOND, 4)) * far
+    # What is out of reach is reached on the way to the base, at its own height or nearly so.
+    foot = np.append(base_frame(stations.engines[0].robot)[0][:2], inside[0, 2:])
+    nearer = inside + np.linspace(0, 1, _PLACEMENTS_BEYOND)[:, None] * (foot - inside) * [1, 1, 0, 0]
+    nearer += _BESIDE * rng.uniform(-1, 1, (_PLACEMENTS_BEYOND, 4)) * far
+    return _led_back(stations, np.vstack([nearer, anywhere]), rng)
 
 
 def turned_feasible(stations: PlacedStations, seed: int) -> Array | None:
