@@ -122,7 +122,7 @@ class TestText:
             assert float(found[1]) == pytest.approx(factor * value, abs=0.06)  # a decimal at least
             shown.append(float(found[1]) / factor)
         moved = np.linalg.norm(solution.spread.position - np.asarray(problem.arm.position(np.array(shown))))
-        assert moved < 0.1 * solution.critical.sigma_max  # what people read; programs have a digit more
+        assert moved < solution.critical.sigma_max  # what people read; programs have two digits more
 
     def test_the_answer_the_probability_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar

@@ -77,6 +77,14 @@ def _loosened(price: Price) -> str:
     return f"{step} {'more' if price.side == 'upper' else 'less'} {price.requirement}"
 
 
+def most_helpful(problem: ProblemData, changes: Sequence[Improvement]) -> str:
+    """The change that lowers the standard deviation the most, in one clause; empty where nothing would."""
+    best = max(changes, key=lambda change: change.gain, default=None)
+    if best is None or best.gain < _MIN_GAIN:
+        return ""
+    return f"{_words(best, problem.arm)}: {length(best.sigma_max)}, {percent(best.gain)} less"
+
+
 @singledispatch
 def _words(change: Improvement, arm: Arm) -> str:
     """A change in words, with its size."""

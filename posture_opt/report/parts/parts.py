@@ -38,11 +38,7 @@ from posture_opt.report.text.words import (
 )
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
-from posture_opt.uncertainty.spread.joint_digits import (
-    READABLE_ROUNDING_SHARE,
-    JointDigits,
-    joint_digits,
-)
+from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed, number
 
@@ -200,12 +196,12 @@ def sentence(text: str) -> str:
 def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
     """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one.
 
-    Values [deg or mm] have so many digits that rounding them moves the tool point by less than a tenth of its σ.
+    Values [deg or mm] have so many digits that rounding them moves the tool point by no more than its σ.
 
     Args:
         q: (n,) posture [rad or m].
     """
-    digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
+    digits = readable_digits(problem, q)
     rows = [
         (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
         for joint, value in zip(robot.joints, q, strict=True)
@@ -244,20 +240,18 @@ def _limits(joint: Joint) -> str:
 
 
 def joint_values(problem: HasSources, q: Vector) -> str:
-    """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm.
+    """A posture in one line, to be read: joint1 12.3 deg, joint2 120.0 mm. Programs have more digits.
 
     Args:
         q: (n,) [rad or m]; written with the digits of `joint_table`.
     """
-    digits = joint_digits(problem, q, READABLE_ROUNDING_SHARE)
+    digits = readable_digits(problem, q)
     joints = problem.arm.robot.joints
     return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
 
 
 def _value(joint: Joint, value: float, digits: JointDigits) -> str:
-    """A joint value with the digits that its rounding asks for: another digit moves the tool by less than a tenth of
-    σ.
-    """
+    """A joint value with the digits that the scatter supports."""
     unit, factor = joint_unit(joint.type)
     return f"{digits.text(joint, value, 1 / factor)} {unit}"
 

@@ -27,7 +27,7 @@ from posture_opt.report.text.units_text import (
 from posture_opt.report.text.words import direction_words, part_words
 from posture_opt.selection.answer.placement import COORDINATES
 from posture_opt.selection.answer.shared_placement import PlacementFigure
-from posture_opt.uncertainty.spread.joint_digits import READABLE_ROUNDING_SHARE, joint_digits
+from posture_opt.uncertainty.spread.joint_digits import readable_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def range_words(placement: PlacementRange) -> str:
 def features_block(found: Solution) -> Block:
     """A posture for each feature."""
     joints = found.optimisation_problem.robot.joints
-    digits = joint_digits(found.problem, found.postures, READABLE_ROUNDING_SHARE)
+    digits = readable_digits(found.problem, found.postures)
     unit, factor = length_unit([float(s) for s in found.sigmas])
     p_success = [station.success_probability for station in found.stations]
     known = all(p is not None for p in p_success)

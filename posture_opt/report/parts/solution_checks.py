@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from posture_opt.selection.search.search_statistics import Sweep
 
 SMALL_GAIN = 0.05
-"""Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
+"""Below this gain over a typical posture something else is what helps: at a fixed target, placing the workpiece."""
+NO_GAIN = 5e-4  # and below this there is none
 GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
 _ROUNDING = 1e-12  # of a standard deviation: less is not worth a digit
 _MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
@@ -82,7 +83,7 @@ def _most_manipulable(solution: Solution) -> list[tuple[str, str]]:
         return []
     more = other.sigma_max / solution.critical.sigma_max - 1
     size = "the same standard deviation"
-    if abs(more) >= 5e-4:
+    if abs(more) >= NO_GAIN:
         size = f"{_size(solution, other.sigma_max)}, {percent(abs(more))} {'higher' if more > 0 else 'lower'}"
     return [("Manipulability", f"the posture of greatest manipulability has {size}")]
 
@@ -95,7 +96,7 @@ def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
 
 def _less(gain: float) -> str:
     """A relative gain in words."""
-    if abs(gain) < 5e-4:
+    if abs(gain) < NO_GAIN:
         return "the same standard deviation as"
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} standard deviation than"
 
@@ -194,7 +195,7 @@ def _advice_on_place(solution: Solution) -> tuple[str, ...]:
 
 def _almost(gain: float) -> str:
     """How much worse a typical posture is."""
-    return "as good" if gain < 5e-4 else f"only {percent(gain)} worse"
+    return "as good" if gain < NO_GAIN else f"only {percent(gain)} worse"
 
 
 def explain_report(solution: Solution) -> Report:

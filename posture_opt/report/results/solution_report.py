@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead, unchecked_facts
-from posture_opt.report.parts.improvement_parts import improvements_block
+from posture_opt.report.parts.improvement_parts import improvements_block, most_helpful
 from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import (
     frame_notes,
@@ -57,7 +58,7 @@ from posture_opt.report.parts.posture_parts import (
     spread_block,
     target_words,
 )
-from posture_opt.report.parts.solution_checks import checks_block, explain_report
+from posture_opt.report.parts.solution_checks import NO_GAIN, SMALL_GAIN, checks_block, explain_report
 from posture_opt.report.parts.task_parts import (
     clearance_facts,
     critical_size,
@@ -69,7 +70,15 @@ from posture_opt.report.parts.task_parts import (
 from posture_opt.report.results.drawing_files import figures_of, views_of
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.text import render
-from posture_opt.report.text.units_text import joint_unit, length, length_unit, place, probability, stated_length
+from posture_opt.report.text.units_text import (
+    joint_unit,
+    length,
+    length_unit,
+    percent,
+    place,
+    probability,
+    stated_length,
+)
 from posture_opt.report.text.words import CRITERIA, part_words
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
@@ -285,7 +294,17 @@ def _one_lead(solution: Solution) -> tuple[str, ...]:
     placed = [f"Place the workpiece so that the target is at {place(solution.spread.position)}."]
     doubt = ["The solver did not confirm an optimum; this is the best posture found."]
     free, sure = solution.target.kind != "point", solution.status == "optimal"
-    return (size, posture, *p_success, *(placed if free else []), *([] if sure else doubt))
+    return (size, posture, *p_success, *(placed if free else []), *_helps(solution), *([] if sure else doubt))
+
+
+def _helps(solution: Solution) -> tuple[str, ...]:
+    """What helps the most, where the choice of the posture gains little."""
+    typical, helps = solution.statistics.typical, most_helpful(solution.problem, solution.improvements)
+    gain = solution.gain_over(typical)
+    if not helps or not math.isfinite(typical) or abs(gain) >= SMALL_GAIN:
+        return ()
+    little = "nothing" if gain < NO_GAIN else f"only {percent(gain)}"
+    return (f"The choice of the posture gains {little}. What would help most: {helps}.",)
 
 
 def _one(solution: Solution) -> Summary:

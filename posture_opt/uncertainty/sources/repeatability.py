@@ -13,6 +13,9 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.sources.iso9283 import repeatabilities
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.units import number
+
+_MICROMETRES_BELOW_M = 1e-5
 
 _DRAWN_POSTURES = 400
 """Postures, of which half are kept: their median RP is that of 40 000 to 1 % (UR10, Panda, SCARA)."""
@@ -121,8 +124,8 @@ def _typical_lever(robot: Robot, columns: Array) -> float:
 def _matching_note(robot: Robot, sigma: Array, repeatability: float, count: int, weighted: bool) -> str:
     """One sentence on the sigmas (n,) [rad or m] and where they come from."""
     parts = []
-    for kind, unit in (("revolute", "mrad"), ("prismatic", "mm")):
-        values = {f"{1e3 * s:.3g} {unit}": None for s, j in zip(sigma, robot.joints, strict=True) if j.type == kind}
+    for kind, written in (("revolute", _degrees), ("prismatic", _small_length)):
+        values = {written(float(s)): None for s, j in zip(sigma, robot.joints, strict=True) if j.type == kind}
         if values:
             each = " each" if sum(j.type == kind for j in robot.joints) > 1 and len(values) == 1 else ""
             parts.append(
@@ -134,6 +137,16 @@ def _matching_note(robot: Robot, sigma: Array, repeatability: float, count: int,
         f"(ISO 9283: mean + 3 s), matched as the median over {count} postures spread over the "
         "joint ranges, the middle half by reach"
     )
+
+
+def _degrees(radians: float) -> str:
+    """A joint's σ in the unit of joint values."""
+    return f"{number(math.degrees(radians))} deg"
+
+
+def _small_length(metres: float) -> str:
+    """A slide's σ, in µm below 0.01 mm, as reports have it."""
+    return f"{number(metres * 1e6)} µm" if metres < _MICROMETRES_BELOW_M else f"{number(metres * 1e3)} mm"
 
 
 def _has_both_types(robot: Robot) -> bool:

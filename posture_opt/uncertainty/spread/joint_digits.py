@@ -5,6 +5,7 @@ point.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,6 @@ from posture_opt.units import fixed
 
 ROUNDING_SHARE = 0.01
 """Share of the scatter by which rounding may move the tool point, every joint rounded to the worse side."""
-READABLE_ROUNDING_SHARE = 0.1
-"""The same for postures that people read: rounding then adds at most half a percent to the standard deviation."""
 UNSTATED_SCATTER_M = 1e-4
 """The scatter that is assumed where none is stated; rounding then moves the tool point by less than 1 µm."""
 _MIN_STEP = 1e-12
@@ -58,15 +57,35 @@ def joint_digits(problem: HasSources, postures: ArrayLike, share: float = ROUNDI
         problem: names ``arm`` and ``sources``.
         postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
     """
-    types = [joint.type for joint in problem.arm.robot.joints]
-    steps: dict[str, float] = {"revolute": math.radians(1.0), "prismatic": 1e-3}  # at most a whole degree or mm
+    return _coarsest(problem, postures, 2 * share, lambda lengths: float(np.sum(lengths)))
+
+
+def readable_digits(problem: HasSources, postures: ArrayLike) -> JointDigits:
+    """The digits that the scatter supports: rounding moves the tool point by no more than that, as a standard
+    deviation; one decimal at least.
+
+    An error of rounding by steps h has the standard deviation ``h / √12``, those of several joints
+    ``√Σ |J_j|² h_j² / 12``; where joints turn and slide, each kind may take half.
+
+    Args:
+        problem: names ``arm`` and ``sources``.
+        postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
+    """
+    found = _coarsest(problem, postures, math.sqrt(12.0), lambda lengths: float(np.linalg.norm(lengths)))
+    return JointDigits(min(found.turn, math.radians(0.1)), min(found.slide, 1e-4))
+
+
+def _coarsest(problem: HasSources, postures: ArrayLike, allowed: float, total: Callable[[Array], float]) -> JointDigits:
+    """The steps of which the ``total`` of all joints of a kind is ``allowed`` times the scatter, or half of it for two
+    kinds; at most a whole degree or millimetre.
+    """
+    types = np.array([joint.type for joint in problem.arm.robot.joints])
+    steps: dict[str, float] = {"revolute": math.radians(1.0), "prismatic": 1e-3}
     for q in np.atleast_2d(np.asarray(postures, dtype=float)):
         reach = np.linalg.norm(np.asarray(problem.arm.jacobian(q), dtype=float)[:3], axis=0)
-        allowed = 2 * share * scatter(problem, q) / len(set(types))
-        for kind in set(types):
-            moved = float(sum(length for length, of in zip(reach, types, strict=True) if of == kind))
-            if moved > 0:
-                steps[kind] = min(steps[kind], allowed / moved)
+        for kind in set(types.tolist()):
+            if (moved := total(reach[types == kind])) > 0:
+                steps[kind] = min(steps[kind], allowed * scatter(problem, q) / len(set(types.tolist())) / moved)
     return JointDigits(max(steps["revolute"], _MIN_STEP), max(steps["prismatic"], _MIN_STEP))
 
 
