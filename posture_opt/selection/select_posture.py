@@ -13,7 +13,6 @@ from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.tasks.workpiece import Workpiece
 
 Answer: TypeAlias = Solution
 _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "posture_opt.selection.paths.path_selector"
@@ -40,14 +39,8 @@ def at_one_feature(
     if problem.task is None or not problem.task.features:
         return models
     target = planned_posture(problem, seed=seed, workers=workers).target
-    x, y, z = ((float(v), float(v)) for v in target.lower - target.lever)
-    task = problem.task.model_copy(
-        update={
-            "features": (), "workpiece": Workpiece(x=x, y=y, z=z), "combine": "worst",
-            "clearance": target.given_clearance,
-            "position": tuple(map(float, target.lower)), "direction": tuple(map(float, target.direction)),
-        }
-    )  # fmt: skip
+    one = problem.task.model_copy(update={"features": (), "workpiece": None, "combine": "worst"})
+    task = target.in_task(one)
     errors = problem.workpiece_sources
     return {name: replace(model, task=task, workpiece_sources=errors) for name, model in models.items()}
 

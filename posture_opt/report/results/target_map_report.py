@@ -16,6 +16,7 @@ from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead
+from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import (
     frame_notes,
     input_facts,
@@ -45,6 +46,7 @@ def target_map_report(found: TargetMap) -> Report:
     problem: ProblemData = found.problem
     title = problem.name or "Map of targets"
     first, last = mounting_lead(found.problem.scene, found.postures[found.feasible])
+    first = (*first, *beyond_lead(problem.arm, found.postures[found.feasible]))
     return Report(
         title, (*first, *lead(found), *last), (problem_block(problem, found), places_block(found), map_block(found))
     )

@@ -296,7 +296,7 @@ class PostureSelector:
     def _explained(self, found: MultistartResult) -> Explanation:
         """What keeps a search from finding anything, and which changes help."""
         target = found.target
-        asked = replace(self._problem, task=_with_target(self.task, target))
+        asked = replace(self._problem, task=target.in_task(self.task))
 
         def does(changes: Sequence[Change]) -> bool:
             """Whether the problem with some changes is solved."""
@@ -392,14 +392,8 @@ def sources_of(problem: ProblemData) -> Sources:
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        what = "nothing" if problem.workpiece_sources.empty else "nothing of the arm"
         raise InputError(
-            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
+            Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.task_sources
-
-
-def _with_target(task: Task, target: TaskTarget) -> Task:
-    """The task with the place, the direction and the clearance of a target in it."""
-    place = {"position": tuple(map(float, target.lower))} if target.kind == "point" else {}
-    direction = tuple(map(float, target.direction))
-    return task.model_copy(update={**place, "direction": direction, "clearance": target.given_clearance})

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.errors import NoSolutionError
+from posture_opt.errors import NoSolutionError, enumerated
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
@@ -201,7 +201,7 @@ def _mapped(
         own=map_points[size] if own else None,
         solves=solves,
         seconds=time.perf_counter() - began,
-        notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks()),
+        notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks(), *_narrowed_notes(problem)),
     )
 
 
@@ -235,6 +235,14 @@ def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest)
     if target.kind == "anywhere" and request.low is None:
         best = np.asarray(selector.solve().spread.position)
     return grid_of(request, target, selector.reach, positions, best)
+
+
+def _narrowed_notes(problem: ProblemData) -> tuple[str, ...]:
+    """What the targets lack that a single solve answers: postures beyond the ranges that effects were measured in."""
+    if not problem.narrowed:
+        return ()
+    joints = enumerated(dict.fromkeys(found.effect.target for found in problem.arm.measured_ranges))
+    return (f"Targets that need {joints} beyond the range that its effect was measured in have no posture here.",)
 
 
 def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Codes, Codes]]:

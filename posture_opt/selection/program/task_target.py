@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ from posture_opt.model.chain import Scalar
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.tasks import Task
+from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
 _RANK = 1e-9  # of the largest singular value: rounding of a product of some ten rotations
@@ -267,6 +269,16 @@ class TaskTarget:
         moved = replace(self, lower=point, upper=point, direction=d, basis=basis, axis=a, axis_basis=axis_basis)
         return replace(moved, spin=spin, lever=lever)
 
+    def in_task(self, task: Task) -> Task:
+        """The task with the place, the direction and the clearance of this target; with a lever, on its workpiece."""
+        stated: dict[str, Any] = {"direction": _entries(self.direction), "clearance": self.given_clearance}
+        if self.kind == "point":
+            stated["position"] = _entries(self.lower)
+        if np.any(self.lever):
+            x, y, z = ((v, v) for v in _entries(self.lower - self.lever))
+            stated["workpiece"] = Workpiece().model_copy(update={"x": x, "y": y, "z": z})
+        return task.model_copy(update=stated)
+
     @property
     def given_clearance(self) -> float | None:
         """The clearance [m]; None where none is given."""
@@ -306,6 +318,12 @@ def turned_about_z(vector: Scalar, c: Scalar, s: Scalar) -> Scalar:
     """(3,) a vector turned about z by the angle of that cosine and sine: numbers, or symbols of CasADi."""
     parts = (c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2])
     return np.array(parts) if isinstance(vector, np.ndarray) else ca.vertcat(*parts)
+
+
+def _entries(vector: Array) -> tuple[float, float, float]:
+    """A vector (3,) as plain numbers."""
+    x, y, z = map(float, vector)
+    return x, y, z
 
 
 def _vector(value: Array, what: str) -> Array:

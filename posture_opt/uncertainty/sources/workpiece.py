@@ -33,9 +33,11 @@ class WorkpieceErrors(Spec):
     A feature at the lever l from the workpiece's origin has the covariance ``s² I + a² (|l|² I − l lᵀ)`` of it.
     """
 
-    position: Annotated[Length, Field(ge=0)] = Field(0.0, description="of each coordinate of its origin")
+    position: Annotated[Length, Field(ge=0)] = Field(
+        0.0, description="of each coordinate of its origin", examples=["0.05 mm"]
+    )
     angle: Annotated[Angle, Field(ge=0, le=_MAX_ANGLE)] = Field(
-        0.0, description="of each small turn, about x, y and z through its origin"
+        0.0, description="of each small turn, about x, y and z through its origin", examples=["0.02 deg"]
     )
 
     @model_validator(mode="after")
@@ -49,7 +51,7 @@ class WorkpieceErrors(Spec):
 class FeatureErrors(Spec):
     """Standard deviation of where a feature is in its workpiece: a new draw for each feature."""
 
-    position: Annotated[Length, Field(ge=0)] = Field(description="of each coordinate")
+    position: Annotated[Length, Field(ge=0)] = Field(description="of each coordinate", examples=["0.02 mm"])
 
 
 def workpiece_sources(workpiece: WorkpieceErrors | None, feature: FeatureErrors | None) -> Sources:
