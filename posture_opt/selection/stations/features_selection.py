@@ -29,6 +29,7 @@ from posture_opt.selection.stations.confirmed_features import confirmed_features
 from posture_opt.selection.stations.features_failure import FeaturesFailure, joined_features
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.placement_search import (
+    PlacementOptimum,
     PlacementSearch,
     failing,
     search_placement,
@@ -41,6 +42,8 @@ from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_o
 
 _EXPLAINED_FEATURES = 3  # features that fail, for which the reason is looked into
 _MAX_OTHER_OPTIMA = 5
+_PROBED = 8  # placements that show whether the arm comes near to itself
+_STARTS_PER_PROBE = 8  # random postures of a feature there
 _SIGMA_TOLERANCE = 1e-4  # of a standard deviation: features that differ by less are the same
 
 
@@ -166,10 +169,23 @@ class _FeaturesSelection:
     def _search(self, workers: int, progress: Progress | None) -> PlacementSearch:
         """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
         scene = self.problem.scene
-        found = search_placement(self._stations(), self.seed, workers, progress)
-        if not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
-            return found
+
+        def clear(optimum: PlacementOptimum) -> bool:
+            return scene.explicit or bool(is_clear(scene, optimum.postures).all())
+
+        free = self._stations()
+        if scene.explicit or self._mostly_clear(free):
+            found = search_placement(free, self.seed, workers, progress, accepted=clear)
+            if not found.optima or clear(found.optima[0]):
+                return found
         return search_placement(self._stations(guarded=True), self.seed, workers, progress)
+
+    def _mostly_clear(self, free: PlacedStations) -> bool:
+        """Whether the best of some placements, without rows that keep the arm clear, is clear as it is."""
+        rng = np.random.default_rng(self.seed)
+        found = free.best(free.in_plane(self.placement.drawn(_PROBED, rng)), _STARTS_PER_PROBE, rng)
+        best = int(np.argmin(found.loss))
+        return not np.isfinite(found.loss[best]) or bool(is_clear(self.problem.scene, found.Q[best]).all())
 
     def _at(self, search: PlacementSearch, began: float) -> Solution:
         """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""

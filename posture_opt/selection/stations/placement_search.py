@@ -7,33 +7,33 @@ postures together; after it every feature is solved again from random starts, le
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.search.batches import independent_batches, recurrences
-from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 
 _PLACEMENTS_PER_BATCH = 32  # of a batch, and so many more for each free coordinate beyond two
 _STARTS_PER_PLACEMENT = 12  # random postures of a feature at a placement
 _STARTS_AT_OPTIMUM = 64  # where the joint problem has ended
-_SCOUTS_PER_SOLVE = 3  # placements for each of these that are followed a little
-_SOLVES_PER_BATCH = 4  # placements of a batch that lead the joint problem
-_HOP_SHARES = (0.4, 0.1)  # of the box: placements about the best optimum lead the joint problem in their turn
+_ZOOMS = ((0.25, 3), (0.08, 3))  # of the box, and the placements of a batch about which it is searched
+_PLACEMENTS_PER_ZOOM = 12  # about each
+_STARTS_PER_ZOOM = 4  # random postures of a feature there, beside those of the best placements
+_SOLVES_PER_BATCH = 2  # placements of a batch that lead the joint problem
+_HOP_SHARES = (0.4, 0.1)  # of the box: a better placement about the optimum leads the joint problem in its turn
 _PLACEMENTS_PER_HOP = 32  # of them
-_SOLVES_PER_HOP = 2  # that lead it
 _MAX_ROUNDS = 4  # of joint problem and single problems in turn
 _MIN_DISTANCE_SHARE = 0.15  # of the box: placements that are nearer lead to the same optimum
 _OBJECTIVE_TOLERANCE = (
     1e-3  # of the objective, a variance: half as much of a standard deviation, which is not measurable
 )
 _ROUNDING_TOLERANCE = 3e-5  # of the objective: less is the rounding of the placement
-BATCHES_THAT_FIND_IT = 3
-"""Batches that are to find the best optimum."""
-_BATCHES_WITH_SHARED_ERRORS = 2  # of stations that share errors: each batch compares many combinations
+_BATCHES_THAT_FIND_IT = 3  # the best optimum
+_BATCHES_FOR_SUCCESS = 2  # a probability is smooth in the placement, which a largest spread is not
 _MAX_BATCHES = 10  # batches
 _NEARER_SHARES = (0.3, 0.1)  # of the box, about the placements that came nearest, where no placement is feasible
 _MAX_FAILED_BATCHES = 2  # batches without any feasible placement, after which there is none
@@ -85,6 +85,7 @@ def search_placement(
     workers: int = 1,
     progress: Progress | None = None,
     wanted: int | None = None,
+    accepted: Callable[[PlacementOptimum], bool] | None = None,
 ) -> PlacementSearch:
     """Batches of placements until the best optimum has been found by some of them.
 
@@ -92,9 +93,10 @@ def search_placement(
         stations: with any scale.
         workers: processes that share the batches; the answer does not depend on it.
         progress: called with (done, most) batches.
-        wanted: batches that are to find the best optimum; default three, or two where stations share errors.
+        wanted: batches that are to find the best optimum; default three, or two where what counts is that all succeed.
+        accepted: whether the best optimum is one that is asked for; the search ends as soon as it is not.
     """
-    usual = BATCHES_THAT_FIND_IT if stations.shared is None else _BATCHES_WITH_SHARED_ERRORS
+    usual = _BATCHES_FOR_SUCCESS if stations.combine == "success" else _BATCHES_THAT_FIND_IT
     enough = usual if wanted is None else wanted
     rng = np.random.default_rng([seed, _MAX_BATCHES])
     probe = stations.best(stations.in_plane(stations.placement.drawn(8, rng)), _STARTS_PER_PLACEMENT, rng)
@@ -108,7 +110,8 @@ def search_placement(
         if progress is not None:
             progress(len(values), _MAX_BATCHES)
         recurred = recurrences(values, _as_good)
-        if recurred >= enough or (not whole.optima and len(values) >= _MAX_FAILED_BATCHES):
+        refused = accepted is not None and bool(whole.optima) and not accepted(whole.optima[0])
+        if refused or recurred >= enough or (not whole.optima and len(values) >= _MAX_FAILED_BATCHES):
             break
     assert whole is not None
     return replace(whole, batches=len(values), recurred=recurred)
@@ -135,35 +138,41 @@ def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
     if k == 0:
         W[0] = stations.in_plane(stations.placement.centre[None])[0]
     screened = stations.best(W, _STARTS_PER_PLACEMENT, rng)
-    if stations.shared is None:  # else each feature has several postures there as it is
-        screened = _shared(stations, screened, rng)
     for share in _NEARER_SHARES:
         if np.isfinite(screened.loss).any():
             break
         screened = _nearer(stations, screened, share, rng)
-    effort = 1 if stations.shared is None else 2
-    optima, solves = _led(stations, screened, _SOLVES_PER_BATCH // effort, rng)
+    optima, solves = _led(stations, _zoomed(stations, screened, rng), _SOLVES_PER_BATCH, rng)
     for share in _HOP_SHARES if optima and stations.placement.free.any() else ():
         nearby = _around(stations, optima[0], share, rng)
-        more, again = _led(stations, nearby, _SOLVES_PER_HOP // effort, rng)
-        optima, solves = _distinct(stations, [*optima, *more]), solves + again
+        if nearby.loss.min() < optima[0].objective:
+            more, again = _led(stations, nearby, 1, rng)
+            optima, solves = _distinct(stations, [*optima, *more]), solves + again
     return PlacementSearch(stations, optima, screened, 1, 1, solves)
+
+
+def _zoomed(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
+    """The placements and others about the best of them, in boxes that get smaller.
+
+    Features are solved at some tens of placements in the time that the joint problem takes to be solved once.
+    """
+    for share, leads in _ZOOMS if stations.placement.free.any() else ():
+        best = _leading(stations, found, leads)
+        if not best or not np.isfinite(found.loss[best]).all():
+            break
+        W = np.vstack([stations.placement.near(found.W[m], share, _PLACEMENTS_PER_ZOOM, rng) for m in best])
+        found = found.joined(stations.best(stations.in_plane(W), _STARTS_PER_ZOOM, rng, found.Q[best]))
+    return found
 
 
 def _led(
     stations: PlacedStations, found: Postures, most: int, rng: np.random.Generator
 ) -> tuple[tuple[PlacementOptimum, ...], int]:
-    """The optima that the best few of some placements lead to, and the number of solves of the joint problem.
-
-    More of them are followed through one solve of it, and those that come out best to their end. Where stations share
-    errors the joint problem is dear and comparing placements is not: the best ones alone are followed.
-    """
-    more = _SCOUTS_PER_SOLVE if stations.shared is None else 1
-    scouts = _leading(stations, found, more * most if stations.placement.free.any() else 1)
-    first = [(m, stations.joint.solve(StationsPoint(found.W[m], found.Q[m]))) for m in scouts]
-    first.sort(key=lambda pair: (pair[1].violation > ROW_TOLERANCE, pair[1].objective))
-    ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in first[:most]]
-    solves = len(first) + sum(more for _, more in ends)
+    """The optima that the best few of some placements lead to, and the number of solves of the joint problem."""
+    leads = _leading(stations, found, most if stations.placement.free.any() else 1)
+    starts = [(m, stations.joint.solve(StationsPoint(found.W[m], found.Q[m]))) for m in leads]
+    ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in starts]
+    solves = len(starts) + sum(more for _, more in ends)
     return _distinct(stations, [end for end, _ in ends if end is not None]), solves
 
 
@@ -171,12 +180,6 @@ def _around(stations: PlacedStations, best: PlacementOptimum, share: float, rng:
     """Placements about an optimum, for branches that the way there did not see."""
     W = stations.in_plane(stations.placement.near(best.w, share, _PLACEMENTS_PER_HOP, rng))
     return stations.best(W, _STARTS_PER_PLACEMENT, rng, best.found.Q)
-
-
-def _shared(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
-    """The same placements, each tried with the postures of the best ones too: what is best at one mostly is nearby."""
-    best = [m for m in np.argsort(found.loss, kind="stable")[:2] if np.isfinite(found.main[m]).all()]
-    return stations.better(found, stations.best(found.W, 0, rng, found.Q[best])) if best else found
 
 
 def _nearer(stations: PlacedStations, found: Postures, share: float, rng: np.random.Generator) -> Postures:
