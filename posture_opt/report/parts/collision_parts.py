@@ -49,7 +49,7 @@ def held_facts(scene: Scene) -> list[Fact]:
     if not least:
         return []
     kept = listed(f"{a} and {b} {stated_length(distance)}" for (a, b), distance in least.items())
-    return [("Held nearer", f"few postures leave them {stated_length(scene.margin)} apart, so they keep less: {kept}")]
+    return [("Held to less", f"{kept}: hardly any posture leaves them {stated_length(scene.margin)} apart")]
 
 
 def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
