@@ -30,6 +30,7 @@ from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
 from posture_opt.robot.robot import Robot
+from posture_opt.robot.shape import Capsule
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
@@ -112,9 +113,10 @@ class Scene:
             mounting = replace(mounting, dropped=True)
         standing = mounting is not None and not mounting.dropped
         obstacles = (*asked.obstacles, *((mounting.plane(robot),) if mounting is not None and standing else ()))
-        assumed = (bool(obstacles) or guessed) and not robot.links_have_shape
+        stand_ins = _stand_ins(robot) if obstacles or guessed else ()
+        assumed = bool(stand_ins)
         free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
-        capsules = (stand_in(robot) if assumed else ()) + robot.shape
+        capsules = stand_ins + robot.shape
         capsules += tool_capsule(robot, free_end) if capsules else ()
         placed = PlacedCapsules(robot, capsules)
         pairs = () if assumed and not guessed else apart_pairs(placed)
@@ -196,7 +198,7 @@ class Scene:
             for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
             if joint.name not in shaped and any(f.kind == "translate" and f.nominal for f in link)
         ]
-        return self.robot.unshaped or (() if self.assumed else tuple(empty))
+        return () if self.assumed else self.robot.unshaped or tuple(empty)
 
     def distances(self, Q: Array) -> Array:
         """(N, k) exact distance of every pair at the postures Q (N, n) [m].
@@ -314,6 +316,14 @@ class Scene:
             radius = first.radius + other.radius
             bounds.append(segment_bound(*placed[i], first.length, *placed[j], other.length, radius))
         return bounds
+
+
+def _stand_ins(robot: Robot) -> tuple[Capsule, ...]:
+    """Capsules along the links whose shape is not known; none where all is known or was replaced on purpose."""
+    shaped = {capsule.joint for capsule in robot.shape} & set(robot.joint_names)
+    if not shaped:
+        return stand_in(robot)
+    return tuple(capsule for capsule in stand_in(robot) if capsule.joint in robot.bare_joints)
 
 
 def _names_of_left_out(

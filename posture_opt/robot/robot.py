@@ -112,6 +112,7 @@ class Robot:
         notes: sentences on what was assumed while the robot was read.
         shape: capsules that base, links and tool lie in; empty where the shape is not known.
         shape_notes: which links are not in the shape, and why; ``unshaped`` the names of those links.
+        bare_joints: joints that carry links whose shape is not known, which capsules along the links may stand for.
         mounting_below: distance [m] of the surface that the arm is made to stand on below the xy plane of its base.
         tool_radius: of the tool between flange and tool point [m]; None where it is not stated.
     """
@@ -133,6 +134,7 @@ class Robot:
     shape: tuple[Capsule, ...] = ()
     shape_notes: tuple[str, ...] = ()
     unshaped: tuple[str, ...] = ()
+    bare_joints: tuple[str, ...] = ()
     mounting_below: float = 0.0
     tool_radius: float | None = None
 
@@ -143,9 +145,9 @@ class Robot:
 
     @property
     def links_have_shape(self) -> bool:
-        """Whether the shape of any moving link is known; a tool or a base alone tells nothing of the links."""
-        names = self.joint_names
-        return any(capsule.joint in names for capsule in self.shape)
+        """Whether the shape of most moving links is known; a tool or a base alone tells nothing of the links."""
+        shaped = {capsule.joint for capsule in self.shape} & set(self.joint_names)
+        return len(shaped - set(self.bare_joints)) > len(self.bare_joints)
 
     def with_free(self, frames: Collection[str]) -> Robot:
         """The same robot with some of ``base`` and ``tool`` to be found from data, in addition to those that are

@@ -95,7 +95,7 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
         raise InputError(issues)
     capsules = tuple(_located(spec.capsule(), robot, T_last) for specs in parts.values() for spec in specs)
     if section.radius is not None:
-        return replace(robot, shape=(*along_links(robot, section.radius), *capsules), shape_notes=(), unshaped=())
+        return replace(robot, shape=(*along_links(robot, section.radius), *capsules))
     if section.replace is not None:
         gone = _gone(robot, capsules)
         notes = (f"shape replaces the arm's own capsules: nothing of {listed(gone)} is checked for collisions",)

@@ -71,7 +71,9 @@ class UrdfRobot(RobotFormat):
         end = np.linalg.inv(segments[-1].T_child_end).astype(np.float64)
         if not replaces_shape(self.shape):
             own = _own_shape(tree, path[0].parent, segments, end, file)
-            robot = replace(robot, shape=own.capsules, shape_notes=own.notes, unshaped=own.unshaped)
+            robot = replace(
+                robot, shape=own.capsules, shape_notes=own.notes, unshaped=own.unshaped, bare_joints=own.bare
+            )
         robot = with_velocities(shaped(robot, self.shape, end), self.velocity)
         sources = (("file", self.file), ("base_link", path[0].parent), ("tip_link", path[-1].child))
         return replace(robot, sources=sources, notes=notes)

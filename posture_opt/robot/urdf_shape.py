@@ -49,12 +49,13 @@ class UrdfShape(NamedTuple):
     Args:
         capsules: [m], in the frame behind each joint.
         notes: one for each reason why a shape is missing.
-        unshaped: names of the links that have none.
+        unshaped: names of the links that have none; ``bare`` the joints that carry them.
     """
 
     capsules: tuple[Capsule, ...]
     notes: tuple[str, ...]
     unshaped: tuple[str, ...]
+    bare: tuple[str, ...]
 
 
 def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfShape:
@@ -68,8 +69,9 @@ def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfSh
     capsules: list[Capsule] = []
     unread: dict[str, list[str]] = {}
     bare: list[str] = []
+    joints: list[str] = []
     for body in carried:
-        before = len(capsules)
+        before, missed_before = len(capsules), sum(map(len, unread.values()))
         for link, T_link_other in tree.rigid(body.link):
             try:
                 found = [*_link_capsules(tree.collisions.get(link, ()), file)]
@@ -81,11 +83,13 @@ def urdf_shape(tree: UrdfTree, carried: Sequence[Carried], file: Path) -> UrdfSh
         missed = [link for links in unread.values() for link in links]
         if len(capsules) == before and body.joint != BASE and body.link not in missed:
             bare.append(body.link)
+        if bare[-1:] == [body.link] or len(missed) > missed_before:
+            joints.append(body.joint)
     notes = [f"no shape of {listed(links)}: {reason}" for reason, links in unread.items()]
     if bare and capsules:
         notes.append(f"no shape of {listed(bare)}: the file states no <collision>")
     unshaped = [link for links in unread.values() for link in links] + bare
-    return UrdfShape(tuple(capsules), (*notes, *_unchained_note(tree, carried)), tuple(unshaped))
+    return UrdfShape(tuple(capsules), (*notes, *_unchained_note(tree, carried)), tuple(unshaped), tuple(joints))
 
 
 def _unchained_note(tree: UrdfTree, carried: Sequence[Carried]) -> tuple[str, ...]:

@@ -11,6 +11,8 @@ import numpy as np
 import pinocchio
 import pytest
 
+from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError
 from posture_opt.robot import Robot, UrdfRobot
 from posture_opt.robot.capsule_fit import Edges, fitted_capsules, smallest_capsule
@@ -211,3 +213,17 @@ def test_a_stated_shape_is_in_the_child_link_of_the_joint(tmp_path: Path) -> Non
         a, b, _ = in_the_world(robot, q, robot.shape[0])
         T = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "foot", "slide")
         np.testing.assert_allclose([a, b], [T[:3, 3], T[:3, 3] + 0.2 * T[:3, 2]], atol=1e-12)
+
+
+def test_links_of_which_no_mesh_is_found_are_stood_in_for_and_named(tmp_path: Path) -> None:
+    """A gripper of its own tells nothing of the links: capsules along them are checked, and the report says so."""
+    gripper = {"joint": "tool", "from": ["0 m"] * 3, "to": ["0 m", "0 m", "50 mm"], "radius": "45 mm"}
+    meshes = BODIES.replace('<box size="0.3 0.2 0.1"/>', '<mesh filename="gone.stl"/>')
+    assert meshes != BODIES
+    robot = built(tmp_path, meshes, shape=[gripper])
+    table = {"name": "table", "kind": "box", "size": ["1 m"] * 3, "xyz": ["3 m", "0 m", "0 m"]}
+    scene = Scene.of(robot, CellSpec(obstacles=[table]))
+    assert robot.unshaped
+    assert scene.assumed
+    assert set(robot.bare_joints) <= {"base", *robot.joint_names}
+    assert {c.joint for c in scene.placed.capsules} >= set(robot.bare_joints) - {"base"}

@@ -49,7 +49,7 @@ def held_facts(scene: Scene) -> list[Fact]:
     if not least:
         return []
     kept = listed(f"{a} and {b} {stated_length(distance)}" for (a, b), distance in least.items())
-    return [("Held to less", f"{kept}: hardly any posture leaves them {stated_length(scene.margin)} apart")]
+    return [("Held to less", f"{kept}: most postures bring them nearer than {stated_length(scene.margin)}")]
 
 
 def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -73,11 +73,17 @@ def mounting_notes(answers: Mapping[str, Solution]) -> tuple[str, ...]:
 
 
 def unchecked_facts(scene: Scene) -> list[Fact]:
-    """The links without a shape, where others are checked."""
-    if not scene.active or not scene.unchecked:
+    """The links without a shape, where others are checked, and what stands for them."""
+    if not scene.active:
         return []
-    names = listed(scene.unchecked)
-    return [("Not checked", f"{names}: no shape is known (robot: shape: {{add: [...]}})")]
+    if scene.assumed:
+        what = listed(scene.robot.unshaped) if scene.robot.unshaped else "the links"
+        radius = length(float(scene.placed.radii[0]))
+        words = f"assumed: capsules of radius {radius} along {what}, checked against the cell (robot: shape)"
+        return [("Shape", words)]
+    if not scene.unchecked:
+        return []
+    return [("Not checked", f"{listed(scene.unchecked)}: no shape is known (robot: shape: {{add: [...]}})")]
 
 
 def collision_facts(scene: Scene) -> list[Fact]:
