@@ -253,6 +253,6 @@ def test_requirements_that_are_met_one_by_one_and_not_together_are_no_error_of_t
     solution = caught.value.solution
     first, *missed = solution.reasons
     assert first.requirement == "search"
-    assert "no posture was found that meets all of them" in first.message
+    assert "no posture was found that meets all of the requirements" in first.message
     assert any(reason.requirement.startswith("link_height") for reason in missed)
     assert solution.to_json()["status"] == "infeasible"

@@ -35,7 +35,7 @@ _REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed t
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
 _STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
 SEARCH = "search"
-"""Name of the reason where requirements can be met one by one, and the search did not meet them together."""
+"""Name of the reason where nothing is known but that the search found nothing."""
 MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
 MAX_OFFERED = 4  # changes that are offered: each is solved first
 MAX_TRIALS = 8  # solves that this takes at most
@@ -67,7 +67,7 @@ def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture |
 
 
 def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
-    """What to say where each requirement can be met, and the search found no posture that meets all of them.
+    """What to say where neither the search nor the inquiry found a posture, nor which requirement is in the way.
 
     Args:
         nearest: where the last local search ended.
@@ -77,8 +77,8 @@ def not_met_together(engine: Engine, found: MultistartResult, nearest: Candidate
     way = Compromise(nearest.q, lacking, float(elastic.cost(lacking)), {})
     missed = [name for name, amount in zip(elastic.requirements, lacking, strict=True) if amount > ROW_TOLERANCE]
     message = (
-        f"each requirement can be met, but no posture was found that meets all of them, from {found.tried} random "
-        "starts and by relaxing the requirements in turn; more starts may help (solver: {starts: 500})"
+        f"no posture was found that meets all of the requirements, from {found.tried} random starts and by relaxing "
+        "the requirements in turn; more starts may help (solver: {starts: 500})"
     )
     whole = Reason(SEARCH, message, nearest.violation, "1")
     return Explanation(nearest.q, (whole, *Reasons(engine.optimisation_problem, elastic, target, way).of(missed)))

@@ -214,12 +214,12 @@ def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift:
 
 
 def stated_text(value: float, unit: str) -> str:
-    """A bound [SI] as the file has it: a probability as a number.
+    """A bound [SI] as the file has it: a probability as a number, a singular value as a length.
 
-    >>> stated_text(0.999, "probability"), stated_text(0.15, "m")
+    >>> stated_text(0.999, "probability"), stated_text(0.15, "m/rad")
     ('0.999', '150 mm')
     """
-    return f"{value:.6g}" if unit == "probability" else shown(value, unit)
+    return f"{value:.6g}" if unit == "probability" else shown(value, "m" if unit == "m/rad" else unit)
 
 
 def shown(value: float, unit: str) -> str:
