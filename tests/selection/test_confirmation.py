@@ -112,3 +112,12 @@ def test_every_feature_is_confirmed(combine: str) -> None:
     assert told["iterations"] == sum(one.iterations for one in every if one is not None)
     assert "confirmed by IPOPT" in found.report()
     assert bool(found.prices) == (combine == "worst")
+
+
+def test_the_targets_that_a_map_names_are_confirmed() -> None:
+    found = po.map_targets(problem_of("scara", "insert"), counts=(3, 3), compiled=False)
+    told = found.to_json()["solver"]
+    assert told["name"] == "ipopt"
+    assert told["agrees"] <= 1e-6
+    assert told["iterations"] >= 2  # at the best target and at the worst
+    assert "confirmed by IPOPT" in " ".join(found.report().split())

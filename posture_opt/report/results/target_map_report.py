@@ -26,6 +26,7 @@ from posture_opt.report.parts.parts import (
     source_facts,
     workpiece_facts,
 )
+from posture_opt.report.parts.solution_checks import confirmation_words
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, joint_unit, length, length_unit, percent, place
 from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words, part_words
@@ -179,7 +180,10 @@ def neighbours_sentence(found: TargetMap) -> str:
     text = f"Neighbouring postures were tried at every target, and {count(solves.again, 'target')} solved again: "
     gain = f"by up to {percent(solves.most)}" if solves.most >= _GAIN_TOLERANCE else "by less than 0.05 %"
     text += f"{solves.better} improved, {gain}." if solves.better else "none improved."
-    return f"{text} {count(solves.found, 'target')} found a posture only from a neighbour." if solves.found else text
+    text += f" {count(solves.found, 'target')} found a posture only from a neighbour." if solves.found else ""
+    if found.confirmation is None:
+        return text
+    return f"{text} Best, worst and own target: {confirmation_words(found.confirmation)}."
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.answer.above_mounting import above_mounting
 from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.maps.confirmed_cells import confirmed_cells
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_candidate import MapCandidate
 from posture_opt.selection.maps.map_collisions import clear_candidates
@@ -26,6 +27,7 @@ from posture_opt.selection.maps.map_search import best_candidates, steps_of
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
 from posture_opt.selection.search.engine import Engine
 from posture_opt.workers import Executor, Workers, opened
 
@@ -45,6 +47,7 @@ class TargetMap(Result):
         solves: what targets learnt from each other.
         seconds: wall time.
         notes: sentences for the report.
+        confirmation: what IPOPT says of the best, the worst and the own target; None where it was not asked.
     """
 
     problem: ProblemData
@@ -56,6 +59,7 @@ class TargetMap(Result):
     solves: NeighbourSolves
     seconds: float
     notes: tuple[str, ...] = ()
+    confirmation: Confirmation | None = None
 
     @property
     def within(self) -> str:
@@ -80,12 +84,22 @@ class TargetMap(Result):
     @property
     def best(self) -> MapPoint:
         """The target with the smallest spread."""
-        return self.map_points[self._extreme(1)]
+        return self.map_points[self.best_index]
 
     @property
     def worst(self) -> MapPoint:
         """The target with the largest spread among those that have a posture."""
-        return self.map_points[self._extreme(-1)]
+        return self.map_points[self.worst_index]
+
+    @property
+    def best_index(self) -> int:
+        """Number of the target with the smallest spread."""
+        return self._extreme(1)
+
+    @property
+    def worst_index(self) -> int:
+        """Number of the target with the largest spread among those that have a posture."""
+        return self._extreme(-1)
 
     def _extreme(self, sign: int) -> int:
         """Index of the least (sign 1) or largest (−1) spread; of equal ones the target nearest to the middle of the
@@ -112,6 +126,7 @@ class TargetMap(Result):
             "worst": self.worst.to_json(joints),
             "own": None if self.own is None else self.own.to_json(joints),
             "neighbour_solves": self.solves.to_json(),
+            "solver": UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json(),
             "seconds": self.seconds,
             "notes": list(self.notes),
         }
@@ -192,7 +207,7 @@ def _mapped(
     if not any(feasible[:size]):
         raise NoSolutionError(_nowhere(map_points[:size]))
     solved = engines[feasible.index(True)].optimisation_problem
-    return TargetMap(
+    found = TargetMap(
         problem=problem,
         optimisation_problem=solved,
         target=selector.target,
@@ -202,6 +217,17 @@ def _mapped(
         solves=solves,
         seconds=time.perf_counter() - began,
         notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks(), *_narrowed_notes(problem)),
+    )
+    named = (found.best_index, found.worst_index, *([size] if own else []))
+    better, said = confirmed_cells(selector.engine, targets, candidates, named, problem.scene)
+    for k, candidate in better.items():
+        (map_points[k],) = _points(pool, engines[0], targets[k : k + 1], [candidate], None)
+    return replace(
+        found,
+        map_points=tuple(map_points[:size]),
+        own=map_points[size] if own else None,
+        confirmation=said,
+        seconds=time.perf_counter() - began,
     )
 
 
