@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,7 @@ from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
 _LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
+_JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
 _MAX_LISTED_LINES = 8  # lines named in a note
 
 
@@ -151,13 +153,32 @@ class Compensation(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know."""
+        return (*self.remarks, *self._jumps, *self._uncertain_sides)
+
+    @property
+    def _jumps(self) -> tuple[str, ...]:
+        """The largest move of a joint from one row to the next, where the arm changes its configuration there."""
+        turns = [joint.type == "revolute" for joint in self.problem.robot.joints]
+        steps = np.abs(np.diff(self.q, axis=0))[:, turns]
+        if self._joints_given or not steps.size or steps.max() < _JUMP_RAD:
+            return ()
+        row, joint = np.unravel_index(int(np.argmax(steps)), steps.shape)
+        name = [name for name, turning in zip(self.problem.robot.joint_names, turns, strict=True) if turning][joint]
+        first, last = (int(line) for line in self.targets.line[row : row + 2])
+        return (
+            f"{name} moves by {math.degrees(steps[row, joint]):.0f} deg from line {first} to line {last}, as the arm "
+            "changes its configuration: check the motion between them",
+        )
+
+    @property
+    def _uncertain_sides(self) -> tuple[str, ...]:
+        """Joints that hardly move, of which rounding decides from which side they arrive."""
         joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
         if not joints:
-            return self.remarks
+            return ()
         lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_MAX_LISTED_LINES])
         verb = "moves" if len(joints) == 1 else "move"
         return (
-            *self.remarks,
             f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
             f"a column {joints[0]}.approach and arrive from there",
         )
