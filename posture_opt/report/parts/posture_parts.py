@@ -25,13 +25,15 @@ from posture_opt.report.parts.parts import (
 from posture_opt.report.parts.solution_checks import gain_facts, ranking_sentence
 from posture_opt.report.parts.task_parts import critical_rows, orientation_rows
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import joint_unit, length_unit, percent, place, stated
+from posture_opt.report.text.units_text import count, joint_unit, length_unit, percent, place, stated
 from posture_opt.report.text.words import part_words
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.solution import Solution
+    from collections.abc import Sequence
+
+    from posture_opt.selection.answer.solution import Alternative, Solution
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
 
@@ -107,22 +109,41 @@ def alternatives_block(solution: Solution) -> Block:
     """The other local optima."""
     alternatives = solution.alternatives
     if len(alternatives) < 2:
-        return Block("Alternatives", ("No other local optimum was found.",), figure="joint_map", brief=())
+        only = _same_configuration(solution) or ("No other local optimum was found.",)
+        return Block("Alternatives", only, figure="joint_map", brief=())
     joints = solution.optimisation_problem.robot.joints
     unit, factor = length_unit([a.sigma_max for a in alternatives])
     headers = ["rank", f"std. dev. [{unit}]", "difference"]
+    named = any(a.configuration for a in alternatives)
+    headers += ["configuration"] if named else []
     headers += [f"{j.name} [{joint_unit(j.type)[0]}]" for j in joints]
     free = solution.target.kind != "point"
     headers += [f"{c} [mm]" for c in "xyz"] if free else []
     rows = []
     for rank, a in enumerate(alternatives, start=1):
         row = [str(rank), number(a.sigma_max * factor), _more(a.sigma_max, alternatives[0].sigma_max)]
+        row += [_without_common(a, alternatives)] if named else []
         row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
         row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
         rows.append(tuple(row))
     views = tuple(f"alternative-{rank}" for rank in range(1, len(rows) + 1))
     table = Table(tuple(headers), tuple(rows), views=views)
-    return Block("Alternatives", (*ranking_sentence(solution), table), figure="joint_map")
+    return Block(
+        "Alternatives", (*ranking_sentence(solution), table, *_same_configuration(solution)), figure="joint_map"
+    )
+
+
+def _without_common(one: Alternative, every: Sequence[Alternative]) -> str:
+    """The names of a configuration that are not those of all others too."""
+    each = zip(one.configuration, *(other.configuration for other in every), strict=True)
+    return ", ".join(name for name, *others in each if len(set(others)) > 1)
+
+
+def _same_configuration(solution: Solution) -> tuple[str, ...]:
+    """How many optima are not listed, as they differ from one that is by spin or redundancy alone."""
+    more = len(solution.optima) - len(solution.alternatives)
+    differ = f"{count(more, 'further optimum', 'further optima')} {'differs' if more == 1 else 'differ'} from these"
+    return (f"{differ} by the spin of the tool or the redundancy of the arm alone.",) if more else ()
 
 
 def _more(sigma: float, best: float) -> str:

@@ -13,6 +13,8 @@ import numpy as np
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Progress
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import (
     Does,
@@ -245,7 +247,7 @@ class PostureSelector:
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
         """The solution of a search, or the error with the reasons.
 
-        Alternatives are the distinct optima that a search ended at, at most eight.
+        Alternatives are the distinct optima that a search ended at, at most eight, each configuration among them.
 
         Args:
             confirm: whether the solver of the problem is started at the best of them.
@@ -264,7 +266,7 @@ class PostureSelector:
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
 
-        ranked = np.array([c.q for c in optima[:_MAX_ALTERNATIVES]])
+        ranked = _configurations_first(self._problem.robot, np.array([c.q for c in optima]))
         notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
         if not by_starts and not by_sweep:
             notes = (*notes, _ONE_POSTURE_NOTE)
@@ -397,3 +399,11 @@ def sources_of(problem: ProblemData) -> Sources:
             Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.task_sources
+
+
+def _configurations_first(robot: Robot, Q: Array) -> Array:
+    """At most eight of the optima Q (k, n) in their order: the best of each configuration, then the best of others."""
+    named = configurations(robot, Q)
+    again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
+    kept = sorted(range(len(Q)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
+    return np.asarray(Q[sorted(kept)])

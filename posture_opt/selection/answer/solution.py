@@ -18,6 +18,7 @@ from posture_opt.numerics import Array, Json, Mask, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.combine import combined_sigma
+from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.end_moments import end_moments
 from posture_opt.selection.answer.improvements import Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
@@ -54,15 +55,18 @@ class Alternative:
         posture: joint name -> rad or m.
         position: (3,) its tool point, world [m].
         sigma_max: of the part that counts [m].
+        configuration: names of shoulder, elbow and wrist; empty for arms that have none.
     """
 
     posture: Posture
     position: Array
     sigma_max: float
+    configuration: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
-        return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
+        named: dict[str, Json] = {"configuration": ", ".join(self.configuration)} if self.configuration else {}
+        return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max, **named}
 
 
 class FollowedPath(Protocol):
@@ -252,19 +256,27 @@ class Solution(Result):
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """Distinct local optima of the first station, best first; the first is the answer itself."""
-        return self._alternatives
+        """The best local optimum of each configuration of the arm at the first station, best first; the first is the
+        answer itself.
+
+        Every local optimum of an arm whose configurations have no names is one, and of a target that may be moved.
+        """
+        named = [other.configuration * (self.target.kind == "point") for other in self.optima]
+        return tuple(other for k, other in enumerate(self.optima) if not named[k] or named[k] not in named[:k])
 
     @cached_property
-    def _alternatives(self) -> tuple[Alternative, ...]:
-        """Computed once: σ of every ranked posture."""
+    def optima(self) -> tuple[Alternative, ...]:
+        """Distinct local optima of the first station, best first, those that differ by the spin of the tool or by what
+        a redundant arm has over among them.
+        """
         if not len(self.ranked):
             return ()
         moments = end_moments(self.optimisation_problem, self.ranked, self.basis, self.target.lever)
         robot = self.problem.robot
+        named = configurations(robot, self.ranked)
         return tuple(
-            Alternative(Posture(robot, q), x, float(s))
-            for q, x, s in zip(self.ranked, moments.position, moments.sigma, strict=True)
+            Alternative(Posture(robot, q), x, float(s), name)
+            for q, x, s, name in zip(self.ranked, moments.position, moments.sigma, named, strict=True)
         )
 
     @property

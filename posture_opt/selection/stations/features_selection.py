@@ -242,9 +242,7 @@ class _FeaturesSelection:
         """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
         if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
             return solved
-        alike = [
-            [a for a in s.alternatives if a.sigma_max <= (1 + _SIGMA_TOLERANCE) * s.critical.sigma_max] for s in solved
-        ]
+        alike = [[a for a in s.optima if a.sigma_max <= (1 + _SIGMA_TOLERANCE) * s.critical.sigma_max] for s in solved]
         options = [
             np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
         ]
