@@ -188,6 +188,26 @@ def test_spatial_motions_keep_speed_and_close():
     assert robot.joint_names[np.unravel_index(used.argmax(), used.shape)[1]] == document["limiting_joint"]
 
 
+def test_a_long_path_is_as_good_as_all_ways_through_its_elbows():
+    """More points than are searched one by one; every way without a jump keeps one of both elbows."""
+    points = ring(301, (0.9, 0.6), 0.5, 4.5)
+    found = po.select_posture(problem(points))
+    best = math.inf
+    for sign in (1, -1):
+        x, y = points[:, 0], points[:, 1]
+        elbow = sign * np.arccos((x**2 + y**2 - 2) / 2)
+        first = np.arctan2(y, x) - np.arctan2(np.sin(elbow), 1 + np.cos(elbow))
+        along = np.gradient(points[:, :2], axis=0)
+        across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        J = np.array([[-y, -np.sin(first + elbow)], [x, np.cos(first + elbow)]])
+        moved = np.einsum("ajk,ka->kj", J, across) * np.radians([0.1, 0.2])
+        best = min(best, float(np.linalg.norm(moved, axis=1).max()))
+    assert found.sigma_max == pytest.approx(best, rel=2e-3)  # the ends' tangents, and first order
+    np.testing.assert_allclose(tool(found.motion.Q), points[:, :2], atol=1e-7)
+    assert len(found.to_json()["path"]) == 301
+    assert found.status == "optimal"
+
+
 @pytest.mark.parametrize(
     ("task", "message"),
     [

@@ -44,6 +44,7 @@ from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_js
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
+_MAX_COMPARED_STATIONS = 100  # neighbouring points of a longer path are alike
 Status = Literal["optimal", "feasible", "infeasible"]
 
 
@@ -377,7 +378,15 @@ class Solution(Result):
         if self.status == "infeasible":
             return ()
         combined = partial(combined_sigma, self.combine)
-        return improvements(self.points or (self,), combined, place=None if self.points else self)
+        return improvements(self._compared(), combined, place=None if self.points else self)
+
+    def _compared(self) -> tuple[Solution, ...]:
+        """The stations that changes are compared at: all, or of a long path some, evenly, and the worst one."""
+        count = len(self.points)
+        if count <= _MAX_COMPARED_STATIONS:
+            return self.points or (self,)
+        even = np.linspace(0, count - 1, _MAX_COMPARED_STATIONS).round().astype(int)
+        return tuple(self.points[k] for k in np.union1d(even, self.worst_index).tolist())
 
     def sigma_under(self, sources: Sources) -> float:
         """σ_max [m] of the part that counts, in this posture under other ``sources`` of error, of the workpiece too."""

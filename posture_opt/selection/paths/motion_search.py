@@ -63,6 +63,7 @@ class MotionSearch(DerivedAgain):
         closed: whether the motion comes back to its first posture; the candidates of both ends are then the same.
         alone: (K,) the best objective at each point by itself, as far as it was sought: minus infinity elsewhere.
         starts: smooth problems at most; a few candidates that are motions themselves need no second one.
+        apart: candidates of points that were sought by themselves; None: ``found``.
     """
 
     engine: Engine
@@ -74,6 +75,7 @@ class MotionSearch(DerivedAgain):
     closed: bool
     alone: Array
     starts: int = 1 + 2 * _MAX_START_WAYS
+    apart: PathCandidates | None = None
 
     def within_limits(self) -> MotionSearch:
         """The same search, joints that would leave their limits by going on turning compared as they are.
@@ -181,6 +183,8 @@ class MotionSearch(DerivedAgain):
         start = self._motion(self._calmest(weights)[1])
         if not self.engine.optimisation_problem.freedom:
             return self._on_path(start)
+        if self.starts == 1:
+            return start
         smooth = self._smoothed(start, lambda problem, point: problem.least_step(point, weights))
         pairs = [(self.law(motion).highest or math.inf, motion) for motion in (start, smooth) if motion.feasible]
         return max(pairs, key=lambda pair: pair[0])[1] if pairs else start
@@ -225,6 +229,10 @@ class MotionSearch(DerivedAgain):
         best = min(motion.objective for motion in able)
         # The smooth problem trades the last digits of the worst point for better other ones.
         return min(able, key=lambda motion: (motion.objective > as_good(best), not motion.optimal, motion.objective))
+
+    def ways(self, paces: Paces) -> list[Motion]:
+        """The motions of the best ways through the candidates within bounds."""
+        return [self._motion(Q) for Q in self._ways(paces.most)]
 
     def _turning(self, ways: Sequence[Array]) -> Codes | None:
         """The joints that end a closed way in other whole turns than the calmest motion; None where there are none."""

@@ -5,6 +5,7 @@ They are the comparison for the planned motion: point by point the joints jump, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,6 +16,7 @@ from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 
@@ -35,16 +37,27 @@ class Naive:
     reached: int
 
 
-def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path: TaskPath, scene: Scene) -> Naive:
-    """The motions that are to be had without look-ahead, from the candidates of the points."""
+def naive_motions(
+    engine: Engine,
+    found: PathCandidates,
+    targets: Sequence[TaskTarget],
+    steps: JointSteps,
+    path: TaskPath,
+    scene: Scene,
+) -> Naive:
+    """The motions that are to be had without look-ahead, from the candidates of points.
+
+    Args:
+        found: of all points, or of some of a long path; ``targets`` of all.
+    """
     best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
     apart = np.array([steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
     each = Motion.of(engine, found.targets, best, apart, scene, True)
     way = [best[0]]
-    for target in found.targets[1:]:
+    for target in targets[1:]:
         moved, error = engine.ik.solve(way[-1][None], held(engine, target))
         if error[0] >= TOLERANCE:
             return Naive(each, None, len(way))
         way.append(moved[0])
     Q = np.array(way)
-    return Naive(each, Motion.of(engine, found.targets, Q, steps.swept(Q, path.listed), scene, True), len(way))
+    return Naive(each, Motion.of(engine, targets, Q, steps.swept(Q, path.listed), scene, True), len(way))

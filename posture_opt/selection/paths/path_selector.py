@@ -20,6 +20,7 @@ from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.shared_placement import Placement, PlacementFigure
 from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.knots import MAX_SEARCHED_POINTS, Knots, knots_of, motions_at_knots
 from posture_opt.selection.paths.motion import Motion, off_lines
 from posture_opt.selection.paths.motion_search import STEP_TOLERANCE_RAD, MotionSearch, keeps_speed
 from posture_opt.selection.paths.naive import naive_motions
@@ -41,6 +42,7 @@ from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.path_task import HIGHEST, PathTask
 from posture_opt.workers import Workers, opened
 
+_MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
 _MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
 _MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
 
@@ -74,8 +76,10 @@ class PathSelector(DerivedAgain):
             raise InputError(Issue("no largest speed of a joint is known", ("task", "speed"), HIGHEST, hint))
         one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
         placement = PlacementRange.of(task.workpiece)
-        # Many placements, and rows that keep the arm clear, are worth the seconds that compiling takes.
-        selector = PostureSelector(one, compiled=None if np.any(placement.free) or problem.scene.explicit else False)
+        # Many placements or points, and rows that keep the arm clear, are worth the seconds that compiling takes.
+        many = len(TaskPath.of(task).points) > _MIN_COMPILED_POINTS
+        compiled = None if np.any(placement.free) or problem.scene.explicit or many else False
+        selector = PostureSelector(one, compiled=compiled)
         return cls(problem, selector, task, placement, placement.centre)
 
     @cached_property
@@ -185,22 +189,43 @@ class PathSelector(DerivedAgain):
             NoSolutionError: a point without any.
         """
         self._check_plane(began)
-        engine, steps, found = self._candidates(seed, pool, progress)
+        if len(self.targets) > MAX_SEARCHED_POINTS:
+            search = self._search_at_knots(seed, pool, progress)
+            if search is not None:
+                return search
+        engine, steps, found = self._candidates(self.targets, seed, pool, progress)
         failing = [k for k, costs in enumerate(found.costs) if not len(costs)]
         if failing:
             self._explain(engine, failing, began)
-        return self._joined(engine, found, steps)
+        return self._joined(self.path, engine, found, steps)
+
+    def _search_at_knots(
+        self, seed: int, pool: Workers | None = None, progress: Progress | None = None
+    ) -> MotionSearch | None:
+        """The search among motions that were found at some points of a long path; None where none leads all along."""
+        numbers = knots_of(self.path)
+        targets = [self.targets[k] for k in numbers.tolist()]
+        engine, steps, found = self._candidates(targets, seed, pool, progress)
+        if not all(map(len, found.costs)):
+            return None
+        knots = Knots(self._joined(self.path.at(numbers), engine, found, steps), self.path, self.targets, numbers)
+        motions = motions_at_knots(knots.search, self.task.largest_step, self.task.stated_speed)
+        return knots.along_all(motions)
 
     def _candidates(
-        self, seed: int, pool: Workers | None = None, progress: Progress | None = None
+        self,
+        targets: Sequence[TaskTarget],
+        seed: int,
+        pool: Workers | None = None,
+        progress: Progress | None = None,
     ) -> tuple[Engine, JointSteps, PathCandidates]:
-        """The candidates of all points, with the engine that found them."""
+        """The candidates of some points, with the engine that found them."""
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
             steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp)
             rng = np.random.default_rng(seed)
-            found = find_candidates(engine, self.targets, steps, scene, rng, pool, progress)
+            found = find_candidates(engine, targets, steps, scene, rng, pool, progress)
             if all(map(len, found.costs)) or engine.optimisation_problem.scene is not None or not scene.active:
                 break
         return engine, steps, found
@@ -211,23 +236,23 @@ class PathSelector(DerivedAgain):
         Why not is not asked.
         """
         seed = self.problem.solver.seed
-        engine, steps, found = self._candidates(seed)
+        engine, steps, found = self._candidates(self.targets, seed)
         if not all(map(len, found.costs)):
             return False
         stated, speed = self.task.largest_step, self.task.stated_speed
         if stated is None and speed is None:
             return True
-        search = self._joined(engine, found, steps)
+        search = self._joined(self.path, engine, found, steps)
         if stated is not None and search.calmest[1].largest_step > stated + STEP_TOLERANCE_RAD:
             return False
         return speed is None or keeps_speed(search.law(search.fastest(speed)), speed)
 
-    def _joined(self, engine: Engine, found: PathCandidates, steps: JointSteps) -> MotionSearch:
-        """The search among the candidates of all points, which have some each."""
+    def _joined(self, path: TaskPath, engine: Engine, found: PathCandidates, steps: JointSteps) -> MotionSearch:
+        """The search among the candidates of the points of a path, which have some each."""
         guard = self.selector.engine_of_all(self.targets, True)
         alone = np.array([float(np.min(costs)) for costs in found.costs])
         candidates, closed = found.closed() if self.task.closed else found, self.task.closed
-        search = MotionSearch(engine, guard, self.path, candidates, steps, self.problem.scene, closed, alone)
+        search = MotionSearch(engine, guard, path, candidates, steps, self.problem.scene, closed, alone)
         return search.within_limits()
 
     def _solution(
@@ -239,11 +264,12 @@ class PathSelector(DerivedAgain):
             largest: step that is allowed [rad or m].
             reasons: why it does not do.
         """
-        naive = naive_motions(search.engine, search.found, search.steps, self.path, self.problem.scene)
+        apart, targets = search.apart or search.found, search.found.targets
+        naive = naive_motions(search.engine, apart, targets, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
-        targets, jumps = search.found.targets, search.jumps(motion)
+        jumps = search.jumps(motion)
         breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
         followed = PathAnswer(
             self.path, motion, largest, search.calmest[1].largest_step, search.bound(motion), float(astray.max()),

@@ -36,7 +36,7 @@ class TaskPath:
     tangents: Array
     axes: Array
     listed: Mask
-    parts: Codes
+    parts: Array
     origin: Array
 
     @classmethod
@@ -51,6 +51,17 @@ class TaskPath:
         every, steps = np.ones(count + 1, dtype=bool), np.ones(count, dtype=int)
         listed = cls(points, along, axes, every, steps, np.array(task.origin))
         return listed if task.spacing is None else listed._spaced(task.spacing)
+
+    def at(self, numbers: Codes) -> TaskPath:
+        """The path through some of its points, the first and the last one among them.
+
+        A step between two of them counts as the steps that it is divided into here do on average.
+        """
+        spans, counted = np.diff(numbers), np.concatenate([[0.0], np.cumsum(self.parts)])
+        parts = np.diff(counted[numbers]) / spans**2
+        points, tangents_there, axes = self.points[numbers], self.tangents[numbers], self.axes[numbers]
+        every = np.ones(len(numbers), dtype=bool)
+        return replace(self, points=points, tangents=tangents_there, axes=axes, listed=every, parts=parts)
 
     def moved(self, w: Array) -> TaskPath:
         """The same path in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
