@@ -26,6 +26,7 @@ _STARTS_PER_ZOOM = 4  # random postures of a feature there, beside those of the 
 _SOLVES_PER_BATCH = 2  # placements of a batch that lead the joint problem
 _HOP_SHARES = (0.4, 0.1)  # of the box: a better placement about the optimum leads the joint problem in its turn
 _PLACEMENTS_PER_HOP = 32  # of them
+_SHARED_BELOW = 0.75  # share of the placements that are feasible: below it, the others are tried again
 _MAX_ROUNDS = 4  # of joint problem and single problems in turn
 _MIN_DISTANCE_SHARE = 0.15  # of the box: placements that are nearer lead to the same optimum
 _OBJECTIVE_TOLERANCE = (
@@ -137,7 +138,7 @@ def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
     W = stations.in_plane(stations.placement.drawn(count, rng))
     if k == 0:
         W[0] = stations.in_plane(stations.placement.centre[None])[0]
-    screened = stations.best(W, _STARTS_PER_PLACEMENT, rng)
+    screened = _shared(stations, stations.best(W, _STARTS_PER_PLACEMENT, rng), rng)
     for share in _NEARER_SHARES:
         if np.isfinite(screened.loss).any():
             break
@@ -180,6 +181,20 @@ def _around(stations: PlacedStations, best: PlacementOptimum, share: float, rng:
     """Placements about an optimum, for branches that the way there did not see."""
     W = stations.in_plane(stations.placement.near(best.w, share, _PLACEMENTS_PER_HOP, rng))
     return stations.best(W, _STARTS_PER_PLACEMENT, rng, best.found.Q)
+
+
+def _shared(stations: PlacedStations, found: Postures, rng: np.random.Generator) -> Postures:
+    """The same placements; where most of them fail, each tried with the postures of the best ones too.
+
+    Where few random postures keep clear of what is around, what is possible at one placement mostly is nearby.
+    """
+    best = [m for m in np.argsort(found.loss, kind="stable")[:2] if np.isfinite(found.loss[m])]
+    if not best or np.isfinite(found.loss).mean() > _SHARED_BELOW:
+        return found
+    failed = np.flatnonzero(~np.isfinite(found.loss))
+    again = stations.better(found.rows(failed), stations.best(found.W[failed], 0, rng, found.Q[best]))
+    order = np.argsort(np.concatenate([np.flatnonzero(np.isfinite(found.loss)), failed]))
+    return found.rows(np.flatnonzero(np.isfinite(found.loss))).joined(again).rows(order)
 
 
 def _nearer(stations: PlacedStations, found: Postures, share: float, rng: np.random.Generator) -> Postures:

@@ -18,6 +18,8 @@ _STARTS_PER_SEARCH = (
     8  # one in so many of a feature's random postures is improved, two at the least, the promising ones
 )
 
+_STEPS_AT_MANY = 20  # of a local search where placements are compared: more are taken by searches that end nowhere
+
 
 @dataclass(frozen=True)
 class StationCandidates:
@@ -81,7 +83,8 @@ def station_candidates(
         rows = _promising(engine, targets, Q, of, arrived, max(2, count // _STARTS_PER_SEARCH))
     ends, placements = np.zeros((0, engine.robot.n)), of[rows]
     if len(rows):
-        ends = engine.descended_each(Q[rows], targets, placements, STEPS).q
+        steps = STEPS if M == 1 else _STEPS_AT_MANY
+        ends = engine.descended_each(Q[rows], targets, placements, steps).q
     if branches and len(known):
         # What the errors that stay make of a posture is not in its own optimum.
         kept = np.flatnonzero(arrived & np.tile(np.arange(count) >= starts, M))
