@@ -121,3 +121,28 @@ def test_the_targets_that_a_map_names_are_confirmed() -> None:
     assert told["agrees"] <= 1e-6
     assert told["iterations"] >= 2  # at the best target and at the worst
     assert "confirmed by IPOPT" in " ".join(found.report().split())
+
+
+def test_ipopt_finds_the_motion_along_a_path() -> None:
+    """Three joints of a plane leave one way free at each point."""
+    joints = [
+        {"name": f"joint{k}", "type": "revolute", "a": f"{a} m", "alpha": "0 deg", "d": "0 m", "theta": "0 deg",
+         "limits": ["-170 deg", "170 deg"]}
+        for k, a in enumerate((0.6, 0.5, 0.3), start=1)
+    ]  # fmt: skip
+    points = [["0.7 m", f"{0.1 * k} m", "0 m"] for k in range(4)]
+    found = po.select_posture(
+        po.problem_from_dict(
+            {
+                "robot": {"kind": "dh", "joints": joints},
+                "uncertainty": {"sigma": {f"joint{k}.theta": f"{k} mrad" for k in (1, 2, 3)}},
+                "task": {"kind": "trace", "points": points},
+            }
+        )
+    )
+    told = found.to_json()["solver"]
+    assert told["name"] == "ipopt"
+    assert told["iterations"] > 0
+    assert told["agrees"] <= 1e-6
+    assert told["kkt"] <= 1e-6
+    assert "confirmed by IPOPT" in " ".join(found.report().split())

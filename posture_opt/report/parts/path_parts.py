@@ -11,6 +11,7 @@ from posture_opt.errors import listed
 from posture_opt.report.page.presenter import problem_of
 from posture_opt.report.parts.collision_parts import distance_facts
 from posture_opt.report.parts.parts import joint_values, sentence
+from posture_opt.report.parts.solution_checks import confirmation_words
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.report.text.units_text import angle, count, joint_unit, length, length_unit, percent, place
@@ -159,6 +160,8 @@ def path_checks(found: Solution) -> Block:
     proof = "a local optimum" if motion.optimal else "not confirmed as a local optimum"
     rows.append(("Search", f"dynamic programming over {compared}, then one optimisation over all points"))
     rows.append(("", f"the result is {proof}, the best of these searches"))
+    if found.confirmation is not None:
+        rows.append(("", confirmation_words(found.confirmation)))
     rows.append(("Time", f"{found.seconds:.2f} s"))
     return Block("Checks", (Facts(tuple(rows)),))
 

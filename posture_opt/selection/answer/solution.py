@@ -365,10 +365,13 @@ class Solution(Result):
     @property
     def confirmation(self) -> Confirmation | None:
         """What the solver of the problem says of the postures; None where it was not asked about all of them."""
+        if self.followed is not None:
+            said: Confirmation | None = self.motion.confirmation
+            return said
         return joined_confirmation([point.statistics.confirmation for point in self.points or (self,)])
 
     @property
-    def _confirmation_json(self) -> dict[str, Json]:
+    def confirmation_json(self) -> dict[str, Json]:
         """The same in the part ``solver`` of ``solution.json``."""
         return UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json()
 
@@ -466,7 +469,7 @@ class Solution(Result):
             "solver": {
                 **self.statistics.to_json(),
                 **(self.placement.search_json if self.placement is not None else {}),
-                **self._confirmation_json,
+                **self.confirmation_json,
             },
         }
 

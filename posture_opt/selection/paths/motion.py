@@ -13,6 +13,7 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.paths.task_path import stacked
 from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
@@ -31,6 +32,7 @@ class Motion:
         sigma: (K,) largest standard deviation in the part that counts [m].
         steps: (L − 1,) largest range that a joint sweeps between neighbours of the L listed points [rad or m].
         optimal: whether first-order conditions hold, or nothing was left to choose but between separate postures.
+        confirmation: what IPOPT says of the motion where it found it; None of other motions.
     """
 
     Q: Array
@@ -40,6 +42,7 @@ class Motion:
     steps: Array
     optimal: bool
     clear: bool
+    confirmation: Confirmation | None = None
 
     @classmethod
     def of(

@@ -20,10 +20,12 @@ from posture_opt.selection.paths.step_bounds import speed_bounds, step_bounds
 from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.paths.time_law import TimeLaw
+from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import as_good
 from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
 
+_NO_OBJECTIVE = 1e-9  # of a scaled objective below it no share is asked for
 _MAX_IDLE_SOLVES = 2  # smooth problems in a row that bring nothing
 _MAX_START_WAYS = 3  # ways that the smooth problem starts from
 _MIN_DISTANCE_RAD = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
@@ -255,7 +257,7 @@ class MotionSearch(DerivedAgain):
         ends: list[Motion] = []
         idle = 0
         for start in starts[: self.starts]:
-            ends.append(self._smoothed(start, lambda problem, point: problem.solve(point, paces.most)))
+            ends.append(self._smoothed(start, lambda problem, point: problem.solve(point, paces.most), spreads=True))
             able = [end.objective for end in ends if end.feasible and end.optimal]
             better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
             idle = 0 if better or len(able) < 2 else idle + 1
@@ -303,11 +305,19 @@ class MotionSearch(DerivedAgain):
             Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])
         return self._motion(np.vstack([Q[:-1], Q[0] + turns]) if self.closed else Q)
 
-    def _smoothed(self, start: Motion, solved: Callable[[SmoothMotion, StationsPoint], StationsOutcome]) -> Motion:
-        """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be."""
+    def _smoothed(
+        self, start: Motion, solved: Callable[[SmoothMotion, StationsPoint], StationsOutcome], *, spreads: bool = False
+    ) -> Motion:
+        """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be.
+
+        Args:
+            spreads: whether the objective is that of the motion, and not its steps.
+        """
         for problem in self.smooth:
             end = solved(problem, StationsPoint(np.zeros(4), start.Q))
             motion = self._motion(end.point.Q, end.optimal)
+            if spreads and end.optimal:
+                motion = replace(motion, confirmation=_said(end, motion))
             if motion.clear:
                 break
         return motion
@@ -318,6 +328,16 @@ class MotionSearch(DerivedAgain):
         certain = not self.engine.optimisation_problem.freedom if optimal is None else optimal
         swept = self.steps.swept(Q, self.path.listed)
         return Motion.of(self.engine, self.found.targets, Q, swept, self.scene, certain)
+
+
+def _said(end: StationsOutcome, motion: Motion) -> Confirmation:
+    """What IPOPT says of the motion that it ended at.
+
+    The standard deviation that the search has of its postures is compared with that of IPOPT's own functions; the
+    objective is a variance, or the logarithm of a probability.
+    """
+    agrees = abs(motion.objective - end.objective) / max(2 * abs(motion.objective), _NO_OBJECTIVE)
+    return Confirmation("ipopt", end.iterations, end.residual, agrees)
 
 
 def keeps_speed(law: TimeLaw, speed: float) -> bool:

@@ -90,8 +90,8 @@ class PathAnswer:
                 "each_point_alone": self.naive.each.to_json(),
                 "following_the_first": None if onward is None else onward.to_json(),
             },
-            "solver": {"starts": sum(self.candidates), "converged": int(self.motion.optimal), "distinct": 1,
-                       "seconds": found.statistics.seconds},
+            "solver": {**found.confirmation_json, "starts": sum(self.candidates), "distinct": 1,
+                       "converged": int(self.motion.optimal), "seconds": found.statistics.seconds},
         }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ whose bound may be the objective itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -60,7 +60,11 @@ class StationsPoint:
 
 @dataclass(frozen=True)
 class StationsOutcome:
-    """Where one solve ended: the point, its objective, the worst row, the solver's words."""
+    """Where one solve ended: the point, its objective, the worst row, the solver's words.
+
+    Args:
+        residual: the largest one of the optimality conditions, scaled.
+    """
 
     point: StationsPoint
     objective: float
@@ -68,6 +72,7 @@ class StationsOutcome:
     optimal: bool
     message: str
     iterations: int
+    residual: float
 
 
 @dataclass(frozen=True)
@@ -175,9 +180,11 @@ class StationsProblem(DerivedAgain):
         x = np.clip(found.x, lower, upper)
         g = np.asarray(program.rows(x, p)).ravel()
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
+        ends = lower, upper, row_lower, row_upper
+        residual = program.solver.residual(replace(found, x=x), *ends, p=p) if found.optimal else np.inf
         point = StationsPoint(x[:4], x[_VARIABLES_BEFORE_POSTURES:].reshape(Q.shape))
         return StationsOutcome(
-            point, float(program.level(x, p)), violation, found.optimal, found.message, found.iterations
+            point, float(program.level(x, p)), violation, found.optimal, found.message, found.iterations, residual
         )
 
     def _bounds(self, Q: Array, turns: Array | float) -> tuple[Array, Array]:
