@@ -38,7 +38,7 @@ SEARCH = "search"
 """Name of the reason where nothing is known but that the search found nothing."""
 MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
 MAX_OFFERED = 4  # changes that are offered: each is solved first
-MAX_TRIALS = 8  # solves that this takes at most
+MAX_TRIALS = 6  # solves that this takes at most
 
 Does = Callable[[Sequence[Change]], bool]
 """Whether the problem with some changes has a solution."""
