@@ -20,6 +20,7 @@ CALLS = {
     "import numpy": ["-c", "import numpy"],
     "import posture_opt": ["-c", "import posture_opt"],
     "optimize-posture --task insert --json": ["-m", "posture_opt", "--task", "insert", "--json"],
+    "optimize-posture --task insert --robot ur10": ["-m", "posture_opt", "--task", "insert", "--robot", "ur10"],
 }
 
 

@@ -12,11 +12,12 @@ from benchmarks.calibration import timed
 from benchmarks.results.section import Chart, Section
 
 TEXT = (
-    "Arms of 2 to 8 turning joints (a 0.3 m, d 0.1 m, α ±90° in turn), four sources a joint: one exact covariance of "
+    "Arms of 2 to 12 turning joints (a 0.3 m, d 0.1 m, α ±90° in turn), four sources a joint: one exact covariance of "
     "{count} in a call; and one insertion solved again by `PostureSelector`, tilt within 60°, at {targets} targets "
     "that a random posture reaches."
 )
 SIZES = {"theta": "0.3 mrad", "alpha": "0.1 mrad", "a": "0.05 mm", "d": "0.05 mm"}
+JOINTS = (2, 3, 4, 5, 6, 7, 8, 9, 12)
 HEADERS = ("joints", "one covariance ns", "one solve ms", "solved %")
 
 
@@ -38,7 +39,7 @@ def measure(quick: bool) -> Iterator[Section]:
     rng = np.random.default_rng(0)
     count, targets = (10_000, 5) if quick else (100_000, 20)
     rows = []
-    for n in range(2, 9):
+    for n in JOINTS:
         given = problem(n)
         spread, selector = po.SpreadFunction(given), po.PostureSelector(given)
         Q = rng.uniform(-2.5, 2.5, (count, n))

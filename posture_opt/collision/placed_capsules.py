@@ -71,21 +71,22 @@ class PlacedCapsules:
             seen_from: index of a frame: then in that frame, those of it and behind it; capsules before it are points at
                 its origin, which mean nothing. Joints in front of that frame do not appear in the expressions.
         """
-        reached = self._reached_frames(q, seen_from)
+        reached = [walked for _, walked in self.chain(q, seen_from)]
         placed = []
         for capsule, frame in zip(self.capsules, self.frames, strict=True):
             start, end = (_located_point(reached[frame], point) for point in (capsule.start, capsule.end))
             placed.append((start, end - start))
         return tuple(placed)
 
-    def _reached_frames(self, q: ca.SX, seen_from: int | None) -> list[Walk]:
-        """(n + 2) the frames of base, links and tool, each walked to from the one before."""
+    def chain(self, q: ca.SX, seen_from: int | None = None) -> list[tuple[tuple[Factor, ...], Walk]]:
+        """(n + 2) the factors of base, links and tool, and the walk along them from where the one before ends."""
         groups: Sequence[tuple[Factor, ...]] = (self.robot.base, *self.robot.links, self.robot.tool)
-        values, reached = ca.vertsplit(q), [walk((), ())]
+        values, reached, found = ca.vertsplit(q), walk((), ()), []
         for frame, factors in enumerate(groups):
             met = () if seen_from is not None and frame <= seen_from else factors
-            reached.append(walk(met, factor_values(met, values), reached[-1]))
-        return reached[1:]
+            reached = walk(met, factor_values(met, values), reached)
+            found.append((met, reached))
+        return found
 
 
 def _located_point(reached: Walk, local: Sequence[float]) -> ca.SX:

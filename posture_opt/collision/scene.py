@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.contacts import Apart, Contacts
 from posture_opt.collision.mounting import Mounting
 from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
@@ -280,6 +281,14 @@ class Scene:
             bounds = [bound + lowered[pair] for pair, bound in zip(own, self._own_bounds(q, own), strict=True)]
             found.append(self._clearance_row(SELF_CLEARANCE_ROW, bounds))
         return found
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """All pairs as rows of a search in C, with exact distances."""
+        others = [(k, -1, place) for place, chosen in enumerate(self.against) for k in chosen]
+        every = [*((i, j, -1) for i, j in self.own), *others]
+        pairs = (Apart(*pair, least + _ROW_TOLERANCE_M) for pair, least in zip(every, self.required, strict=True))
+        return Contacts(self.placed, self.obstacles, tuple(pairs), SEPARATION_M)
 
     def _obstacle_bounds(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
         """Lower bounds [m] of the distance of capsule k to an obstacle."""

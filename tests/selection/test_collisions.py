@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.model.toolchain import find_compiler
 from posture_opt.problem.load import problem_from_dict
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
@@ -101,3 +102,18 @@ def test_what_was_checked_is_told() -> None:
     solution = po.select_posture(off)
     assert "not checked (cell: none)" in solution.report()
     assert json.loads(json.dumps(solution.to_json()))["clearance"] is None
+
+
+@pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
+@pytest.mark.parametrize("preset", conformance(CELLS, ["scara"]))
+def test_a_repeated_solve_in_a_cell_is_clear_by_coal_and_as_good_as_brute_force(preset: str) -> None:
+    obstacles, point = CELLS[preset]
+    problem = problem_in_cell(preset, *obstacles, clearance="10 mm", position=written(point))
+    solution = po.PostureSelector(problem).solve()
+    names = [f"{name}.{'theta' if joint.type == 'revolute' else 'd'}" for name, joint in zip(
+        problem.robot.joint_names, problem.robot.joints, strict=True)]  # fmt: skip
+    sigma = np.array([dict(zip(problem.sources.names, problem.sources.sigma, strict=True))[name] for name in names])
+    found, _ = brute_force.best_posture(problem.scene, sigma, ACROSS, np.array(point), DOWN, np.random.default_rng(0))
+    assert solution.critical.sigma_max <= 1.001 * found
+    assert brute_force.clearance(problem.scene, solution.q) >= problem.scene.margin - 1e-7
+    assert solution.status == "optimal"

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
+from posture_opt.collision.product_solid import ProductSolid
 from posture_opt.collision.segment_distances import to_box
 from posture_opt.collision.smooth_bounds import box_bound
 from posture_opt.numerics import Array
@@ -40,6 +41,11 @@ class Box(PlacedObstacle):
     def half_thickness(self) -> float:
         """Half of the shortest side [m]."""
         return min(self.half)
+
+    @property
+    def product(self) -> ProductSolid:
+        """Three intervals in its frame."""
+        return ProductSolid(self.rotation, np.array(self.xyz), (0, 1, 2), self.half)
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.collision.facets import revolved
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
+from posture_opt.collision.product_solid import ProductSolid
 from posture_opt.collision.segment_distances import to_cylinder
 from posture_opt.collision.smooth_bounds import cylinder_bound
 from posture_opt.numerics import Array
@@ -36,6 +37,12 @@ class Cylinder(PlacedObstacle):
     def half_thickness(self) -> float:
         """The radius or half the length [m], whichever is less."""
         return min(self.radius, self.length / 2)
+
+    @property
+    def product(self) -> ProductSolid:
+        """A disc and an interval in its frame."""
+        size = self.radius, self.length / 2, 0.0
+        return ProductSolid(self.rotation, np.array(self.xyz), (0, 0, 1), size)
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; zero where they touch it."""

@@ -12,6 +12,7 @@ from pydantic import field_validator
 
 from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import Obstacle, Size
+from posture_opt.collision.product_solid import FREE, ProductSolid
 from posture_opt.collision.segment_distances import to_half_space
 from posture_opt.collision.smooth_bounds import half_space_bounds
 from posture_opt.errors import BadValueError
@@ -67,6 +68,15 @@ class HalfSpace(Obstacle):
         """The same half-space shifted by (3,) [m], world: only the part along its normal counts."""
         along = sum(n * d for n, d in zip(self.unit_normal, shift, strict=True))
         return self.model_copy(update={"offset": self.offset + along})
+
+    @property
+    def product(self) -> ProductSolid:
+        """All below zero along the first axis of a frame on its surface."""
+        normal = np.array(self.unit_normal)
+        side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        side /= np.linalg.norm(side)
+        rotation = np.column_stack([normal, side, np.cross(normal, side)])
+        return ProductSolid(rotation, self.offset * normal, (0, FREE, FREE), (0.0, 0.0, 0.0), one_sided=True)
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) least height of segments (..., 3) over the surface [m], world; negative by the depth below it."""

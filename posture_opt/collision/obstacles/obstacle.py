@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from posture_opt.collision.product_solid import ProductSolid
 from posture_opt.errors import BadValueError
 from posture_opt.model.chain import walk
 from posture_opt.numerics import Array
@@ -45,6 +46,11 @@ class Obstacle(Spec):
 
     name: Annotated[str, AfterValidator(_given_name)]
     kind: str
+
+    @property
+    @abstractmethod
+    def product(self) -> ProductSolid:
+        """The same solid as a product of balls, world."""
 
     @abstractmethod
     def distance(self, start: Array, end: Array) -> Array:

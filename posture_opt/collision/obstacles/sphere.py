@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.collision.facets import capsule_facets
 from posture_opt.collision.obstacles.obstacle import Obstacle, Side, Size
+from posture_opt.collision.product_solid import ProductSolid
 from posture_opt.collision.segment_distances import to_point
 from posture_opt.collision.smooth_bounds import point_bound
 from posture_opt.numerics import Array
@@ -38,6 +39,11 @@ class Sphere(Obstacle):
     def moved(self, shift: Sequence[Size]) -> Self:
         """The same sphere with its middle shifted by (3,) [m], world."""
         return self.model_copy(update={"xyz": tuple(x + d for x, d in zip(self.xyz, shift, strict=True))})
+
+    @property
+    def product(self) -> ProductSolid:
+        """A ball about its middle."""
+        return ProductSolid(np.eye(3), np.array(self.xyz), (0, 0, 0), (self.radius, 0.0, 0.0))
 
     def distance(self, start: Array, end: Array) -> Array:
         """(...) exact distance of segments (..., 3) [m], world; negative where they enter it."""

@@ -10,8 +10,10 @@ from typing import get_args
 
 import numpy as np
 
+from posture_opt.collision.contact_slack import ContactSlack
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
+from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import Array, Progress
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.configurations import configurations
@@ -84,6 +86,7 @@ class PostureSelector:
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(arm, self.task, self.reach, compiled)
         self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
+        self._exact_engines: dict[tuple[str, Alignment, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
     def engine(self, target: TaskTarget, guarded: bool | None = None) -> Engine:
@@ -191,13 +194,13 @@ class PostureSelector:
         Before that, joints may leave the ranges in which their effects were measured, at the cost of these.
         What was found without the plane is lifted above it first: a search may have missed the postures that are.
         """
-        outcome = self._searched(seek, target)
+        outcome = self._searched(seek, target, exact=not confirm)
         if not outcome.feasible and self._problem.narrowed:
             return self._anywhere._solved(seek, target, began, confirm)
         if outcome.feasible or self._keeps_mounting or not self._problem.above_assumed_mounting:
             return self._answer(outcome, began, confirm)
         below = self._below_mounting
-        without = below._searched(seek, target)
+        without = below._searched(seek, target, exact=not confirm)
         above = self._lifted(without.feasible[:_MAX_LIFTED], outcome)
         return self._answer(above, began, confirm) if above else below._answer(without, began, confirm)
 
@@ -224,10 +227,31 @@ class PostureSelector:
         """The selection without the mounting plane that is assumed."""
         return PostureSelector(self._problem.mounting_dropped(), compiled=self._compiled)
 
-    def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
-        """The search without rows against collisions, and again with them where the answer collides."""
+    def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
+        """The search without rows against collisions, and again with them where the answer collides.
+
+        Args:
+            exact: whether exact distances in C take the place of the rows, where there is a compiler.
+        """
+        free, scene = self.engine(target, guarded=False), self._problem.scene
+        if not (exact and scene.active and free.compiled is not False and find_compiler()):
+            return searched(seek, free, lambda: self.engine(target, guarded=True), scene)
+        return searched(seek, free, lambda: self._exact_engine(target), self._slack)
+
+    @cached_property
+    def _slack(self) -> ContactSlack:
+        """How near postures come to anything, in C."""
+        return ContactSlack(self._problem.scene.contacts, self._compiled)
+
+    def _exact_engine(self, target: TaskTarget) -> Engine:
+        """The functions that keep the arm clear by exact distances; built on first use."""
         free = self.engine(target, guarded=False)
-        return searched(seek, free, lambda: self.engine(target, guarded=True), self._problem.scene)
+        problem = free.optimisation_problem
+        key = problem.kind, problem.alignment, problem.in_plane
+        if key not in self._exact_engines:
+            kept = replace(problem, scene=self._problem.scene)
+            self._exact_engines[key] = Engine(kept, self._problem.solver, self._compiled, exact=True)
+        return self._exact_engines[key]
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None

@@ -34,7 +34,7 @@ EXPECTED_BETTER_OPTIMA = 0.05  # better optima that as many starts again may be 
 
 def usual_starts(engine: Engine) -> int:
     """Starts of one batch: more where target and tool axis leave more freedom, and so more local optima."""
-    return min(STARTS_PER_BATCH * max(engine.optimisation_problem.freedom - 1, 1), MAX_STARTS_PER_BATCH)
+    return min(STARTS_PER_BATCH * max(engine.searched.freedom - 1, 1), MAX_STARTS_PER_BATCH)
 
 
 def until_found_often(

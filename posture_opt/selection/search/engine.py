@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
+from posture_opt.collision.contact_slack import ContactSlack
+from posture_opt.collision.contacts import Contacts
 from posture_opt.model.compiled import BatchFunction
+from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import Array, Codes, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -67,11 +70,14 @@ class Engine(DerivedAgain):
 
     Args:
         compiled: None compiles where a C compiler is found; False never; True or an error.
+        exact: whether the search keeps the arm clear by exact distances in C, where there is a compiler, instead of by
+            rows of the nonlinear program: for repeated solves, which build neither these rows nor their derivatives.
     """
 
     optimisation_problem: OptimisationProblem
     solver: Solver
     compiled: bool | None
+    exact: bool = False
 
     @property
     def robot(self) -> Robot:
@@ -85,29 +91,49 @@ class Engine(DerivedAgain):
     def _packed(self) -> bytes:
         """The data that the engine is built from, as bytes."""
         # A fresh copy, without the symbols that the optimisation problem has cached.
-        return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled))
+        return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled, self.exact))
+
+    @cached_property
+    def contacts(self) -> Contacts | None:
+        """What the search keeps apart by exact distances; None where rows of the program do so, or nothing does."""
+        scene = self.optimisation_problem.scene
+        wanted = self.exact and scene is not None and self.compiled is not False and find_compiler()
+        return scene.contacts if scene is not None and wanted else None
+
+    @cached_property
+    def searched(self) -> OptimisationProblem:
+        """The optimisation problem whose program the local searches follow: without rows for what `contacts` keeps."""
+        problem = self.optimisation_problem
+        return problem if self.contacts is None else replace(problem, scene=None)
+
+    @cached_property
+    def indifferent(self) -> tuple[int, ...]:
+        """The joints that nothing depends on, neither the program nor what keeps the arm clear."""
+        found = self.searched.nlp.indifferent
+        return found if self.contacts is None else tuple(k for k in found if k not in self.contacts.moving)
 
     @cached_property
     def ik(self) -> InverseKinematics:
         """Brings random postures onto the target."""
-        problem = self.optimisation_problem
+        problem = self.searched
         arm, task, spun = problem.arm, problem.task, problem.task.heading is not None
         whole = problem.nlp.unlike_turns
         return InverseKinematics(arm, task.tool_axis, problem.reach.directions, self.compiled, spun=spun, whole=whole)
 
     @cached_property
-    def screen(self) -> BatchFunction:
+    def screen(self) -> Callable[[Array, Array], tuple[Array, ...]]:
         """Postures (N, n) and parameters (30,) or (N, 30) to objective, worst violation of a row, first term and
         variance.
 
         Each (N, 1); the variance [m²] is that along the worst axis, whatever the criterion.
         """
-        return BatchFunction(self.optimisation_problem.nlp.screen, compiled=self.compiled)
+        rows = BatchFunction(self.searched.nlp.screen, compiled=self.compiled)
+        return rows if self.contacts is None else _ScreenWithContacts(rows, ContactSlack(self.contacts, self.compiled))
 
     @cached_property
     def local(self) -> LocalSearch:
         """Follows postures to local optima."""
-        return LocalSearch(self.optimisation_problem.nlp, self.ik.step, self.solver.tolerance, self.compiled)
+        return LocalSearch(self.searched.nlp, self.ik.step, self.solver.tolerance, self.compiled, self.contacts)
 
     @cached_property
     def elastic(self) -> ElasticProblem:
@@ -219,7 +245,9 @@ class Engine(DerivedAgain):
 
     def _fallback_solution(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         """Where IPOPT ends from a candidate, the candidate itself where that is not better."""
-        if self.optimisation_problem.freedom == 0:
+        if self.contacts is not None:
+            return start  # IPOPT has rows in place of exact distances, and takes longer than many more starts
+        if self.searched.freedom == 0:
             return start  # nothing is left to choose, and IPOPT would refuse more equalities than joints
         ends = self.optimisation_problem.nlp.ends(target.parameters)
         outcome: Outcome = self.fallback_solver(start.q, target.parameters, ends)
@@ -231,7 +259,7 @@ class Engine(DerivedAgain):
 
     def clusters(self, Q: Array, size: Codes | None = None) -> tuple[Codes, Codes]:
         """As :func:`clusters`, by the joints that matter."""
-        return clusters(Q, self.robot, size, self.optimisation_problem.nlp.indifferent)
+        return clusters(Q, self.robot, size, self.indifferent)
 
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
         """The same postures with joints that do not matter at zero, whole turns taken off and angles rounded where that
@@ -264,7 +292,19 @@ class Engine(DerivedAgain):
         """Limits and whole turns of the joints, and those that matter to nothing."""
         robot = self.robot
         turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
-        return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.indifferent)
+        return np.array(robot.lower), np.array(robot.upper), turns, list(self.indifferent)
+
+
+@dataclass(frozen=True)
+class _ScreenWithContacts:
+    """`Engine.screen` with the violation of what is too near among that of the rows."""
+
+    rows: BatchFunction
+    kept: ContactSlack
+
+    def __call__(self, Q: Array, parameters: Array) -> tuple[Array, ...]:
+        objective, violation, own, variance = self.rows(Q, parameters)
+        return objective, np.maximum(violation, -self.kept.slack(Q)[:, None]), own, variance
 
 
 @lru_cache(maxsize=4)

@@ -14,6 +14,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.contacts import Contacts
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array, Codes, Mask
@@ -34,6 +35,9 @@ from posture_opt.selection.search.local_search_loop import (
     VIOLATION_ALLOWANCE,
 )
 from posture_opt.selection.search.quadratic_model import INFINITE_BOUND, Curved, QuadraticModel, merit
+
+_NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0)
+"""What the loop is told of contacts where there are none."""
 
 
 @dataclass(frozen=True)
@@ -73,17 +77,29 @@ class LocalSearch:
 
     Args:
         nlp: n variables, m rows.
+        contacts: what an arm of these variables keeps apart too; compiled, or left out.
         restore: ``(x, request) -> (next x, error)`` brings a point back onto its target, as a step of the inverse
             kinematics does.
         tolerance: of stationarity, at an optimum.
         compiled: None compiles where a C compiler is found; False never; True or an error.
     """
 
-    def __init__(self, nlp: Nlp, restore: ca.Function, tolerance: float, compiled: bool | None) -> None:
+    def __init__(
+        self,
+        nlp: Nlp,
+        restore: ca.Function,
+        tolerance: float,
+        compiled: bool | None,
+        contacts: Contacts | None = None,
+    ) -> None:
         self._nlp, self._restore, self._tolerance = nlp, restore, tolerance
         self._functions = Derivatives.of(nlp)
         named = dict(zip(("values", "slopes", "hessian"), self._functions, strict=True))
-        self._loop = RowLoop({**named, "restore": restore}, LOOP_TEXT, compiled)
+        self._contacts = contacts
+        frames = (
+            ca.Function("frames", [ca.SX.sym("q", len(nlp.variables))], []) if contacts is None else contacts.frames
+        )
+        self._loop = RowLoop({**named, "restore": restore, "frames": frames}, LOOP_TEXT, compiled)
 
     def descend(
         self, Q: Array, parameters: Array, request: Array, steps: int, state: Array | None = None
@@ -99,7 +115,8 @@ class LocalSearch:
             state: (N, m + n + 1) of an earlier call, to go on from.
         """
         if state is None:
-            fresh = np.zeros(len(self._nlp.rows) + Q.shape[1])
+            contacts = 0 if self._contacts is None else self._contacts.rows
+            fresh = np.zeros(len(self._nlp.rows) + Q.shape[1] + contacts)
             state = np.tile(np.append(fresh, LONGEST_STEP), (len(Q), 1))
         state = state.copy()
         q, result = np.ascontiguousarray(Q, dtype=float).copy(), np.zeros((len(Q), 5))
@@ -116,9 +133,10 @@ class LocalSearch:
         """The loop in C; ``q``, ``state`` and ``result`` (N, 5) are overwritten."""
         strides = [array.shape[1] if len(array) > 1 else 0 for array in (parameters, request)]
         lower, upper = self._nlp.variable_bounds
+        apart = _NOTHING_APART if self._contacts is None else self._contacts.told
         self._loop(
             len(q), q.shape[1], len(self._nlp.rows), q, state, parameters, strides[0], request, strides[1],
-            lower, upper, steps, self._tolerance, MET, result,
+            lower, upper, steps, self._tolerance, MET, result, *apart,
         )  # fmt: skip
 
     @cached_property

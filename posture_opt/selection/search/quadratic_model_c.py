@@ -53,8 +53,9 @@ static void po_orthonormal(po_model* s) {
     double *q = s->Q + i * n, *l = s->L + i * m, before, after;
     for (j = 0; j < n; ++j) q[j] = s->work[i] != 0 && s->work[m + j] == 0 ? s->A[i * n + j] : 0;
     for (k = 0; k < m; ++k) l[k] = 0;
+    if (s->work[i] == 0) continue;
     before = po_dot(n, q, q);
-    for (pass = 0; pass < 2; ++pass) for (k = 0; k < i; ++k) {
+    for (pass = 0; pass < 2; ++pass) for (k = 0; k < i; ++k) if (s->L[k * m + k] > 0) {
       const double d = po_dot(n, q, s->Q + k * n);
       l[k] += d;
       for (j = 0; j < n; ++j) q[j] -= d * s->Q[k * n + j];
@@ -69,13 +70,17 @@ static void po_orthonormal(po_model* s) {
 static void po_multipliers(const po_model* s, const double* slope, double* out) {
   long long n = s->n, m = s->m, i, j, k;
   for (i = m - 1; i >= 0; --i) {
-    double w = -po_dot(n, s->Q + i * n, slope);
-    for (k = i + 1; k < m; ++k) w -= s->L[k * m + i] * out[k];
-    out[i] = s->L[i * m + i] > 0 ? w / s->L[i * m + i] : 0;
+    double w = 0;
+    if (s->L[i * m + i] > 0) {
+      w = -po_dot(n, s->Q + i * n, slope);
+      for (k = i + 1; k < m; ++k) w -= s->L[k * m + i] * out[k];
+      w /= s->L[i * m + i];
+    }
+    out[i] = w;
   }
   for (j = 0; j < n; ++j) {
     double w = slope[j];
-    for (i = 0; i < m; ++i) w += s->A[i * n + j] * out[i];
+    for (i = 0; i < m; ++i) if (out[i] != 0) w += s->A[i * n + j] * out[i];
     out[m + j] = s->work[m + j] != 0 ? -w : 0;
   }
 }
@@ -94,9 +99,11 @@ static void po_normal(po_model* s) {
   for (j = 0; j < n; ++j) s->normal[j] = s->gap[m + j];
   for (i = 0; i < m; ++i) {
     double b = s->gap[i];
+    t[i] = 0;
+    if (!(s->L[i * m + i] > 0)) continue;
     for (j = 0; j < n; ++j) b -= s->A[i * n + j] * s->gap[m + j];
     for (k = 0; k < i; ++k) b -= s->L[i * m + k] * t[k];
-    t[i] = s->L[i * m + i] > 0 ? b / s->L[i * m + i] : 0;
+    t[i] = b / s->L[i * m + i];
     for (j = 0; j < n; ++j) s->normal[j] += t[i] * s->Q[i * n + j];
   }
 }
@@ -118,7 +125,7 @@ static void po_free(po_model* s) {
     long long best = 0;
     for (j = 1; j < n; ++j) if (out[j] > out[best]) best = j;
     for (j = 0; j < n; ++j) z[j] = j == best;
-    for (pass = 0; pass < 2; ++pass) for (i = 0; i < m + k; ++i) {
+    for (pass = 0; pass < 2; ++pass) for (i = 0; i < m + k; ++i) if (i >= m || s->L[i * m + i] > 0) {
       const double* q = i < m ? s->Q + i * n : s->Z + (i - m) * n;
       const double d = po_dot(n, z, q);
       for (j = 0; j < n; ++j) z[j] -= d * q[j];

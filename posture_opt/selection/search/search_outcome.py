@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.collision.contact_slack import ContactSlack
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.search.engine import CandidatePosture, Engine
@@ -21,6 +22,8 @@ from posture_opt.selection.search.search_statistics import Sweep
 
 Seek = Callable[[Engine], tuple[MultistartResult, Sweep | None]]
 """A search with the functions of one engine."""
+Keeper = Scene | ContactSlack
+"""What says by how much postures keep the distances that are asked for."""
 DISTANCE_ROUNDING = 1e-9  # m: rounding of a distance
 
 
@@ -50,7 +53,7 @@ class SearchOutcome:
         """All of them, best first."""
         return sorted(self.by_starts + self.by_sweep, key=rank)
 
-    def clear_of(self, scene: Scene) -> SearchOutcome | None:
+    def clear_of(self, scene: Keeper) -> SearchOutcome | None:
         """The outcome without what collides; None where nothing that is clear is as good as the best of all."""
         by_starts, by_sweep = (clear_ones(group, scene) for group in (self.by_starts, self.by_sweep))
         left = sorted(by_starts + by_sweep, key=rank)
@@ -64,7 +67,7 @@ class SearchOutcome:
         return replace(self, found=found, by_starts=by_starts, by_sweep=by_sweep)
 
 
-def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Scene) -> SearchOutcome:
+def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Keeper) -> SearchOutcome:
     """The outcome of a search among postures that are clear of collisions.
 
     Args:
@@ -82,7 +85,7 @@ def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Sce
     return SearchOutcome.of(engine, *seek(engine))
 
 
-def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Scene) -> tuple[CandidatePosture, ...]:
+def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Keeper) -> tuple[CandidatePosture, ...]:
     """Those that keep the distance that is asked for, by exact distances."""
     if not candidates:
         return ()
@@ -90,7 +93,7 @@ def clear_ones(candidates: tuple[CandidatePosture, ...], scene: Scene) -> tuple[
     return tuple(candidate for candidate, yes in zip(candidates, clear, strict=True) if yes)
 
 
-def is_clear(scene: Scene, Q: Array) -> Mask:
+def is_clear(scene: Keeper, Q: Array) -> Mask:
     """Whether the postures Q (N, n) [rad or m] keep the distance that is asked for, (N,).
 
     By exact distances between all bodies, up to a rounding of 1e-9 m.
