@@ -107,3 +107,18 @@ def test_elbows_are_alike_where_that_is_what_succeeds() -> None:
     assert found.success.probability == pytest.approx(best, abs=4 * error)
     assert len(set(np.sign(found.postures[:, 1]))) == 1
     assert found.success.probability > found.success.product + 0.3
+
+
+@pytest.mark.conformance  # always: one elbow for all, above
+def test_no_placement_and_no_elbows_succeed_more_often() -> None:
+    holes, scatter = [[0.06, 0.04], [-0.05, 0.03], [0.02, -0.06]], {"joint1.theta": 0.05e-3, "joint2.theta": 0.1e-3}
+    ranges = {"x": ["0.12 m", "0.24 m"], "y": "0.03 m", "yaw": ["-180 deg", "180 deg"]}
+    found = po.select_posture(scara(holes, ranges, 70e-6, MIXED_ELBOWS, scatter))
+    counted, error = Counted.of(holes, 70e-6, MIXED_ELBOWS, scatter), 0.5 / math.sqrt(DRAWS)
+    mine = counted.of_answer(found)
+    assert found.success.probability == pytest.approx(mine, abs=4 * error)
+    rng = np.random.default_rng(5)
+    far = np.column_stack([rng.uniform(0.12, 0.24, 60), rng.uniform(-math.pi, math.pi, 60)])
+    near = found.w[[0, 3]] + rng.uniform(-1, 1, (20, 2)) * (0.01, 0.2)
+    near[:, 0] = np.clip(near[:, 0], 0.12, 0.24)
+    assert max(counted.best(x, 0.03, yaw) for x, yaw in np.vstack([far, near])) < mine + 4 * error
