@@ -271,8 +271,9 @@ class PathSelector(DerivedAgain):
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
         jumps = search.jumps(motion)
         breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
+        smallest = min(search.calmest[1].largest_step, motion.largest_step)
         followed = PathAnswer(
-            self.path, motion, largest, search.calmest[1].largest_step, search.bound(motion), float(astray.max()),
+            self.path, motion, largest, smallest, search.bound(motion), float(astray.max()),
             naive, tuple(map(len, search.found.costs)), search.law(motion, self.task.stated_speed), breaks,
         )  # fmt: skip
         status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
