@@ -70,7 +70,8 @@ class Knots:
         objective, violation = (column[:, 0] for column in search.engine.screen(flat, parameters)[:2])
         met = violation <= ROW_TOLERANCE
         met[met] = is_clear(search.scene, flat[met])
-        met, costs, Q = (v.reshape(len(led), len(targets), *v.shape[1:]) for v in (met, objective, flat))
+        met, costs = met.reshape(len(led), -1), objective.reshape(len(led), -1)
+        Q = flat.reshape(len(led), len(targets), -1)
         if not np.all(met.any(axis=0)):
             return None
         at = range(len(targets))

@@ -23,7 +23,7 @@ from posture_opt.selection.paths.time_law import TimeLaw
 from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import as_good
-from posture_opt.selection.stations.stations_problem import StationsOutcome, StationsPoint
+from posture_opt.selection.stations.stations_problem import BARRIER, StationsOutcome, StationsPoint
 
 _NO_OBJECTIVE = 1e-9  # of a scaled objective below it no share is asked for
 _MAX_IDLE_SOLVES = 2  # smooth problems in a row that bring nothing
@@ -32,6 +32,7 @@ _MIN_DISTANCE_RAD = math.radians(30.0)  # between two of them in a joint, or 0.5
 _FINAL_IK_STEPS = 3  # of inverse kinematics, from an error of 1e-7: they are quadratic
 _MAX_COST_RATIO = 1.5  # times the best objective: ways up to there may still become the best
 _MAX_BREAKS = 8  # steps that may count nothing, because the arm has to leave the path there
+_LATE_BARRIER = 1e-5  # that IPOPT starts with where a part of the points was optimised already
 _STEP_RATIO = 3.0  # times the smallest step that is possible: what is allowed where nothing is stated
 STEP_TOLERANCE_RAD = 1e-9
 """By which a step may exceed its bound [rad or m]: rounding."""
@@ -151,7 +152,8 @@ class MotionSearch(DerivedAgain):
         problems = [self.engine.optimisation_problem]
         if self.guard is not self.engine and self.scene.active:
             problems.append(self.guard.optimisation_problem)
-        return tuple(SmoothMotion.of(p, self.steps, self.found.targets, self.path, self.closed) for p in problems)
+        barrier, targets = _LATE_BARRIER if self.starts == 1 else BARRIER, self.found.targets
+        return tuple(SmoothMotion.of(p, self.steps, targets, self.path, self.closed, barrier=barrier) for p in problems)
 
     def bound(self, motion: Motion) -> float:
         """σ_max [m] that no motion gets below at its worst point, as far as its best posture was found.

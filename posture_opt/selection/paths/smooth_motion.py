@@ -14,6 +14,7 @@ from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.stations.stations_problem import (
+    BARRIER,
     Station,
     StationsOutcome,
     StationsPoint,
@@ -44,17 +45,21 @@ class SmoothMotion:
         path: TaskPath,
         closed: bool,
         box: PlacementRange | None = None,
+        barrier: float = BARRIER,
     ) -> SmoothMotion:
         """The problem of all points.
 
         Args:
             targets: of the points, in the frame of the workpiece.
             box: where that may stand; default: it is the world.
+            barrier: as of `StationsProblem`.
         """
         stations = tuple(Station(problem, target) for target in (targets[:-1] if closed else targets))
         lower, upper = (np.zeros(4), np.zeros(4)) if box is None else (box.lower, box.upper)
         joined = StationSteps(steps.counted, np.asarray(path.parts, dtype=float), closed)
-        return cls(StationsProblem(stations, lower, upper, steps=joined, max_iterations=MAX_ITERATIONS), closed)
+        most = MAX_ITERATIONS
+        program = StationsProblem(stations, lower, upper, steps=joined, max_iterations=most, barrier=barrier)
+        return cls(program, closed)
 
     def solve(self, start: StationsPoint, most: Array) -> StationsOutcome:
         """The local optimum from a motion (K, n), with no joint moving more than ``most`` (K − 1, n) [rad or m]."""

@@ -28,10 +28,11 @@ from posture_opt.uncertainty.sources.sources import Sources
 _VARIABLES_BEFORE_POSTURES = 5  # variables before the postures: the placement (4,) and the level that is minimised
 _MEAN_WEIGHT = 1e-4  # of the mean objective: stations that are not the worst are good too, at no cost to it
 _STEP_WEIGHT = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
+BARRIER = 1e-3
+"""Barrier that IPOPT starts with: starts are feasible and good, but the placement has a way to go."""
 _OPTIONS = {
     "ipopt.tol": 1e-7,
     "ipopt.constr_viol_tol": 1e-9,
-    "ipopt.mu_init": 1e-3,  # starts are feasible and good, but the placement has a way to go
     "ipopt.bound_push": 1e-6,
     "ipopt.bound_frac": 1e-6,
     "ipopt.acceptable_iter": 0,
@@ -127,6 +128,7 @@ class StationsProblem(DerivedAgain):
         stations: K of them, with one scale.
         lower, upper: (4,) of the placement; equal where a coordinate is fixed.
         combine: as of `combined_symbols`; ``worst`` where there are steps.
+        barrier: that IPOPT starts with, less where the start is nearly the optimum.
         steps: between neighbours; None where each posture is free of the others.
         shared: where what counts is that all succeed, errors that the stations share; None where they share none.
     """
@@ -137,6 +139,7 @@ class StationsProblem(DerivedAgain):
     combine: Combine = "worst"
     steps: StationSteps | None = None
     max_iterations: int = 300
+    barrier: float = BARRIER
     shared: SharedSuccess | None = None
 
     def solve(self, start: StationsPoint, most: Array | float = np.inf, turns: Array | float = 0.0) -> StationsOutcome:
@@ -259,7 +262,7 @@ class StationsProblem(DerivedAgain):
         g = ca.vertcat(*rows)
         # The second derivatives of an average over draws cost more than the iterations that they save.
         approximate = {} if self.shared is None else _AVERAGE_OPTIONS
-        options = {**_OPTIONS, **approximate, "ipopt.max_iter": self.max_iterations}
+        options = {**_OPTIONS, **approximate, "ipopt.max_iter": self.max_iterations, "ipopt.mu_init": self.barrier}
         solver = NonlinearSolver("stations", {"x": x, "p": p, "f": objective, "g": g}, options)
         return _Program(solver, ca.Function("rows", [x, p], [g]), ca.Function("level", [x, p], [level]), bounded)
 
