@@ -125,6 +125,6 @@ def _best(found: MultistartResult) -> float:
 
 
 def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:
-    """Batch k: it depends on the seed and on k alone."""
+    """Batch k: it depends on the seed and on k alone; what cannot be the best of it is not followed to its end."""
     engine, target, seed, starts = shared
-    return multistart(engine, target, np.random.default_rng([seed, k]), starts, every=True)
+    return multistart(engine, target, np.random.default_rng([seed, k]), starts)

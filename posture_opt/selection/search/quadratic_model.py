@@ -12,6 +12,7 @@ step instead of in a loop inside it: what a step meets first joins, what has a m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Self
@@ -33,6 +34,10 @@ RADIUS_TOLERANCE = 1e-6  # of the radius: how near a step comes to it
 INFINITE_BOUND = 1e6  # instead of infinity, which makes NaN of zero
 
 
+Known = Array | tuple[Array, ...]
+"""What is kept of N models: (N, …), or several of them."""
+
+
 @dataclass(frozen=True)
 class QuadraticModel:
     """N models of n variables under m rows and n bounds, the rows first.
@@ -51,8 +56,10 @@ class QuadraticModel:
     A: Array
 
     def at(self, rows: Codes | Mask) -> Self:
-        """The models of some of the points."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+        """The models of some of the points, with all that is known of them."""
+        some = type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+        some.__dict__.update(_of_rows(self.__dict__, rows))
+        return some
 
     @property
     def m(self) -> int:
@@ -160,8 +167,10 @@ class Curved:
     H: Array
 
     def at(self, rows: Codes | Mask) -> Self:
-        """The models of some of the points."""
-        return type(self)(self.model.at(rows), self.H[rows])
+        """The models of some of the points, with all that is known of them."""
+        some = type(self)(self.model.at(rows), self.H[rows])
+        some.__dict__.update(_of_rows({k: v for k, v in self.__dict__.items() if k not in ("model", "H")}, rows))
+        return some
 
     @cached_property
     def _axes(self) -> tuple[Array, Array]:
@@ -237,6 +246,13 @@ def merit(objective: Array, g: Array, low: Array, high: Array, y: Array) -> Arra
     over, under = np.maximum(beyond, -upper / PENALTY), np.maximum(low - g, -lower / PENALTY)
     one = upper * over + PENALTY / 2 * over**2 + lower * under + PENALTY / 2 * under**2
     return np.asarray(objective + np.sum(np.where(equal, y * beyond + PENALTY / 2 * beyond**2, one), axis=1))
+
+
+def _of_rows(
+    known: Mapping[str, Array | tuple[Array, ...]], rows: Codes | Mask
+) -> dict[str, Array | tuple[Array, ...]]:
+    """Some rows of arrays, and of tuples of arrays."""
+    return {k: tuple(a[rows] for a in v) if isinstance(v, tuple) else v[rows] for k, v in known.items()}
 
 
 def _dot(a: Array, b: Array) -> Array:
