@@ -67,6 +67,7 @@ CHOICE_KEYS = frozenset({
     "posture", "tool", "quaternion_wxyz", "workpiece", "covariance", "covariance_first_order", "basis", "bias",
     "budget", "budget_groups", "validity", "clearance", "orientation", "most_manipulable", "shift", "travel", "peg",
     "joint_travel", "as_listed", "largest_joint_step", "largest_step", "smallest_step", "step", "share",
+    "times", "speed", "highest_speed",
 })  # fmt: skip
 """What follows the joints of a solution to first order."""
 EFFORT_KEYS = frozenset({"starts", "feasible", "tried", "polished", "converged", "distinct", "hits", "batches",
