@@ -12,3 +12,17 @@ os.environ["COLUMNS"] = "100"
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
+
+
+def pytest_addoption(parser):
+    """``--conformance 4``: of what has the marker ``conformance``, every fourth test in the order of collection."""
+    parser.addoption("--conformance", type=int, default=1, metavar="N", help="run every Nth test marked conformance")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leaves out what the option says; a test with another marker beside it stays."""
+    step = config.getoption("--conformance")
+    marked = [item for item in items if item.get_closest_marker("conformance")]
+    left_out = {id(item) for k, item in enumerate(marked) if k % step}
+    config.hook.pytest_deselected(items=[item for item in items if id(item) in left_out])
+    items[:] = [item for item in items if id(item) not in left_out]

@@ -47,6 +47,8 @@ def problem_of_measured_robot(
     if robot["kind"] == "preset" and not {*(columns or ())} & {*plain.joint_names}:
         robot = _named_as_counted(robot, plain, open_table(data).titles)
     document = {"name": plain.name or "Measured robot", "robot": {"base": "free", "tool": "free", **robot}}
+    if plain.mounting_below and robot["kind"] != "preset":
+        document["cell"] = {"mounting": {"below": f"{plain.mounting_below * 1e3:g} mm"}}
     document |= {"data": {"columns": dict(columns)}} if columns else {}
     free = problem_from_dict(document)
     stated = dict(uncertainty or {})
@@ -114,4 +116,5 @@ def _named_as_counted(section: Section, robot: Robot, headers: Sequence[str]) ->
     joints = [{**joint, "name": name} for joint, name in zip(table["joints"], names, strict=True)]
     called = dict(zip(robot.joint_names, names, strict=True))
     shape = [{**capsule, "joint": called.get(capsule["joint"], capsule["joint"])} for capsule in table.get("shape", ())]
-    return {**table, "joints": joints, "shape": shape}
+    velocity = {called.get(joint, joint): speed for joint, speed in table.get("velocity", {}).items()}
+    return {**table, "joints": joints, "shape": shape, **({"velocity": velocity} if velocity else {})}
