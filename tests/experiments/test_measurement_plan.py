@@ -136,13 +136,13 @@ def test_chosen_postures_do_what_more_random_ones_would(purpose: str) -> None:
 def test_as_many_random_postures_as_are_said_do_the_same() -> None:
     plan, problem = plan_of("task"), task_problem()
     rng = np.random.default_rng(77)
-    q = rng.uniform(-np.pi, np.pi, (plan.equivalent, 6))
+    q, _ = plan.workspace.postures(plan.equivalent, rng)
     device, _ = measurement_model(problem, None)
     x = np.zeros(len(device.parameters))
     J = device.blocks(q, x)
     rows = device.tool_rows(plan.target.q, x, plan.target.basis)
     unknowns = Unknowns.of(PriorInformation.of(problem, device.parameters), J, nothing_measured(len(x)), rows, len(q))
-    # One draw about the median of 21, that keeps clear of nothing.
+    # One draw about the median of 21.
     assert unknowns.after(J).task == pytest.approx(plan.after.task, rel=0.25)
 
 

@@ -103,10 +103,10 @@ class Changes:
         assert heading is not None, "a row of the yaw"
         rows = [row for row in self.problem.nlp.rows if row.name.partition(".")[0] == YAW]
         sine, cosine = (value for value, *_ in self._values(rows))
-        # The spin that is held is that of b = z × x: its turn about the tool axis is against the world's where the axis
-        # points down.
+        # The row's sine is h · (a × x) for the wanted heading h, the tool axis a and the tool's x: minus the sine of the
+        # turn about a from h to x, which is against the world's turn where a points down.
         off, now = math.atan2(sine, cosine), math.atan2(heading[1], heading[0])
-        turn = off * math.copysign(1.0, self.target.axis[2])
+        turn = -off * math.copysign(1.0, self.target.axis[2])
         yaw = rounded(now + turn * (1 + self.attempt.more), "rad", 2 + self.attempt.digits, 1 if turn > 0 else -1)
         words = f"set yaw: {yaw.text} (now {shown(now, 'rad')})"
         return [Change(("task", "yaw"), yaw.value, yaw.text, words)]
