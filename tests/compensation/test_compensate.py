@@ -179,6 +179,7 @@ def test_rows_and_units_of_the_file_are_kept(tmp_path: Path) -> None:
     assert all(float(row[-1]) > 0 for row in rows[1:])
 
 
+@pytest.mark.conformance
 def test_what_cannot_be_reached_is_told_by_line_and_nothing_is_written(tmp_path: Path) -> None:
     path, out = tmp_path / "targets.csv", tmp_path / "out"
     path.write_text("x [mm], y [mm], z [mm]\n600, 200, 300\n\n2600, 0, 300\n0, 0, 5000\n")

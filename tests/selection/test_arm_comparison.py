@@ -84,6 +84,7 @@ def test_an_arm_that_cannot_is_told_with_its_reason():
         po.compare({"short": small.with_task(**TASK), "other": small})
 
 
+@pytest.mark.conformance
 def test_arms_with_other_joints_do_not_judge_each_other():
     found = po.compare({"planar": po.load_problem("insert_planar_2r"), "ur5e": po.load_problem("drill_ur5e")})
     assert set(found.arms["planar"].judged) == {"planar"}

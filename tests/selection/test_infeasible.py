@@ -214,6 +214,7 @@ def test_a_mounting_plane_that_is_stated_is_lowered() -> None:
     assert_all_do(data, solution)
 
 
+@pytest.mark.conformance
 def test_links_that_touch_are_the_reason_and_not_the_joint_that_is_held() -> None:
     """The joints that are held have no value nearby that does: it is the arm itself that is in the way."""
     data = {

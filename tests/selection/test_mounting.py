@@ -125,7 +125,7 @@ def test_the_tool_is_part_of_the_arm_but_for_its_end() -> None:
     tool = {"tool": {"xyz": ["0 m", "0 m", "0.4 m"]}}
     plate = {"name": "plate", "kind": "box", "size": ["0.2 m", "0.2 m", "10 mm"], "xyz": ["0.7 m", "0.1 m", "0.25 m"]}
     through = problem_of("ur10", (0.7, 0.1, 0.1), {"obstacles": [plate]}, robot=tool)
-    assert not po.PostureSelector(through, compiled=False).feasible(20)
+    assert not po.PostureSelector(through, compiled=False).feasible(6)
     block = {**plate, "size": ["0.2 m", "0.2 m", "0.1 m"], "xyz": ["0.7 m", "0.1 m", "0.05 m"]}  # the target is on it
     assert po.select_posture(problem_of("ur10", (0.7, 0.1, 0.1), {"obstacles": [block]}, robot=tool)).q.size
     thick = {"tool": {**tool["tool"], "radius": "45 mm"}}
