@@ -13,6 +13,7 @@ from posture_opt.report.text.units_text import count, length, percent, quantity
 from posture_opt.report.text.words import CRITERIA, part_words, source_words
 from posture_opt.selection.program.nlp import Values
 from posture_opt.selection.program.task_target import FREE, SIZES, TaskTarget
+from posture_opt.selection.search.confirmation import AGREEMENT
 from posture_opt.units import UNKNOWN, number
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ SMALL_GAIN = 0.05
 """Below this gain over a typical posture something else is what helps: at a fixed target, placing the workpiece."""
 NO_GAIN = 5e-4  # and below this there is none
 GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
-_ROUNDING = 1e-12  # of a standard deviation: less is not worth a digit
 _MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTH_PARAMETERS = ("lower", "upper", "clearance", "lever")
 _PARAMETER_MEANINGS = {
@@ -145,9 +145,9 @@ def _search(solution: Solution) -> list[tuple[str, str]]:
 
 def confirmation_words(said: Confirmation) -> str:
     """What IPOPT says of the answer: whether it ends there too, in how many iterations, and how exactly."""
-    effort = f"{count(said.iterations, 'iteration')}, optimality conditions met to {said.kkt:.0e}"
+    effort = count(said.iterations, "iteration")
     if not said.differs:
-        return f"confirmed by IPOPT: the same standard deviation within {max(said.agrees, _ROUNDING):.0e}, {effort}"
+        return f"confirmed by IPOPT in {effort}: the same standard deviation within {100 * AGREEMENT:g} %"
     if math.isnan(said.agrees):
         return f"IPOPT found no optimum from there ({count(said.iterations, 'iteration')})"
     other = "IPOPT found a better posture, which is the answer" if said.taken else "IPOPT ended at a worse posture"
