@@ -120,7 +120,7 @@ def test_the_logarithm_of_a_p_value_is_compared() -> None:
         (UR10, ("critical", "within"), "along"),
         (UR10, ("clearance", "between", 0), "elbow"),
         (UR10, ("budget", 0, "parameter"), "elbow.theta"),
-        (UR10, ("solver", "distinct"), 5),
+        (UR10, ("mounting", "assumed"), False),
         (UR10, ("validity", "verdict"), "poor"),
         (UR10, ("success_probability",), None),
         (UR10, ("what_would_help", 0, "assumed"), False),

@@ -103,7 +103,7 @@ class Changes:
         assert heading is not None, "a row of the yaw"
         rows = [row for row in self.problem.nlp.rows if row.name.partition(".")[0] == YAW]
         sine, cosine = (value for value, *_ in self._values(rows))
-        # The row's sine is h · (a × x) for the wanted heading h, the tool axis a and the tool's x: minus the sine of the
+        # The row's sine is h · (a × x), h the wanted heading, a the tool axis, x that of the tool: minus the sine of the
         # turn about a from h to x, which is against the world's turn where a points down.
         off, now = math.atan2(sine, cosine), math.atan2(heading[1], heading[0])
         turn = -off * math.copysign(1.0, self.target.axis[2])
