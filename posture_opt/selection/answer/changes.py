@@ -103,8 +103,8 @@ class Changes:
         assert heading is not None, "a row of the yaw"
         rows = [row for row in self.problem.nlp.rows if row.name.partition(".")[0] == YAW]
         sine, cosine = (value for value, *_ in self._values(rows))
-        # The row's sine is h · (a × x), h the wanted heading, a the tool axis, x that of the tool: minus the sine of the
-        # turn about a from h to x, which is against the world's turn where a points down.
+        # The row's sine is h · (a × x), h the wanted heading, a the tool axis, x that of the tool: minus the sine of
+        # the turn about a from h to x, which is against the world's turn where a points down.
         off, now = math.atan2(sine, cosine), math.atan2(heading[1], heading[0])
         turn = -off * math.copysign(1.0, self.target.axis[2])
         yaw = rounded(now + turn * (1 + self.attempt.more), "rad", 2 + self.attempt.digits, 1 if turn > 0 else -1)
