@@ -88,8 +88,9 @@ class ElasticProblem:
     """
 
     def __init__(self, problem: OptimisationProblem, held: Mapping[int, float] | None = None) -> None:
-        self._problem, self.held = problem, dict(held or {})
-        self.cell = GivingScene.of(problem)
+        self._problem = problem
+        self.held: dict[int, float] = dict(held or {})
+        self.cell: GivingScene = GivingScene.of(problem)
         self.in_cell: tuple[str, ...] = tuple(row.name for row in self.cell.rows)
         terms = dict.fromkeys(row.requirement for row in self._term_rows)
         self.further: tuple[str, ...] = (*([HELD] if self.held else []), *terms, *self.in_cell)
