@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Union, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from posture_opt.errors import BadValueError
 from posture_opt.units import is_bare_zero
@@ -56,6 +66,39 @@ def _without_rounding(value: object) -> object:
     if isinstance(value, tuple | list):
         return [_without_rounding(entry) for entry in value]
     return 0.0 if isinstance(value, float | str) and is_bare_zero(value) and float(value) else value
+
+
+class WordOrSection(Spec):
+    """A section that a file may abbreviate by one word: ``free``, ``none``.
+
+    The class says what the word stands for.
+    """
+
+    word: ClassVar[str]
+    meaning: ClassVar[Mapping[str, object]]
+    """The keys that the word stands for."""
+    noun: ClassVar[str]
+    example: ClassVar[str]
+    """What could be written in its place."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expanded_word(cls, value: object) -> object:
+        """The word as the section that it abbreviates.
+
+        Raises:
+            BadValueError: any other word.
+        """
+        if isinstance(value, str):
+            if value.strip() != cls.word:
+                raise BadValueError(f"'{value}' is no {cls.noun}", f"write {cls.word} or {cls.example}")
+            return dict(cls.meaning)
+        return value
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The schema of the section, or the word."""
+        return {"anyOf": [handler(schema), {"const": cls.word}]}
 
 
 def _numbers_in(value: object) -> Iterator[float]:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
 
-from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
-from pydantic_core import CoreSchema
+from pydantic import Field, field_validator
 
 from posture_opt.collision.mounting import MOUNTING_PLANE, MountingSpec
 from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
 from posture_opt.errors import BadValueError
-from posture_opt.numerics import Json
-from posture_opt.spec import Spec
+from posture_opt.spec import WordOrSection
 from posture_opt.units import Length
 
 
-class CellSpec(Spec):
+class CellSpec(WordOrSection):
     """Obstacles in the world frame, and the least distance to keep; ``cell: none`` checks no collisions at all."""
+
+    word: ClassVar[str] = "none"
+    meaning: ClassVar[Mapping[str, object]] = {"checked": False}
+    noun: ClassVar[str] = "cell"
+    example: ClassVar[str] = "{obstacles: [...], clearance: 20 mm}"
 
     obstacles: tuple[ObstacleSpec, ...] = Field((), description="what is around the arm, world frame")
     clearance: Annotated[Length, Field(ge=0)] = Field(
@@ -27,20 +31,6 @@ class CellSpec(Spec):
         None, description="the surface that the arm stands on; default: through its base, where its shape is known"
     )
     checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _expanded_word(cls, value: object) -> object:
-        """The word ``none`` as the section that it abbreviates.
-
-        Raises:
-            BadValueError: any other word.
-        """
-        if isinstance(value, str):
-            if value.strip() != "none":
-                raise BadValueError(f"'{value}' is no cell", "write none or {obstacles: [...], clearance: 20 mm}")
-            return {"checked": False}
-        return value
 
     @field_validator("obstacles")
     @classmethod
@@ -58,8 +48,3 @@ class CellSpec(Spec):
             message = f"no obstacle can be called '{MOUNTING_PLANE}'"
             raise BadValueError(message, "state it by mounting: {below: 0 mm}, or choose another name")
         return obstacles
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Json]:
-        """The schema of the section, or the word ``none``."""
-        return {"anyOf": [handler(schema), {"const": "none"}]}

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from pydantic import Field, GetJsonSchemaHandler, model_validator
-from pydantic_core import CoreSchema
+from pydantic import Field
 
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.obstacles.half_space import HalfSpace
-from posture_opt.errors import BadValueError
 from posture_opt.model.chain import walk
 from posture_opt.numerics import Array, Json
 from posture_opt.robot.robot import Robot
-from posture_opt.spec import Spec
+from posture_opt.spec import WordOrSection
 from posture_opt.units import Length
 
 MOUNTING_PLANE = "mounting plane"
@@ -28,30 +28,16 @@ _LEVEL = 0.99
 """Cosine from which a half-space counts as parallel to the mounting plane (8 deg)."""
 
 
-class MountingSpec(Spec):
+class MountingSpec(WordOrSection):
     """The plane that lies ``below`` the xy plane of the arm's base; the word ``none`` for an arm without one."""
+
+    word: ClassVar[str] = "none"
+    meaning: ClassVar[Mapping[str, object]] = {"below": None}
+    noun: ClassVar[str] = "mounting"
+    example: ClassVar[str] = "{below: 750 mm}"
 
     below: Length | None = Field(0.0, description="distance of the plane below the base's own xy plane")
     """[m]; None: nothing is below the arm that it could hit."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _expanded_word(cls, value: object) -> object:
-        """The word ``none`` as the section that it abbreviates.
-
-        Raises:
-            BadValueError: any other word.
-        """
-        if isinstance(value, str):
-            if value.strip() != "none":
-                raise BadValueError(f"'{value}' is no mounting", "write none or {below: 750 mm}")
-            return {"below": None}
-        return value
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Json]:
-        """The schema of the section, or the word ``none``."""
-        return {"anyOf": [handler(schema), {"const": "none"}]}
 
 
 @dataclass(frozen=True)

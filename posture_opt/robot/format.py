@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema, field_validator, model_validator
-from pydantic_core import CoreSchema
+from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
 
 from posture_opt.errors import BadValueError, as_given
-from posture_opt.numerics import TURN, Json
+from posture_opt.numerics import TURN
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.robot.shape_section import ShapeSpec, shaped
-from posture_opt.spec import Spec
+from posture_opt.spec import Spec, WordOrSection
 from posture_opt.units import Angle, JointVelocity, Length, Mass, Quantity, parse_quantity
 
 MAX_JOINTS = 20
@@ -54,8 +54,13 @@ def check_joint_name(name: str) -> None:
         raise BadValueError(f"the joint name '{name}' is taken by the {name} frame", "choose another")
 
 
-class FrameSpec(Spec):
+class FrameSpec(WordOrSection):
     """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``; ``free``: to be found from the data."""
+
+    word: ClassVar[str] = "free"
+    meaning: ClassVar[Mapping[str, object]] = {"free": True}
+    noun: ClassVar[str] = "frame"
+    example: ClassVar[str] = "{xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}"
 
     xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     """(3,) origin [m]: of ``base`` in the world, of ``tool`` in the flange."""
@@ -63,25 +68,6 @@ class FrameSpec(Spec):
     """(3,) roll, pitch, yaw [rad], about fixed axes in this order."""
     free: bool = False
     """Whether the data decide; the numbers are then where a fit starts."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _expanded_word(cls, value: object) -> object:
-        """The word ``free`` as the section that it abbreviates.
-
-        Raises:
-            BadValueError: any other word.
-        """
-        if isinstance(value, str):
-            if value.strip() != "free":
-                raise BadValueError(f"'{value}' is no frame", "write free or {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}")
-            return {"free": True}
-        return value
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Json]:
-        """The schema of the section, or the word ``free``."""
-        return {"anyOf": [handler(schema), {"const": "free"}]}
 
     def factors(self, prefix: Literal["base", "tool"]) -> tuple[Factor, ...]:
         """The six named factors ``prefix.x`` … ``prefix.roll`` of the frame."""
