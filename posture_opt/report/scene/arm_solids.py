@@ -111,7 +111,7 @@ class ArmSolids:
     def radius(self) -> float:
         """How thick the arm is about its middle [m]: of its links, weighted by their length."""
         capsules = [c for c in self.robot.shape if c.joint not in (BASE, TOOL) and c.length > 0]
-        if not capsules:
+        if not self.robot.links_have_shape:
             return STAND_IN_RADIUS_RATIO * max(self.robot.length, 1e-3)
         return float(np.average([c.radius for c in capsules], weights=[c.length for c in capsules]))
 
