@@ -36,6 +36,7 @@ _MAX_RING_SHARE = 0.3  # of the extent: a clearance that is larger on the scale 
 _TRIAD_LENGTH_INCH = 0.32  # inch: length of the axes in the corner
 _CORNER_SIZE_INCH = np.array([2.0, 0.85])  # inch: room for axes and scale
 _TITLE_HEIGHT_INCH = 0.3  # inch
+_CHARACTER = 0.068  # in: of a joint name or value, on average
 _COLUMN, _ROW = 1.75, 0.175  # inch: width of the column of joint values, and of its lines the height
 _ARM_SHIFT_SHARE = 0.09  # of the width: so far the arm is left of the middle, to leave room for that
 
@@ -241,13 +242,14 @@ def _column(axes: Axes, posture: Sequence[tuple[str, str]], taken: Mask, height:
     if not posture:
         return
     rows = [("posture", ""), *posture]
+    column = max(_COLUMN, _CHARACTER * max(len(name) + len(value) + 2 for name, value in rows))
     for k, (name, value) in enumerate(rows):
         at = 1 - (0.08 + _ROW * k) / height
         look: Look = {"transform": axes.transAxes, "va": "top", "zorder": 8}
-        axes.text(1 - _COLUMN / WIDTH, at, name, weight="normal" if k else "bold", **look)
+        axes.text(1 - column / WIDTH, at, name, weight="normal" if k else "bold", **look)
         axes.text(1 - 0.1 / WIDTH, at, value, ha="right", **look)
     high, wide = taken.shape
-    taken[-int((0.15 + _ROW * len(rows)) / height * high) :, -int((_COLUMN + 0.1) / WIDTH * wide) :] = True
+    taken[-int((0.15 + _ROW * len(rows)) / height * high) :, -int((column + 0.1) / WIDTH * wide) :] = True
 
 
 def _cover(taken: Mask, marks: Sequence[SceneMark], camera: Camera, geometry: ArmGeometry) -> None:
