@@ -152,7 +152,7 @@ class Tour:
         travel: sum over the legs of the largest joint move [rad], as the tour goes and as the postures came.
         blocked: legs (counted from 0, leg k leads to the posture k + 1 of the tour) that a straight move in joint
             space leads through what is not allowed.
-        sides: (n,) share of the legs on which each joint arrives from below.
+        sides: (n,) share of the legs on which each joint arrives with increasing values.
     """
 
     order: Codes

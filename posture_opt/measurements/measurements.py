@@ -34,7 +34,8 @@ class Measurements(Summarised):
         rotation: (N, 4) measured orientation as unit quaternion (w, x, y, z) with w >= 0, or ``None``.
         pose, goal, target, robot, point: (N,) codes; ``point`` is zero where ``position`` was measured.
         target_names, robot_names, point_names: the text of each code; empty without the column.
-        approach: (N, n) the side from which the joint arrived, −1 or +1 (increasing values); 0 where it is not known.
+        approach: (N, n) +1 where the joint value was increasing on arrival, −1 where it was decreasing; 0
+            where it is not known.
         approach_length: (N, n) the length of that last move [rad or m]; 0 in a robot's first row.
         payload: (N,) [kg], or ``None``.
         temperature: (N,) [degC], or ``None``.

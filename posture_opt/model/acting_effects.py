@@ -192,7 +192,7 @@ class ActingEffects:
     def _side_sensitivities(
         self, q: Sequence[Scalar], p: Mapping[str, Scalar]
     ) -> dict[str, list[tuple[int, Sensitivity]]]:
-        """For each unknown side what arriving from above (+1) does: index of the parameter, and what one unit of it
+        """For each unknown side what arriving increasing (+1) does: index of the parameter, and what one unit of it
         does.
         """
         state = self._bare_state(q, p, replace(self.inputs, approach=[1.0] * self.robot.n))

@@ -27,7 +27,8 @@ class Inputs:
 
     Args:
         payload: mass at the tool point [kg].
-        approach: (n,) side from which each joint arrived, −1 or +1; 0 where it is not known. Empty: all unknown.
+        approach: (n,) +1 where the joint value was increasing on arrival, −1 where it was decreasing, 0 where that is
+            not known. Empty: all unknown.
         approach_length: (n,) length of that last move [rad or m]; empty: long moves.
         temperature: above the reference temperature [K].
         time: since the first measurement [s]; rows are counted where no time is given.

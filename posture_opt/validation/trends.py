@@ -45,7 +45,10 @@ class Trend:
 
 @dataclass(frozen=True)
 class Sides:
-    """What the side of arrival changes in the mean error along a joint's motion, from above minus from below [m]."""
+    """Mean error along a joint's motion where its value was increasing on arrival, minus where it was decreasing [m].
+
+    Lost motion makes it negative: the joint stops short.
+    """
 
     joint: str
     difference: float
@@ -125,7 +128,7 @@ def sides_of(data: Measurements, errors: Array, motions: list[Array]) -> tuple[S
 
 
 def _side_differences(side: Array, along: Array) -> Array:
-    """Mean of those that arrive from above minus mean of those from below, in each batch that has both.
+    """Mean of those that arrived increasing minus mean of those decreasing, in each batch that has both.
 
     Args:
         side: (M,) −1 or +1 of one joint; along: (M,) errors along the direction in which it moves the tool [m].

@@ -112,10 +112,12 @@ def test_a_joint_that_hardly_moves_is_named() -> None:
     q = np.repeat(postures(1), 6, axis=0)
     q[:, 1:] += np.linspace(0, 0.3, 6)[:, None]
     found = po.compensate(problem, table(problem, q, **{"shoulder_pan.approach": [1.0, *[np.nan] * 5]}))
-    sides = np.sign(np.diff(found.q[:, 0]))
+    sides = [1.0]
+    for step in np.diff(found.q[:, 0]):
+        sides.append(float(np.sign(step)) or sides[-1])  # one that does not move stays on its side
     wanted = found.wanted.position
     for k in np.flatnonzero(~found.unsettled.any(axis=1))[1:]:
-        arm = problem.arm.under(replace(problem.arm.inputs, approach=[sides[k - 1], *[0.0] * 5], stated=()))
+        arm = problem.arm.under(replace(problem.arm.inputs, approach=[sides[k], *[0.0] * 5], stated=()))
         assert np.linalg.norm(np.asarray(arm.position(found.q[k])) - wanted[k]) < 5e-6
     assert found.unsettled[:, 1:].sum() == 0
     assert bool(found.unsettled.any()) == bool(found.notes)

@@ -24,7 +24,7 @@ CENTRES = np.array(
 G = 9.81  # m/s²
 
 COMPLIANCE = 8e-6  # rad/(N m): of the elbow, 125 kN m/rad
-PLAY = 2e-4  # rad: of the first gear, 41 arcsec from flank to flank
+PLAY = 2e-4  # rad: of the first gear, 41 arcsec from flank to flank; it stops short
 GEOMETRY = 0.3e-3  # m and rad: σ of the error of every length, joint zero and twist
 FOOT = np.array([0.0013, -0.0021, 0.0008]), 0.0012  # m, rad about z: of the arm's foot in the tracker's frame
 TIP = np.array([0.0007, -0.0004, 0.1211])  # m: of the reflector in the flange; drawn with 120 mm
@@ -64,7 +64,7 @@ def errors(seed=2):
 
 def reached(q, load, side):
     """(3,) where the reflector comes to lie at a commanded posture, its first joint having moved to ``side``."""
-    true = q + np.array([PLAY * side / 2, 0, COMPLIANCE * torque(q, load, 2), 0, 0, 0])
+    true = q + np.array([-PLAY * side / 2, 0, COMPLIANCE * torque(q, load, 2), 0, 0, 0])
     R, o = frames(true, errors())[-1]
     shift, yaw = FOOT
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])

@@ -1,7 +1,8 @@
 """The forms of the catalogue, term by term.
 
 Signs: the error of a joint adds to its command, dq = … ; τ_j is gravity's torque ON the joint (see mechanics), so that
-a positive compliance gives way to it; a positive backlash b leaves a joint that came upwards (s = +1) at +b/2; lengths
+a positive compliance gives way to it; lost motion is positive where a joint stops short: one whose value was
+increasing on arrival (s = +1) rests at −b/2; lengths
 grow by α (T − T0), T0 = 20 °C, all of them (links, not tool) or one; ``link_bending`` of joint j turns the end of link
 j by φ = κ M, M the moment of what lies beyond that end about it, and shifts it by φ × r / 2, r the vector along the
 link (a beam under an end moment); ``base_compliance`` turns all by κ M about the base's origin; a slip of the base
@@ -143,9 +144,9 @@ of_joint("gear_second_harmonic", lambda s, j, v: _wave(2 * s.session.q[:, j], v)
 of_joint("gear_ripple", lambda s, j, v: _wave(v["n"] * v["N"] * s.session.q[:, j], v))
 of_joint("cyclic_error", lambda s, j, v: _wave(v["k"] * s.session.q[:, j], v))
 of_joint("joint_compliance", lambda s, j, v: v["c"] * s.tau[:, j])
-of_joint("backlash", lambda s, j, v: v["b"] / 2 * s.session.side[:, j])
-of_joint("hysteresis", lambda s, j, v: v["h"] * s.session.side[:, j] * -np.expm1(-s.session.travel[:, j] / v["d0"]))
-of_joint("load_backlash", lambda s, j, v: v["h"] * s.session.side[:, j] * np.abs(s.tau[:, j]))
+of_joint("backlash", lambda s, j, v: -v["b"] / 2 * s.session.side[:, j])
+of_joint("hysteresis", lambda s, j, v: v["h"] * s.session.side[:, j] * np.expm1(-s.session.travel[:, j] / v["d0"]))
+of_joint("load_backlash", lambda s, j, v: -v["h"] * s.session.side[:, j] * np.abs(s.tau[:, j]))
 of_joint("thermal_offset", lambda s, j, v: v["c"] * s.warmth)
 of_joint(
     "quantisation",

@@ -77,7 +77,7 @@ def _unit(rng: np.random.Generator, site: Site) -> Array:
 def _single(rng: np.random.Generator, site: Site, kind: str):
     """One joint, one coefficient."""
     name = {"backlash": "b"}.get(kind, "c")
-    return str(rng.choice(turning(site))), {name: _sign(rng) if kind != "backlash" else 1.0}, {}
+    return str(rng.choice(turning(site))), {name: _sign(rng)}, {}
 
 
 def _cyclic(rng: np.random.Generator, site: Site, kind: str):
@@ -103,12 +103,12 @@ def _per_load(rng: np.random.Generator, site: Site, kind: str):
         return site.arm.joints[j], {"k": 1 / max(top, 1e-9)}, {}
     loaded = [j for j in range(site.arm.n) if np.abs(site.tau[:, j]).max() > LOADED and not site.arm.prismatic[j]]
     j = int(rng.choice(loaded)) if loaded else 0
-    name = "c" if kind == "joint_compliance" else "h"
-    return site.arm.joints[j], {name: 1 / max(np.abs(site.tau[:, j]).max(), 1e-9)}, {}
+    name, sign = ("c", 1.0) if kind == "joint_compliance" else ("h", _sign(rng))
+    return site.arm.joints[j], {name: sign / max(np.abs(site.tau[:, j]).max(), 1e-9)}, {}
 
 
 def _hysteresis(rng: np.random.Generator, site: Site, kind: str):
-    return str(rng.choice(turning(site))), {"h": 1.0}, {"d0": float(rng.uniform(0.2, 1.2))}
+    return str(rng.choice(turning(site))), {"h": _sign(rng)}, {"d0": float(rng.uniform(0.2, 1.2))}
 
 
 def _coupling(rng: np.random.Generator, site: Site, kind: str):

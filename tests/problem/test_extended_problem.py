@@ -182,8 +182,8 @@ def test_an_unknown_side_counts_with_the_square_of_half_the_width(tmp_path: Path
     for side in (-1, 1):
         # The posture differs by half the width: 1.5e-4 of everything.
         np.testing.assert_allclose(spread[0].covariance - spread[side].covariance, expected, atol=1e-3 * 1e-8)
-    # What lies between arriving from below and from above is the width.
-    apart = spread[1].position - spread[-1].position
+    # What lies between arriving with decreasing and with increasing values is the width.
+    apart = spread[-1].position - spread[1].position
     np.testing.assert_allclose(apart, width * column, atol=1e-7)
 
 

@@ -217,7 +217,7 @@ def test_inputs_have_a_panel_each(figures: dict[str, Any]) -> None:
     labels = [axes.get_xlabel() for axes in figures["residual_inputs"].axes]
     assert labels[::2][:3] == ["time [h]", "temperature [degC]", "payload [kg]"]
     sides = [t.get_text() for t in figures["residual_inputs"].legends[0].get_texts()]
-    assert "joint arrives from below" in sides
+    assert "joint arrives decreasing" in sides
 
 
 def test_the_drawn_ellipse_is_the_one_of_the_text_and_holds_the_errors(visited: Any, figures: dict[str, Any]) -> None:

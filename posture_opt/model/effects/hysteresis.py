@@ -11,37 +11,34 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
-from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
-from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
-from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.model.effects.base.effect import Effect, Excitation
+from posture_opt.model.effects.base.lost_motion import LostMotion
 from posture_opt.units import Angle, plus_minus
 
 _TRAVEL_GRID_RAD = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)
 """Travels d0 [rad] that are tried: from 1 to 90 degrees, by factors of about two."""
 
 
-class Hysteresis(JointEffect):
-    """``dq = h s (1 − exp(−d / d0))``, s and d side and length of the last move.
+class Hysteresis(LostMotion):
+    """``dq = −h s (1 − exp(−d / d0))``, d the length of the last move [rad].
 
-    h [rad] is reached after long moves; s is +1 with increasing values, −1 with decreasing ones, 0 where not known.
+    h [rad] is reached after long moves; h > 0 stops short (see `LostMotion`).
     """
 
     summary: ClassVar[str] = "lost motion that grows with the length of the last move"
-    phrase: ClassVar[str] = "{target} has hysteresis that grows with the last move"
+    phrase: ClassVar[str] = "{target} has hysteresis: it stops short of its command, more so after long moves"
     measurement: ClassVar[str] = "approach each posture from both sides after short moves and after long ones"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle"),)
-    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     shape: ClassVar[tuple[str, ...]] = ("travel",)
     shape_units: ClassVar[Mapping[str, str]] = {"travel": "rad"}
-    needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     kind: Literal["hysteresis"] = "hysteresis"
     travel: Angle = Field(gt=0, description="d0, travel after which 63 % is reached")
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """(s (1 − exp(−d/d0)),) for the parameter ``height`` [rad]."""
-        return (state.inputs.side(joint) * (1 - exp(-state.inputs.travel(joint) / self.travel)),)
+        """(−s (1 − exp(−d/d0)),) for the parameter ``height`` [rad]."""
+        return (self.lag(state, joint) * (1 - exp(-state.inputs.travel(joint) / self.travel)),)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """Length of the last move [deg], with the sign of its side."""

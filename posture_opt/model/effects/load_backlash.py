@@ -11,23 +11,19 @@ from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar, magnitude
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa
-from posture_opt.model.effects.base.effect import NOT_NEGATIVE
-from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.model.effects.base.lost_motion import LostMotion
 
 
-class LoadBacklash(JointEffect):
-    """``dq = h s |τ|``, s the side from which the joint arrived (±1) and τ the torque of gravity [N m]; h in rad/(N
-    m).
-    """
+class LoadBacklash(LostMotion):
+    """``dq = −h s |τ|``, τ the torque of gravity [N m], h in rad/(N m); h > 0 stops short (see `LostMotion`)."""
 
     summary: ClassVar[str] = "backlash in proportion to the load of the joint, as of friction"
-    phrase: ClassVar[str] = "{target} has backlash in proportion to its load"
+    phrase: ClassVar[str] = "{target} stops short of its command in proportion to its load"
     measurement: ClassVar[str] = "approach each posture from both sides under two payloads"
     rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides, after short and long moves, under two payloads",
     }
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle per torque"),)
-    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
     needs: ClassVar[frozenset[Input]] = frozenset({"approach", "masses"})
 
     kind: Literal["load_backlash"] = "load_backlash"
@@ -37,8 +33,8 @@ class LoadBacklash(JointEffect):
         return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """``(s |τ|,)`` [N m]; 0 where the side is not known."""
-        return (state.inputs.side(joint) * magnitude(state.torque(joint)),)
+        """``(−s |τ|,)`` [N m]; 0 where the side is not known."""
+        return (self.lag(state, joint) * magnitude(state.torque(joint)),)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """The size of the torque [N m], with the sign of the side."""

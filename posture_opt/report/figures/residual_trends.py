@@ -33,7 +33,7 @@ _MIN_BINS, _MAX_BINS = 6, 72  # bins: many, as errors of gears have tens of peri
 _MAX_GAP_SHARE = 0.08  # of the bins, all of them empty: no line is drawn over it
 _MIN_LEVER_SHARE = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
-_SIDE_LOOKS = ((-1, "from below", ORANGE, -0.12), (1, "from above", PURPLE, 0.12))
+_SIDE_LOOKS = ((-1, "decreasing", ORANGE, -0.12), (1, "increasing", PURPLE, 0.12))
 _AXIS_LOOKS: tuple[Look, ...] = (
     {"color": BLUE, "marker": "o"},
     {"color": VERMILLION, "marker": "s", "ls": "--"},

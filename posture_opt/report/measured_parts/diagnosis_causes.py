@@ -47,7 +47,7 @@ def finding_words(finding: Finding, problem: ProblemData) -> str:
     noise = finding.noise
     if noise is not None and noise.unstated and not _states(problem, finding):
         return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
-    return finding.cause.words
+    return finding.cause.worded(FittedSizes(finding.estimate))
 
 
 def _states(problem: ProblemData, finding: Finding) -> bool:

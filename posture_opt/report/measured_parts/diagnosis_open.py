@@ -269,7 +269,7 @@ def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
     """
     rows = plan.rows
     values = [fixed(float(v) * joint_unit(j.type)[1]) for v, j in zip(rows.q[i], robot.joints, strict=True)]
-    sides = ["upwards" if rows.approach[i, j] > 0 else "downwards" for j in plan.sided]
+    sides = ["increasing" if rows.approach[i, j] > 0 else "decreasing" for j in plan.sided]
     load = [] if rows.payload is None else [f"{rows.payload[i]:g}"]
     return (str(i + 1), *values, *sides, *load)
 

@@ -94,8 +94,8 @@ def _inputs(arm: Arm) -> list[str]:
         texts.append(f"a payload of {inputs.payload:.6g} kg")
     for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
         if joint in inputs.stated:
-            sense = "positive" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "negative"
-            texts.append(f"{joint} approached in {sense} direction")
+            sense = "increasing" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "decreasing"
+            texts.append(f"{joint} arriving with {sense} values")
         else:
             texts.append(f"{joint} approached from an unknown side")
     if "temperature" in asked:

@@ -75,7 +75,9 @@ class Task(Spec):
     minimize: tuple[TermSpec, ...] = Field((), description="terms to minimise beside it, with weights")
     subject_to: tuple[TermSpec, ...] = Field((), description="terms to keep within bounds")
     payload: Mass | None = Field(None, ge=0, description="carried in the task, for effects that depend on it")
-    approach: dict[str, Literal[-1, 1]] = Field({}, description="JOINT: side from which it arrives, for effects of it")
+    approach: dict[str, Literal[-1, 1]] = Field(
+        {}, description="JOINT: 1 where its value is increasing on arrival, -1 where it is decreasing"
+    )
     temperature: Celsius | None = Field(None, description="at which the task is done, for effects of it")
     time: Time | None = Field(None, ge=0, description="of the task since the first measurement, for effects of time")
 

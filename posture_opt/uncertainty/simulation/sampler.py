@@ -64,7 +64,7 @@ class Sampler:
         p = rng.standard_normal((n, len(self.names))) @ self.root.T
         named = dict(zip(self.names, p.T, strict=True))
         for side in self.arm.unknown_sides:
-            named[side] = np.where(named[side] < 0, -1.0, 1.0)  # from below or from above, each as likely
+            named[side] = np.where(named[side] < 0, -1.0, 1.0)  # increasing or decreasing, each as likely
         reached = self.arm.reach(self.q, named).walk
         position = np.stack([np.broadcast_to(entry, n) for entry in reached.position], axis=-1)
         shift = position - np.array(self.nominal.position, dtype=float)

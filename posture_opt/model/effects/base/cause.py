@@ -90,6 +90,14 @@ class Cause:
         """The cause in one clause: "elbow is compliant under gravity"."""
         return self.phrase.format(target=self.target)
 
+    def worded(self, estimate: FittedSizes) -> str:
+        """The cause in one clause, as its fitted size has it; `words` where the size does not change them.
+
+        Args:
+            estimate: values and standard errors of its parameters and shapes.
+        """
+        return self.words
+
     @property
     def title(self) -> str:
         """The kind as it is read: "joint compliance"."""

@@ -21,7 +21,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, number, parse_quantity, shown
 
 NOT_NEGATIVE = (0.0, math.inf)
-"""Limits of a parameter [SI] that yields along a load, or lags behind a motion: with the other sign it is neither."""
+"""Limits of a parameter [SI] that yields along a load: with the other sign it does not."""
 _SHAPE_NEIGHBOUR = 1.6
 """Factor to either side of a point on a geometric grid of shapes, between which the best shape is searched."""
 

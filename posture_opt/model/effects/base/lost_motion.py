@@ -1,0 +1,42 @@
+"""Lost motion: joints that come to rest elsewhere by the direction from which they arrived."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import FittedSizes
+from posture_opt.model.effects.base.joint_effect import JointEffect
+
+
+class LostMotion(JointEffect):
+    """``dq = −θ s φ``: s = +1 where the joint value was increasing on arrival, −1 where it was decreasing; φ ≥ 0.
+
+    A positive size θ is lost motion: the joint stops short of its command, as play, elastic wind-up and friction make
+    it. A negative one goes beyond the command: what a controller that compensates friction by too much does, or one
+    that reads an encoder before the gear. Data show either, so both signs are searched. Where s is not known it is 0.
+
+    Source: ISO 230-2:2014, 3.10 (reversal value): the difference between the means of both directions of approach.
+    """
+
+    beyond: ClassVar[str] = "{target} goes beyond its command (friction compensation, or an encoder before the gear)"
+    """What is wrong where the size is negative, in one clause."""
+    needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
+
+    def lag(self, state: ArmState, joint: int) -> Scalar:
+        """−s: the direction in which the joint is off its command where it stops short; 0 where it is not known."""
+        return -state.inputs.side(joint)
+
+    def worded(self, estimate: FittedSizes) -> str:
+        """The cause in one clause, by the sign of its size.
+
+        Args:
+            estimate: values and standard errors of its parameter.
+        """
+        ((name, _),) = self.parameters
+        values: Mapping[str, tuple[float, float, str]] = estimate.values
+        leads = name in values and values[name][0] < 0
+        return self.beyond.format(target=self.target) if leads else self.words
