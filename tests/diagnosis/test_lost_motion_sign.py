@@ -46,7 +46,7 @@ def test_both_signs_are_found_and_worded(tmp_path: Path, stops_short: bool, stat
     value, std, _ = first.estimate["width"]
     assert abs(value - (WIDTH if stops_short else -WIDTH)) < 3 * std < 0.2 * WIDTH
     assert ("joint2 has backlash and stops short" in found.report()) is stops_short
-    assert ("joint2 goes beyond its command (friction compensation" in found.report()) is not stops_short
+    assert ("joint2 goes beyond its command, as with friction compensation" in found.report()) is not stops_short
     # The delivered arm rests where the simulated one does: before the command where it stops short.
     arm = found.extended.arm
     rests = {side: np.asarray(arm.under(Inputs(approach=[0.0, side])).position([0.3, 0.9]))[:2] for side in (1.0, -1.0)}

@@ -22,7 +22,9 @@ class LostMotion(JointEffect):
     Source: ISO 230-2:2014, 3.10 (reversal value): the difference between the means of both directions of approach.
     """
 
-    beyond: ClassVar[str] = "{target} goes beyond its command (friction compensation, or an encoder before the gear)"
+    beyond: ClassVar[str] = (
+        "{target} goes beyond its command, as with friction compensation or an encoder before the gear"
+    )
     """What is wrong where the size is negative, in one clause."""
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
