@@ -17,6 +17,7 @@ from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection, clearly_less
 from posture_opt.diagnosis.search.search import search_effects
 from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -111,7 +112,7 @@ def test_one_standard_error_is_that_of_paired_differences() -> None:
     assert not clearly_less(common - 0.04 + unlike, common)
 
 
-def test_lines_of_one_joint_are_one_cause_with_its_harmonics(tmp_path: Path) -> None:
+def test_lines_of_one_joint_are_one_cause_led_by_the_largest(tmp_path: Path) -> None:
     rng = np.random.default_rng(73)
     q = rng.uniform(-2.5, 2.5, (200, 2))
     wheel = sum(a * np.sin(n * 40 * q[:, 0] + n) for n, a in ((1, 2e-4), (2, 1.5e-4), (4, 1e-4)))
@@ -119,7 +120,13 @@ def test_lines_of_one_joint_are_one_cause_with_its_harmonics(tmp_path: Path) -> 
     found = po.diagnose(po.problem_from_dict(PROBLEM), data, plan=False)
     (gear,) = [f for f in found.effects if f.kind == "cyclic_error"]
     assert gear.effect.cycles == pytest.approx(40, abs=0.1)
-    assert "with harmonics 2 and 4" in gear.cause.words
+    assert "of 3 lines (40.0, 80.0 and 160.0 cycles per revolution)" in gear.cause.words
+    together, each = gear.cause.sizes(fitted_sizes(found, gear))
+    assert "(harmonic 2)" in each.text
+    assert "(harmonic 4)" in each.text
+    assert "what turns 40.0, 80.0 and 160.0 times" in found.to_json()["effects"][0]["inspect"]
+    # Waves of 0.2, 0.15 and 0.1 mrad: sqrt((0.2² + 0.15² + 0.1²) / 2) = 0.190 mrad.
+    assert together.text.startswith("0.19")
     assert found.errors["extended"].rms < 1.15 * np.sqrt(2) * NOISE
     # The file holds all lines, and does the same to the data.
     again = found.extended.effects[0]

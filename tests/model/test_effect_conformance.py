@@ -19,12 +19,15 @@ import pytest
 import yaml
 
 import posture_opt as po
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Effect, FittedSizes
+from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Cause, Effect, FittedSizes
+from posture_opt.model.effects.slip import Slip
 from posture_opt.problem.schema import json_schema
 from posture_opt.report.figures.diagnosis_curves import plot_curves
 from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
@@ -55,6 +58,9 @@ NOISE_SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     "outliers": {"count": (5.0, float("nan"), "1")},
     "correlated_lengths": {"correlation": (0.8, 0.1, "1")},
 }
+
+PARAMETERS = {"theta": "rad", "a": "m", "d": "m", "alpha": "rad", "beta": "rad"}
+"""Last part of the name of a geometric parameter -> its unit."""
 
 every_effect = pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.kind_name())
 every_arm = pytest.mark.parametrize("arm", conformance(SHAPES, ["ur10"]))
@@ -209,6 +215,24 @@ def test_every_cause_has_words_of_its_own(sites: Any) -> None:
         assert not entry.words.startswith(entry.kind)
         assert entry.words[-1] != "."
         assert len(entry.words) < 90
+
+
+def test_every_cause_says_what_to_look_at(sites: Any) -> None:
+    """Effects, kinds of noise and geometric deviations alike; one line, in words of its own."""
+    robot = sites["ur10"][1]
+    causes: list[Cause] = [entry for entry, _ in one_of_each(sites)]
+    causes += [Slip(of=of, moment="10 s") for of in ("base", robot.joint_names[0])]
+    deviations = [Parameter(f"elbow.{last}", "geometry", unit, 0.0, "") for last, unit in PARAMETERS.items()]
+    causes += [GeometricDeviation.of(parameter) for parameter in deviations]
+    causes += [GeometricDeviation("base_frame", "base"), GeometricDeviation("tool_frame", "tool")]
+    causes += [GeometricDeviation.of_all()]
+    texts = {(cause.kind, cause.target): cause.inspect(robot) for cause in causes}
+    for text in texts.values():
+        assert 20 < len(text) < 150
+        assert "{" not in text
+        assert text[-1] != "."
+        assert not any(word in text for word in JARGON), text
+    assert len(set(texts.values())) == len(texts)
 
 
 def test_every_pair_of_causes_has_a_measurement_that_discriminates_it(sites: Any) -> None:

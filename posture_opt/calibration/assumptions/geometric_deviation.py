@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.model.effects import Cause, FittedSizes, Size
+from posture_opt.robot.robot import Robot
 from posture_opt.units import plus_minus
 
 _KIND_OF_PARAMETER = {
@@ -31,6 +32,17 @@ _PHRASES = {
     "base_frame": "the base frame differs from the file",
     "tool_frame": "the tool frame differs from the file",
     "geometry": "many geometric parameters differ from the file",
+}
+_INSPECTIONS = {
+    "joint_offset": "zero mark of {target}: was it mastered again, its motor or encoder changed, or its belt moved?",
+    "link_length": "type and version of the arm in the file; the link behind {target}: exchanged, or bent",
+    "link_offset": "type and version of the arm in the file; spacers and flange of {target}",
+    "link_twist": "flange and seat of the link behind {target}: a collision, dirt, or bolts tightened unevenly",
+    "axis_tilt": "flange and bearing seat behind {target}: a collision, dirt, or bolts tightened unevenly",
+    "base_frame": "where the base is mounted, and how its frame was measured",
+    "tool_frame": "mounting of tool and reflector, and the offsets that the file has of them",
+    "geometry": "type and version of the arm in the file; if they are right, nothing is to be repaired: "
+    "the corrections hold what it was built with",
 }
 
 
@@ -73,6 +85,10 @@ class GeometricDeviation(Cause):
     def words(self) -> str:
         """The cause in a sentence of a report."""
         return _PHRASES[self.kind].format(target=self.target)
+
+    def inspect(self, robot: Robot) -> str:
+        """What to look at on the arm."""
+        return _INSPECTIONS[self.kind].format(target=self.target)
 
     @property
     def moved_joint(self) -> str:

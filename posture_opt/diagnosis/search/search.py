@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -192,13 +192,26 @@ def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> l
         if isinstance(member.what, CyclicError):
             lines.setdefault(member.target, []).append(member)
     others = [member for member in members if not isinstance(member.what, CyclicError)]
-    return [*others, *(own[0] if len(own) == 1 else _one_error(linearised, own) for own in lines.values())]
+    sizes = _sizes(linearised, members) if any(len(own) > 1 for own in lines.values()) else {}
+    return [*others, *(own[0] if len(own) == 1 else _one_error(linearised, own, sizes) for own in lines.values())]
 
 
-def _one_error(linearised: LinearisedData, lines: Sequence[Candidate]) -> Candidate:
-    """Lines of one joint as one cyclic error, the largest contribution first."""
-    ranked = rank_members(linearised, lines)[0]
-    error = CyclicError.joined([s.what for s in ranked if isinstance(s.what, CyclicError)])
+def _sizes(linearised: LinearisedData, members: Sequence[Candidate]) -> dict[str, float]:
+    """Length of the parameters [SI] of each member by its name, all fitted together with the geometry."""
+    A = np.concatenate([linearised.G, *(s.Z for s in members)], axis=1)
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    theta = np.linalg.lstsq(A / scale, linearised.r, rcond=1e-10)[0] / scale
+    ends = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in members)])
+    return {
+        str(s.what): float(np.linalg.norm(theta[i:j])) for s, i, j in zip(members, ends[:-1], ends[1:], strict=True)
+    }
+
+
+def _one_error(linearised: LinearisedData, lines: Sequence[Candidate], sizes: Mapping[str, float]) -> Candidate:
+    """Lines of one joint as one cyclic error, the largest first."""
+    errors = [s.what for s in lines if isinstance(s.what, CyclicError)]
+    error = CyclicError.joined(errors, [sizes[str(one)] for one in errors])
     searched = float(np.exp(np.sum(np.log([s.searched for s in lines]))))  # each was searched for by itself
     return Candidate(error, linearised.sensitivities.columns(error), searched)
 

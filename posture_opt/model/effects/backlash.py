@@ -19,6 +19,9 @@ class Backlash(LostMotion):
     summary: ClassVar[str] = "lost motion: the joint stops short of its command, by half a width from either direction"
     phrase: ClassVar[str] = "{target} has backlash and stops short of its command"
     measurement: ClassVar[str] = "approach each posture from both sides, in random order"
+    inspection: ClassVar[str] = (
+        "belt tension, gear mesh, and keyed or clamped couplings between motor and {target}; play of its brake"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides after short moves and after long ones: backlash is constant, "
         "hysteresis grows with the move",

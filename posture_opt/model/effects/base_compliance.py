@@ -20,6 +20,7 @@ class BaseCompliance(SoleEffect):
     summary: ClassVar[str] = "the base tilts under the overturning moment"
     phrase: ClassVar[str] = "the base is compliant: it tilts under the weight of the arm"
     measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
+    inspection: ClassVar[str] = "mounting bolts of the base, pedestal and floor under it"
     sole: ClassVar[str] = "base"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
     limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE

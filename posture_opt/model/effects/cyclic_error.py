@@ -12,11 +12,13 @@ from pydantic import Field
 from posture_opt.errors import enumerated
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
-from posture_opt.model.effects.base.cause import FittedSizes, Size
+from posture_opt.model.effects.base.cause import FittedSizes, Size, amplitude
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
+from posture_opt.model.effects.base.multiples import cycles_text, harmonic_order
 from posture_opt.numerics import TURN, Array
-from posture_opt.units import Angle, number, plus_minus
+from posture_opt.robot.robot import Robot
+from posture_opt.units import Angle, number, plus_minus, shown
 
 MIN_CYCLES, MAX_CYCLES = 2.5, 300.0
 """Cycles per revolution between which lines are searched; below lie eccentricity and second harmonic."""
@@ -30,12 +32,12 @@ _MIN_JOINT_VALUES = 10
 """Different values of a joint; fewer are met by some line of thousands whatever the errors are."""
 _ALIAS_WINDOW = 0.9
 """Value of the spectral window from which two lines have columns that are alike in all but rounding."""
-_HARMONIC_TOLERANCE, _MAX_HARMONIC = 0.03, 12
-"""A line within this share of the fundamental of its multiple, up to the twelfth, is a harmonic."""
-_CHANCE_LEVEL = 0.05
-"""Largest probability that the multiples which make a line the fundamental are none."""
+_MOTOR_TOLERANCE = 0.01
+"""Share of the gear ratio by which a line may differ from a multiple of it."""
+_OFTEN = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
+"""How often a part errs while the motor turns once."""
 _MAX_LISTED_LINES = 3
-"""Harmonics, and further lines, in a sentence."""
+"""Lines in a sentence."""
 _WINDOW_VALUES = 500
 """Joint values that the spectral window is taken of; chosen for time."""
 
@@ -43,13 +45,17 @@ _WINDOW_VALUES = 500
 class CyclicError(Harmonic):
     """``dq = Σ_i a_i sin(k_i (q − q0)) + b_i cos(k_i (q − q0))``: a periodic error of a joint, by one line or several.
 
-    With q0 in the middle of the data, sines and cosines do not depend on small errors of k. Harmonics of one wheel, and
-    what else its shape takes, are lines of one error: its first is the fundamental, or the strongest.
+    With q0 in the middle of the data, sines and cosines do not depend on small errors of k. What the shape of the error
+    takes are lines of one cause, the largest first.
     """
 
     summary: ClassVar[str] = "joint error whose cycles per revolution are found from the data"
     measurement: ClassVar[str] = (
         "measure many values of {target} that lie on no regular grid, in postures that differ in all other joints"
+    )
+    inspection: ClassVar[str] = (
+        "what turns {cycles} times per revolution of {target}: motor, wave generator, gear stage, belt pulley or "
+        "encoder"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_ripple": "measure many joint values that lie on no regular grid, and state 'gear_ratio'",
@@ -104,8 +110,8 @@ class CyclicError(Harmonic):
 
     @property
     def slow(self) -> bool:  # type: ignore[override] # of this very instance
-        """Whether the first line is so slow that it is a curve over the joint's range rather than a ripple."""
-        return self.cycles < _SLOW_BELOW_CYCLES
+        """Whether all its lines are so slow that they are curves over the joint's range rather than ripple."""
+        return max(self.lines) < _SLOW_BELOW_CYCLES
 
     @property
     def name(self) -> str:
@@ -114,47 +120,42 @@ class CyclicError(Harmonic):
 
     @property
     def words(self) -> str:
-        """The cause in one clause, with its first lines."""
-        return f"{self.joint} has a cyclic error of {self._lines_text(_MAX_LISTED_LINES)}"
+        """The cause in one clause, with its largest lines."""
+        if not self.further:
+            return f"{self.joint} has a cyclic error of {cycles_text(self.cycles)} cycles per revolution"
+        return (
+            f"{self.joint} has a cyclic error of {len(self.lines)} lines "
+            f"({_first_listed(self.lines)} cycles per revolution)"
+        )
 
     @property
     def qualifier(self) -> str:
-        """Its cycles per revolution, all lines included."""
-        return self._lines_text(len(self.further))
+        """Cycles per revolution of its largest line, and how many lines it has beside."""
+        more = len(self.further)
+        return f"{cycles_text(self.cycles)} cycles per revolution" + (
+            f" and {more} more line{'s' * (more > 1)}" if more else ""
+        )
 
-    def _lines_text(self, most: int) -> str:
-        """Its cycles, and the first ``most`` of its harmonics and of its further lines."""
-        multiples = [str(n) for n in map(self._harmonic_order, self.further) if n]
-        others = [number(k, 3) for k in self.further if not self._harmonic_order(k)]
-        harmonics = f"harmonic{'s' * (len(multiples) > 1)} {_first_listed(multiples, most)}" if multiples else ""
-        others_text = f"further line{'s' * (len(others) > 1)} at {_first_listed(others, most)}" if others else ""
-        more = " and ".join(filter(None, (harmonics, others_text)))
-        return f"{number(self.cycles, 4)} cycles per revolution" + (f" with {more}" if more else "")
-
-    def _harmonic_order(self, cycles: float) -> int:
-        """Which harmonic of the first line another one is; 0 for none."""
-        n = round(cycles / self.cycles)
-        return n if 1 < n <= _MAX_HARMONIC and abs(cycles / self.cycles - n) < _HARMONIC_TOLERANCE else 0
+    def inspect(self, robot: Robot) -> str:
+        """What turns so often: the motor, where the gear ratio is stated, else parts of the drive to count."""
+        ratio = abs(robot.joints[robot.joint_names.index(self.joint)].gear_ratio)
+        for cycles in self.lines:
+            times = round(cycles / ratio) if ratio > 1 else 0
+            if times in _OFTEN and abs(cycles / ratio - times) < _MOTOR_TOLERANCE:
+                often = f"{cycles_text(cycles)} cycles per revolution is {_OFTEN[times]} per revolution of the motor"
+                return f"wave generator or pinion, motor shaft and motor encoder of {self.joint}: {often}"
+        return self.inspection.format(target=self.joint, cycles=_first_listed(self.lines))
 
     @classmethod
-    def joined(cls, lines: Sequence[CyclicError]) -> CyclicError:
+    def joined(cls, lines: Sequence[CyclicError], amplitudes: Sequence[float]) -> CyclicError:
         """One error of several lines of a joint, the largest first.
 
-        It is led by the line that most others are harmonics of, if that is no chance: of two lines that have nothing to
-        do with each other one is a multiple with the probability 2 ``_HARMONIC_TOLERANCE``, and each line might lead.
+        Args:
+            amplitudes: of each line, fitted together [rad].
         """
-        chances = [line._chance_probability(lines) for line in lines]
-        least = min(range(len(lines)), key=chances.__getitem__)
-        first = lines[least] if len(lines) * chances[least] < _CHANCE_LEVEL else lines[0]
-        further = tuple(line.cycles for line in lines if line is not first)
-        return first.model_copy(update={"further": further})
-
-    def _chance_probability(self, lines: Sequence[CyclicError]) -> float:
-        """The probability that as many of the lines are multiples of this one by chance (binomial)."""
-        eligible = sum(1.5 < line.cycles / self.cycles < _MAX_HARMONIC + 0.5 for line in lines)
-        met = sum(bool(self._harmonic_order(line.cycles)) for line in lines)
-        p = 2 * _HARMONIC_TOLERANCE
-        return math.fsum(math.comb(eligible, k) * p**k * (1 - p) ** (eligible - k) for k in range(met, eligible + 1))
+        order = sorted(range(len(lines)), key=lambda i: -amplitudes[i])
+        first, *further = (lines[i] for i in order)
+        return first.model_copy(update={"further": tuple(line.cycles for line in further)})
 
     @property
     def exclusive(self) -> tuple[object, ...]:
@@ -169,16 +170,43 @@ class CyclicError(Harmonic):
         return self.cycles - step, self.cycles + step
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude and phase of the first line, its cycles, and the amplitudes of the others [mrad]."""
+        """Amplitude, phase and cycles of a single line; of several their RMS together, and each of them [mrad]."""
+        if self.further:
+            rms, std = self._rms(estimate)
+            together = Size("size", f"{shown(rms, 'angle', std)} RMS", f", {len(self.lines)} lines together")
+            return together, Size("lines", "; ".join(self._line_texts(estimate)))
         value, std = estimate.entry("cycles")
-        cycles = plus_minus(value, std) if math.isfinite(std) else number(value, 4)
-        first = (*super().sizes(estimate), Size("cycles per revolution", cycles))
-        more = [
-            f"{number(math.hypot(*(estimate.entry(f'{part} {i}')[0] for part in ('sin', 'cos'))) * 1e3, 2)} mrad at "
-            f"{number(cycles, 4)}"
-            for i, cycles in enumerate(self.further, 2)
-        ]
-        return (*first, Size("further lines", "; ".join(more))) if more else first
+        cycles = plus_minus(value, std) if math.isfinite(std) else cycles_text(value)
+        return (*super().sizes(estimate), Size("cycles per revolution", cycles))
+
+    def _rms(self, estimate: FittedSizes) -> tuple[float, float]:
+        """Root mean square in the data with its standard error [rad]; over whole cycles where the data are not known.
+
+        Over whole cycles ``√(Σ (a² + b²) / 2)``; lines that run into each other cancel in part.
+        """
+        if estimate.rms is not None:
+            return estimate.rms
+        return math.sqrt(sum(a**2 for a, _ in self._amplitudes(estimate)) / 2), math.nan
+
+    def _amplitudes(self, estimate: FittedSizes) -> list[tuple[float, float]]:
+        """Amplitude of each line with its standard error [rad]."""
+        found = []
+        for i in range(len(self.lines)):
+            sin_i, cos_i = (f"{part} {i + 1}" if i else part for part in ("sin", "cos"))
+            own = slice(2 * i, 2 * i + 2)
+            C = None if estimate.covariance is None else estimate.covariance[own, own]
+            found.append(amplitude(estimate.entry(sin_i)[0], estimate.entry(cos_i)[0], C))
+        return found
+
+    def _line_texts(self, estimate: FittedSizes) -> list[str]:
+        """Amplitude and cycles of each line, and which multiple of the largest it is where that is sure."""
+        sizes = self._amplitudes(estimate)
+        texts = []
+        for i, ((size, _), cycles) in enumerate(zip(sizes, self.lines, strict=True)):
+            text = f"{number(size * 1e3, 2)} mrad at {cycles_text(cycles)}"
+            n = harmonic_order(self.lines, sizes, i, estimate.span) if i else 0
+            texts.append(f"{text} (harmonic {n})" if n else text)
+        return texts
 
     def to_dict(self) -> dict[str, Any]:
         """The entry of ``effects:``; a centre of zero is left out."""
@@ -233,7 +261,7 @@ def _alias_period(q: Array) -> float:
     return float(aliased[0]) if len(aliased) else math.inf
 
 
-def _first_listed(texts: Sequence[str], most: int) -> str:
-    """The first of many texts, and how many more there are."""
-    more = len(texts) - most
-    return enumerated([*texts[:most], f"{more} more"] if more > 0 else texts)
+def _first_listed(cycles: Sequence[float]) -> str:
+    """The first of many lines: "3.57, 13.4, 27.3 …"."""
+    texts = [cycles_text(k) for k in cycles[:_MAX_LISTED_LINES]]
+    return ", ".join(texts) + " …" if len(cycles) > len(texts) else enumerated(texts)

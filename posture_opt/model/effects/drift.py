@@ -28,6 +28,9 @@ class Drift(Effect):
     summary: ClassVar[str] = "the measured point drifts with time, the same in all postures"
     phrase: ClassVar[str] = "the measured point drifts with time ({target})"
     measurement: ClassVar[str] = "return to a reference target every few postures, and take the others in random order"
+    inspection: ClassVar[str] = (
+        "warm-up of arm and instrument, clamping of tool and reflector, and the stand of the instrument"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "slip": "return to the same few postures again and again: a drift is gradual, a slip is a step",
         "instrument_field": "repeat the postures in another order, so that position and time are independent",

@@ -11,7 +11,7 @@ from pydantic import Field
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
-from posture_opt.units import number
+from posture_opt.model.effects.base.multiples import cycles_text
 
 
 class GearRipple(Harmonic):
@@ -20,6 +20,9 @@ class GearRipple(Harmonic):
     summary: ClassVar[str] = "joint error once or twice per revolution of the motor; needs the gear ratio"
     phrase: ClassVar[str] = "the gear of {target} has ripple at its input shaft"
     measurement: ClassVar[str] = "measure many joint values that lie on no regular grid"
+    inspection: ClassVar[str] = (
+        "input side of the gear of {target}: wave generator or pinion, motor shaft and motor encoder"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'",
     }
@@ -42,7 +45,7 @@ class GearRipple(Harmonic):
     @property
     def qualifier(self) -> str:
         """Its cycles per revolution."""
-        return f"{number(self.frequency, 4)} cycles per revolution"
+        return f"{cycles_text(self.frequency)} cycles per revolution"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -25,6 +25,9 @@ class InstrumentField(SoleEffect):
     summary: ClassVar[str] = "the instrument errs smoothly over its volume"
     phrase: ClassVar[str] = "the instrument has an error that varies smoothly over its volume"
     measurement: ClassVar[str] = "measure the same postures from a second station of the instrument"
+    inspection: ClassVar[str] = (
+        "calibration and warm-up of the instrument, its line of sight, and the stability of its stand"
+    )
     decisive: ClassVar[bool] = True
     sole: ClassVar[str] = "instrument"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = tuple(

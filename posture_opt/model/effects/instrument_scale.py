@@ -20,6 +20,7 @@ class InstrumentScale(SoleEffect):
     summary: ClassVar[str] = "the instrument reads all distances too long by one factor; only a scale bar shows it"
     phrase: ClassVar[str] = "the instrument has a scale error"
     measurement: ClassVar[str] = "measure a scale bar of known length with the same instrument"
+    inspection: ClassVar[str] = "certificate of the instrument; the air temperature and pressure that are set in it"
     sole: ClassVar[str] = "instrument"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("scale", "length per length"),)
     for_planning: ClassVar[bool] = False

@@ -27,6 +27,9 @@ class JointCompliance(JointEffect):
     summary: ClassVar[str] = "the joint is compliant under the torque of gravity and payload"
     phrase: ClassVar[str] = "{target} is compliant under gravity"
     measurement: ClassVar[str] = "measure the same postures under two payloads"
+    inspection: ClassVar[str] = (
+        "gear, output bearing and belt of {target}, and the bolts that join its links: worn or loose"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_eccentricity": "measure the same postures under two payloads: a compliance is proportional to the load, "
         "a gear error does not depend on it",

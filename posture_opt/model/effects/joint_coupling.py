@@ -26,6 +26,10 @@ class JointCoupling(JointEffect):
 
     summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
     measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
+    inspection: ClassVar[str] = (
+        "belts, cables and coupled gears that pass from {follows} through {joint}; the coupling ratio that "
+        "is set in the controller"
+    )
     rivals: ClassVar[Mapping[str, str]] = {"joint_scale": measurement}
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("ratio", "ratio"),)
 
@@ -41,6 +45,10 @@ class JointCoupling(JointEffect):
     def words(self) -> str:
         """The cause in one clause."""
         return f"{self.joint} is coupled to {self.follows}"
+
+    def inspect(self, robot: Robot) -> str:
+        """What couples the two joints."""
+        return self.inspection.format(follows=self.follows, joint=self.joint)
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(q_A,) [rad], the value of the joint that it follows."""

@@ -17,6 +17,9 @@ class JointScale(JointEffect):
     summary: ClassVar[str] = "the joint moves by a constant factor more or less than commanded"
     phrase: ClassVar[str] = "{target} has a scale error"
     measurement: ClassVar[str] = "drive {target} through its whole range"
+    inspection: ClassVar[str] = (
+        "gear ratio and encoder counts of {target} as set in the controller; a belt or coupling that slips"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_eccentricity": "drive {target} through its whole range: a scale error grows linearly, an eccentricity "
         "is periodic",

@@ -29,6 +29,7 @@ class LinkBending(EffectOfJoint):
     summary: ClassVar[str] = "the link behind the joint bends under the weight that it carries"
     phrase: ClassVar[str] = "the link behind {target} bends under gravity"
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
+    inspection: ClassVar[str] = "the link behind {target}: cracks, and the flange bolts at both ends"
     rivals: ClassVar[Mapping[str, str]] = {"base_compliance": "measure targets fixed to the base in every posture"}
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
     limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE

@@ -20,6 +20,7 @@ class LoadBacklash(LostMotion):
     summary: ClassVar[str] = "backlash in proportion to the load of the joint, as of friction"
     phrase: ClassVar[str] = "{target} stops short of its command in proportion to its load"
     measurement: ClassVar[str] = "approach each posture from both sides under two payloads"
+    inspection: ClassVar[str] = "bearing preload, gear mesh and clamp screws of {target} under load; its counterbalance"
     rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides, after short and long moves, under two payloads",
     }

@@ -19,6 +19,9 @@ class PayloadError(SoleEffect):
     summary: ClassVar[str] = "the deflection in proportion to the payload differs from the model"
     phrase: ClassVar[str] = "the deflection under the payload differs from the model"
     measurement: ClassVar[str] = "measure under three payloads, one of them zero"
+    inspection: ClassVar[str] = (
+        "mass and centre of mass of the payload: weigh it, and compare with what the controller has"
+    )
     rivals: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("joint_compliance", "link_bending", "base_compliance"),
         "measure under three weighed payloads, one of them zero: the weight of the links acts without a payload too",

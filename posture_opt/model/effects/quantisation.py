@@ -31,6 +31,7 @@ class Quantisation(JointEffect):
     summary: ClassVar[str] = "the joint reaches discrete steps only"
     phrase: ClassVar[str] = "{target} is quantised: it reaches discrete steps only"
     measurement: ClassVar[str] = "log the joint values that the controller reached"
+    inspection: ClassVar[str] = "encoder resolution of {target}; rounding of joint values in program or log"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("share", "ratio"),)
     shape: ClassVar[tuple[str, ...]] = ("lsb",)
     shape_units: ClassVar[Mapping[str, str]] = {"lsb": "rad"}

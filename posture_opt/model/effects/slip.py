@@ -35,6 +35,11 @@ _BASE_PARAMETERS: dict[_Way, tuple[str, ...]] = {
 """Way of a slip of the base -> its parameters: shifted in space, slid and turned on the floor, or shifted and
 tilted.
 """
+_INSPECTIONS = {
+    "base": "mounting bolts of the base; whether it, or the stand of the instrument, was knocked",
+    "tool": "clamping of tool and reflector; whether one of them was knocked",
+}
+"""What to look at where no joint slipped."""
 _BASE_ANGLES = ("roll", "pitch", "yaw")
 """Parameters about the world's x, y and z axis [rad]."""
 
@@ -48,6 +53,7 @@ class Slip(Effect):
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
     phrase: ClassVar[str] = "{target} slipped during the measurements"
     measurement: ClassVar[str] = "return to the same few postures again and again"
+    inspection: ClassVar[str] = "{target}: clamp screws of coupling, encoder and flanges; belt that jumped; collisions"
     shape: ClassVar[tuple[str, ...]] = ("moment",)
     shape_units: ClassVar[Mapping[str, str]] = {"moment": "s"}
     needs: ClassVar[frozenset[Input]] = frozenset({"time"})
@@ -87,6 +93,10 @@ class Slip(Effect):
     def words(self) -> str:
         """The cause in one clause."""
         return self.phrase.format(target="the base" if self.of == "base" else self.of)
+
+    def inspect(self, robot: Robot) -> str:
+        """What may have slipped."""
+        return _INSPECTIONS.get(self.of, self.inspection).format(target=self.of)
 
     @property
     def omitted(self) -> str:

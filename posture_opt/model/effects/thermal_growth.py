@@ -20,6 +20,9 @@ class ThermalGrowth(Effect):
     summary: ClassVar[str] = "lengths expand with temperature"
     phrase: ClassVar[str] = "{target} expands with temperature"
     measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
+    inspection: ClassVar[str] = (
+        "what heats or cools the links: motors, brakes, sun or draught from one side; let the arm warm up"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "drift": "log the temperature through a warm-up and a cool-down: time only grows",
         "thermal_offset": "measure stretched and folded postures at the same temperatures: growth acts along the "

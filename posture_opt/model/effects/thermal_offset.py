@@ -18,6 +18,7 @@ class ThermalOffset(JointEffect):
     summary: ClassVar[str] = "the zero of the joint drifts with temperature"
     phrase: ClassVar[str] = "the zero of {target} drifts with temperature"
     measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
+    inspection: ClassVar[str] = "what heats {target}: motor, brake and gear; how its encoder is fastened"
     rivals: ClassVar[Mapping[str, str]] = {
         "drift": "log the temperature through a warm-up and a cool-down: time only grows",
     }

@@ -14,6 +14,9 @@ from posture_opt.model.chain import Scalar
 from posture_opt.numerics import TURN, Array
 from posture_opt.units import plus_minus, shown
 
+if TYPE_CHECKING:
+    from posture_opt.robot.robot import Robot
+
 _ANY_MEASUREMENT = "measure postures in which the two predict different errors"
 """What to measure where neither of two causes says it."""
 
@@ -45,12 +48,16 @@ class FittedSizes:
         covariance: (k, k) of the linear parameters, where it is known [SI].
         timed: whether the rows have times; without them, what happens in time is counted in rows.
         turn: least and largest turn of its joint in the data, where it turns one [rad].
+        rms: root mean square of that turn about its mean, with its standard error [rad].
+        span: range of that joint in the data [rad]; 0 where it is not known.
     """
 
     values: Mapping[str, tuple[float, float, str]]
     covariance: Array | None = None
     timed: bool = True
     turn: tuple[float, float] | None = None
+    rms: tuple[float, float] | None = None
+    span: float = 0.0
 
     def entry(self, name: str) -> tuple[float, float]:
         """Value and standard error [SI] of a parameter or a shape.
@@ -72,6 +79,8 @@ class Cause:
     """What is wrong, in one clause; ``{target}`` stands for the target."""
     measurement: ClassVar[str] = ""
     """What to measure to see this cause by itself."""
+    inspection: ClassVar[str] = ""
+    """What to look at on the arm, or at the instrument; ``{target}`` stands for the target."""
     decisive: ClassVar[bool] = False
     """Whether that measurement discriminates it from any other cause."""
     rivals: ClassVar[Mapping[str, str]] = {}
@@ -98,6 +107,14 @@ class Cause:
         """
         return self.words
 
+    def inspect(self, robot: Robot) -> str:
+        """What to look at on the arm, or at the instrument, in one line.
+
+        Args:
+            robot: the arm, whose gear ratios say which part turns how often.
+        """
+        return self.inspection.format(target=self.target)
+
     @property
     def title(self) -> str:
         """The kind as it is read: "joint compliance"."""
@@ -115,7 +132,7 @@ class Cause:
 
     @property
     def label(self) -> str:
-        """Kind and target: "cyclic error (elbow, 12.00 cycles per revolution)"."""
+        """Kind and target: "cyclic error (elbow, 12.0 cycles per revolution)"."""
         more = ", ".join(filter(None, (self.place, self.qualifier)))
         return f"{self.title} ({more})" if more else self.title
 

@@ -24,6 +24,7 @@ class CorrelatedLengths(NoiseEffect):
         "the errors of two lengths are correlated from robot to robot, as of parts made on one machine"
     )
     phrase: ClassVar[str] = "the errors of {target} are correlated from robot to robot"
+    inspection: ClassVar[str] = "machine and fixture that these parts are made on; nothing on one arm"
     of_arm: ClassVar[bool] = True
 
     kind: Literal["correlated_lengths"] = "correlated_lengths"

@@ -29,6 +29,9 @@ class JointNoise(NoiseEffect):
     phrase: ClassVar[str] = "{target} scatters more than stated"
     unstated: ClassVar[str] = "{target} scatters from repeat to repeat by {size}, which the file does not state"
     measurement: ClassVar[str] = "repeat each posture a few times, moving away in between"
+    inspection: ClassVar[str] = (
+        "{target}: brake and belt, in-position window and servo gains, a loose coupling of the encoder"
+    )
     rivals: ClassVar[Mapping[str, str]] = {
         "range_noise": "repeat postures near the instrument and far from it, moving away in between",
         "outliers": "repeat each posture a few times, moving away in between: an outlier does not recur",

@@ -20,6 +20,7 @@ class Outliers(NoiseEffect):
     summary: ClassVar[str] = "single rows are grossly wrong"
 
     phrase: ClassVar[str] = "some rows are outliers"
+    inspection: ClassVar[str] = "these rows: reflector seated, line of sight free, arm at rest when it was read"
 
     kind: Literal["outliers"] = "outliers"
     share: float = Field(gt=0, lt=0.5, description="of the rows", examples=[0.02])

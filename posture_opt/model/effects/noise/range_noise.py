@@ -27,6 +27,9 @@ class RangeNoise(NoiseEffect):
     summary: ClassVar[str] = "the noise of the instrument grows with distance"
     phrase: ClassVar[str] = "the noise of the instrument grows with distance"
     measurement: ClassVar[str] = "repeat postures near the instrument and far from it, moving away in between"
+    inspection: ClassVar[str] = (
+        "line of sight, draught and warm air, and reflector or target: move the instrument nearer"
+    )
     rivals: ClassVar[Mapping[str, str]] = {"stated_sigma": "repeat postures near the instrument and far from it"}
     uneven: ClassVar[bool] = True
     uneven_words: ClassVar[str] = "The errors grow with the distance from the {target}, as its noise could"

@@ -17,6 +17,7 @@ class StatedSigma(NoiseEffect):
 
     summary: ClassVar[str] = "measurements scatter more, or less, than stated by one factor"
     phrase: ClassVar[str] = "the measurement noise differs from what the file states"
+    inspection: ClassVar[str] = "certificate and set-up of the instrument, and how reflector or target is fastened"
     of_stated: ClassVar[bool] = True
 
     kind: Literal["stated_sigma"] = "stated_sigma"

@@ -1,0 +1,45 @@
+"""Frequencies of periodic errors: as text, and whether one is a multiple of another as far as they are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from posture_opt.units import number
+
+_TENTHS_FROM_CYCLES = 100.0
+"""Cycles per revolution from which three digits would round to whole ones."""
+_MAX_HARMONIC = 12
+"""Multiple of another line up to which a line can be its harmonic."""
+_HARMONIC_DEVIATION = 2.0
+"""Standard errors by which the ratio of two lines may differ from a whole number."""
+_SURE_HARMONIC_TOLERANCE = 0.05
+"""Largest deviation that still says something: a ratio known no better lies near some whole number by accident."""
+
+
+def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]], line: int, span: float) -> int:
+    """Which multiple of the first line another one is for sure; 0 for none.
+
+    The ratio of both is whole within `_HARMONIC_DEVIATION` of its standard errors, and these are small. The cycles of a
+    line of amplitude A ± s, from values spread evenly over a range w [rad], have the standard error ``√12 s / (A w)``.
+
+    Source: Rife, Boorstyn (1974), Cramér-Rao bounds of amplitude and frequency.
+
+    Args:
+        cycles: per revolution of each line.
+        sizes: amplitude of each line with its standard error [rad].
+        line: number of the line; ``span`` the range of the joint in the data [rad], 0 where it is not known.
+    """
+    if not span > 0:
+        return 0
+    ratio = cycles[line] / cycles[0]
+    errors = [math.sqrt(12) * sizes[i][1] / (sizes[i][0] * span) / cycles[i] for i in (0, line)]
+    deviation = _HARMONIC_DEVIATION * ratio * math.hypot(*errors)
+    n = round(ratio)
+    sure = 1 < n <= _MAX_HARMONIC and deviation < _SURE_HARMONIC_TOLERANCE
+    return n if sure and abs(ratio - n) < deviation else 0
+
+
+def cycles_text(cycles: float) -> str:
+    """Cycles per revolution to a tenth, and to three digits below ten."""
+    return number(cycles, 3 if cycles < _TENTHS_FROM_CYCLES else 4)
