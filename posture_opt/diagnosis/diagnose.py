@@ -24,6 +24,7 @@ from posture_opt.diagnosis.causes.causes import (
 )
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
+from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
@@ -212,6 +213,7 @@ def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tupl
     beforehand = contradiction_findings(calibration)
     refuted = [f.cause for f in beforehand]
     effects = effect_findings(found.names, found.model, held.effects, held.parts, held.groups, progress)
+    effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state))
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *_determined_first(*effects, *map(noise_finding, found.noise)),

@@ -21,6 +21,8 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array, Codes, Json, Progress
 from posture_opt.units import DIMENSIONS
 
@@ -42,6 +44,9 @@ class Finding:
         place: of an effect among those of the model.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
         beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
+        plausible_range: the sizes that such a cause can have on this arm; None where none is known to be impossible.
+        would_need: what would have to be true for it to be this cause, where its size is beyond that range; else empty.
+        parts: of its joint that turn as often as it repeats.
     """
 
     cause: Cause
@@ -54,6 +59,14 @@ class Finding:
     place: int | None = None
     stated: Effect | None = None
     beforehand: bool = False
+    plausible_range: PlausibleRange | None = None
+    would_need: str = ""
+    parts: tuple[RotatingPart, ...] = ()
+
+    @property
+    def plausible(self) -> bool:
+        """Whether an arm can have this cause in this size, by what is published."""
+        return not self.would_need
 
     @property
     def status(self) -> Literal["determined", "size_undetermined"]:
@@ -102,6 +115,10 @@ class Finding:
             "gain": self.gain,
             **interval,
             "confounded_with": [self._rival_json(c) for c in self.confounded_with],
+            "plausible": self.plausible,
+            "would_need": self.would_need or None,
+            **({} if self.plausible_range is None else {"plausible_range": self.plausible_range.to_json()}),
+            **({"rotating_parts": [part.to_json() for part in self.parts]} if self.parts else {}),
         }
 
 

@@ -32,10 +32,6 @@ _MIN_JOINT_VALUES = 10
 """Different values of a joint; fewer are met by some line of thousands whatever the errors are."""
 _ALIAS_WINDOW = 0.9
 """Value of the spectral window from which two lines have columns that are alike in all but rounding."""
-_MOTOR_TOLERANCE = 0.01
-"""Share of the gear ratio by which a line may differ from a multiple of it."""
-_OFTEN = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
-"""How often a part errs while the motor turns once."""
 _MAX_LISTED_LINES = 3
 """Lines in a sentence."""
 _WINDOW_VALUES = 500
@@ -137,13 +133,9 @@ class CyclicError(Harmonic):
         )
 
     def inspect(self, robot: Robot) -> str:
-        """What turns so often: the motor, where the gear ratio is stated, else parts of the drive to count."""
-        ratio = abs(robot.joints[robot.joint_names.index(self.joint)].gear_ratio)
-        for cycles in self.lines:
-            times = round(cycles / ratio) if ratio > 1 else 0
-            if times in _OFTEN and abs(cycles / ratio - times) < _MOTOR_TOLERANCE:
-                often = f"{cycles_text(cycles)} cycles per revolution is {_OFTEN[times]} per revolution of the motor"
-                return f"wave generator or pinion, motor shaft and motor encoder of {self.joint}: {often}"
+        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
+        for part in self.rotating_parts(robot):
+            return f"{part.part} of {self.joint}: {part.words}"
         return self.inspection.format(target=self.joint, cycles=_first_listed(self.lines))
 
     @classmethod

@@ -13,7 +13,10 @@ from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, compliance_size
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
+from posture_opt.model.effects.base.gear_stiffness import LARGEST_TURN, SOURCE, least_stiffness
 from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
 
@@ -81,6 +84,27 @@ class JointCompliance(JointEffect):
     def unstated_loads(self) -> bool:
         """Whether masses are unknown, so that no parameter is the compliance itself."""
         return self.loads == "points"
+
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """Down to `least_stiffness` of the joint, by the class of gear that carries its load; of unknown loads the turn
+        by which such a gear gives in at most.
+        """
+        softest = least_stiffness(robot, robot.joint_names.index(self.joint))
+        if self.unstated_loads:
+            needs = "a joint that turns by more than its gear gives in under the largest load that it is made for"
+            return PlausibleRange(-LARGEST_TURN, LARGEST_TURN, "angle", needs, SOURCE)
+        needs = (
+            f"a joint softer than {number(softest / 1e3)} kN m/rad, softer than any gear that carries its load (loose "
+            "couplings and slack belts are)"
+        )
+        return PlausibleRange(0.0, 1 / softest, "angle per torque", needs, SOURCE)
+
+    def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
+        """The compliance [rad/(N m)]; of unknown loads half the range of the turn of the joint in the data [rad]."""
+        if not self.unstated_loads:
+            return super().plausible_size(estimate)
+        low, high = estimate.turn or (0.0, 0.0)
+        return (high - low) / 2, math.nan
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
         """The torque of gravity [N m]; None for unknown loads."""

@@ -13,12 +13,16 @@ from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.cause import Abscissa, over_joint
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
 
 _CARRYING_RATIO = 0.5
 """Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller
 does.
 """
+
+_WRIST_JOINTS = 3
+"""Joints of a wrist, whose motors may sit behind all of them."""
 
 
 class JointCoupling(JointEffect):
@@ -53,6 +57,19 @@ class JointCoupling(JointEffect):
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(q_A,) [rad], the value of the joint that it follows."""
         return (state.q[state.robot.joint_names.index(self.follows)],)
+
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """Any ratio between neighbours and within the wrist, the last three joints, whose shafts run in each other.
+
+        None elsewhere.
+        """
+        names = robot.joint_names
+        ends = sorted((names.index(self.joint), names.index(self.follows)))
+        if ends[1] - ends[0] == 1 or ends[0] >= robot.n - _WRIST_JOINTS:
+            return None
+        between = " and ".join(names[ends[0] + 1 : ends[1]])
+        needs = f"a shaft, belt or cable from {self.follows} to {self.joint} that passes {between}"
+        return PlausibleRange(0.0, 0.0, "ratio", needs, "Craig, Introduction to Robotics, section 3.7")
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
         """``c q_A`` [rad] of a ratio above `_CARRYING_RATIO`; nothing below, where loads hardly change."""

@@ -59,6 +59,7 @@ class Slip(Effect):
     needs: ClassVar[frozenset[Input]] = frozenset({"time"})
     family: ClassVar[Literal["named", "steps", "periodic"]] = "steps"
     for_planning: ClassVar[bool] = False
+    most_in_session: ClassVar[int | None] = 1
 
     kind: Literal["slip"] = "slip"
     of: str = Field(description="a joint, or base")

@@ -11,7 +11,11 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Factor, Robot
+
+_EXPANSIONS = (5e-6, 30e-6)
+"""Least and largest coefficient of expansion [1/K] of what arms are made of, with some room on either side."""
 
 
 class ThermalGrowth(Effect):
@@ -57,6 +61,13 @@ class ThermalGrowth(Effect):
             if self.length in ("all", name)
         }
         return (Sensitivity(lengths=grown),)
+
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """5 to 30 ppm/K: cast iron has 10, steel 11 to 13, aluminium 23, magnesium 26; composites have less."""
+        low, high = _EXPANSIONS
+        needs = "a length that expands as no metal of an arm does; rather the stand, the floor or the instrument moves"
+        source = "Kaye, Laby, Tables of Physical and Chemical Constants"
+        return PlausibleRange(low, high, "per temperature", needs, source)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -10,6 +10,11 @@ from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa
 from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.robot.robot import Robot
+
+_LARGEST_RATE = 1e-4
+"""rad/K: four times the expansion of aluminium."""
 
 
 class ThermalOffset(JointEffect):
@@ -30,6 +35,12 @@ class ThermalOffset(JointEffect):
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(T − T0,) [K]."""
         return (state.inputs.temperature,)
+
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """Up to 100 µrad/K: the expansion of aluminium, 23 ppm/K, of a housing four times as long as it is wide."""
+        needs = "a housing that is bent by heat more than its expansion can bend it"
+        source = "Kaye, Laby, Tables of Physical and Chemical Constants"
+        return PlausibleRange(-_LARGEST_RATE, _LARGEST_RATE, "angle per temperature", needs, source)
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """The temperature above 20 degC [K]."""

@@ -47,7 +47,7 @@ def finding_words(finding: Finding, problem: ProblemData) -> str:
     noise = finding.noise
     if noise is not None and noise.unstated and not _states(problem, finding):
         return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
-    return finding.cause.worded(FittedSizes(finding.estimate))
+    return finding.cause.worded(FittedSizes(finding.estimate)) if finding.plausible else finding.cause.looks_like
 
 
 def _states(problem: ProblemData, finding: Finding) -> bool:
@@ -107,6 +107,8 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
     rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
     if finding.effect is None and finding.noise is None and not finding.estimate:
         rows += _geometry(found)
+    if not finding.plausible:
+        rows.append(("Would need", finding.would_need))
     if not finding.determined:
         rows.append(("Open", "these data do not determine the size: its 95 % region holds zero"))
     if finding.stated is not None:

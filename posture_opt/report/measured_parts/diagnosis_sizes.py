@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.diagnosis.causes.plausible_causes import FittedEffects
 from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects.base.cause import FittedSizes
-from posture_opt.numerics import Array, rms_length
+from posture_opt.numerics import rms_length
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.words import MODEL_NAMES
 
@@ -30,51 +31,12 @@ def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
     """What the fit says of a finding: estimate, covariance of its parameters, and the range of the turn that it
     causes.
     """
-    model, place = found.model, finding.place
-    timed = model.residuals.data.time is not None
-    if place is None:
-        return FittedSizes(finding.estimate, timed=timed)
-    part = model.slices[place]
-    turns = _turns(found, place)
-    turned, C = turns @ model.x[part], model.covariance[part, part]
-    return FittedSizes(
-        finding.estimate, C, timed, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
-        _span(found, finding),
-    )  # fmt: skip
+    return FittedEffects(found.model, found.linearised.sensitivities.state).sizes(finding)
 
 
 def headline_of(found: Diagnosis, finding: Finding) -> str:
     """The size of a finding that is shown with its words; empty where no single number says it."""
     return finding.cause.headline(fitted_sizes(found, finding))
-
-
-def _turns(found: Diagnosis, place: int) -> Array:
-    """Turn (N, k) of its joint by one unit of each parameter of an effect, 0 of one that acts on no joint [rad]."""
-    model = found.model
-    ones = model.effects[place].sensitivities(found.linearised.sensitivities.state)
-    turns = np.zeros((len(model.residuals.data), len(ones)))
-    for k, one in enumerate(ones):
-        for size in one.joints.values():
-            turns[:, k] += np.asarray(size, dtype=float)
-    return turns
-
-
-def _rms(turns: Array, values: Array, C: Array) -> tuple[float, float]:
-    """Root mean square of the turn about its mean, ``√(θᵀMθ)``, and its standard error to first order [rad].
-
-    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns (N, k), ``C`` that of θ.
-    """
-    M = np.atleast_2d(np.cov(turns.T, bias=True))
-    size = float(np.sqrt(values @ M @ values))
-    return size, float(np.sqrt(values @ M @ C @ M @ values)) / size if size else 0.0
-
-
-def _span(found: Diagnosis, finding: Finding) -> float:
-    """Range of the joint that a finding moves in the data [rad]; 0 where it moves none or several."""
-    data = found.model.residuals.data
-    if finding.cause.moved_joint not in data.joint_names:
-        return 0.0
-    return float(np.ptp(data.q[:, data.joint_names.index(finding.cause.moved_joint)]))
 
 
 def periodic_joints(found: Diagnosis) -> list[int]:

@@ -137,6 +137,12 @@ class Cause:
         return f"{self.title} ({more})" if more else self.title
 
     @property
+    def looks_like(self) -> str:
+        """The words of a cause of a size that no arm has: "an error that looks like joint compliance of elbow"."""
+        named = f"{self.title} of {self.place}" if self.place else self.title
+        return f"an error that looks like {named}{f', {self.qualifier}' if self.qualifier else ''}"
+
+    @property
     def exclusive(self) -> tuple[object, ...]:
         """Causes for which this is equal are shapes of one cause: only one of them can be true."""
         return self.kind, self.target

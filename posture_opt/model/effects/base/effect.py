@@ -16,6 +16,8 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, Scalar, Vector, scale
 from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, number, parse_quantity, shown
@@ -111,6 +113,8 @@ class Effect(CatalogueEntry):
     """Whether a task can be planned with it; what changes with time cannot be."""
     slow: ClassVar[bool] = False
     """Whether it is a slow curve over its joint, of which several together can imitate any other."""
+    most_in_session: ClassVar[int | None] = None
+    """How many of the kind one session can have; None where nothing limits them."""
     relative_shape: ClassVar[bool] = True
     """Whether errors of the shape are shares of it; else they are in its own unit."""
 
@@ -227,6 +231,18 @@ class Effect(CatalogueEntry):
             timed: whether the time of the rows is known; otherwise it counts them.
         """
         return None
+
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """The sizes that it can have on an arm, by what is published; None where none is known to be impossible."""
+        return None
+
+    def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
+        """The size [SI] that `plausible` bounds, with its standard error: its first parameter."""
+        return estimate.entry(self.dimensions[0][0])
+
+    def rotating_parts(self, robot: Robot) -> tuple[RotatingPart, ...]:
+        """The parts of its joint that turn as often as it repeats; none where it does not repeat."""
+        return ()
 
     @property
     def unstated_loads(self) -> bool:

@@ -14,11 +14,19 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.model.effects.base.rotating_parts import RotatingPart, rotating_parts
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, fixed, number, shown
 
 _ARCSEC_PER_RAD = math.degrees(1.0) * 3600
 """Arc seconds in a radian."""
+_LARGEST_AMPLITUDE = 3e-3
+"""Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
+20 mm. Gears repeat up to 0.3 mrad in more cycles (positional accuracy of 1 to 2 arcmin, peak to peak); three times that
+where they are worn or badly aligned."""
+_DISC_CYCLES = 2.0
+"""Cycles per revolution of what is off its centre, or oval or tilted."""
 _WHOLE_CYCLES = 1e-9
 """By how much a number of cycles per revolution may differ from a whole one: rounding."""
 
@@ -104,6 +112,22 @@ class Harmonic(JointEffect):
     def frequencies(self) -> tuple[float, ...]:
         """Cycles per revolution of all its lines."""
         return (self.frequency,)
+
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """Up to `_LARGEST_AMPLITUDE` of one cycle and of two, and a third of it of more."""
+        high = _LARGEST_AMPLITUDE if self.frequency <= _DISC_CYCLES else _LARGEST_AMPLITUDE / 3
+        needs = "a gear or an encoder that errs by more than any in a catalogue"
+        return PlausibleRange(0.0, high, "angle", needs, "Harmonic Drive, catalogue CSF and CSG, positional accuracy")
+
+    def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
+        """The amplitude of its first line [rad]."""
+        (a, _), (b, _) = estimate.entry("sin"), estimate.entry("cos")
+        return amplitude(a, b, None if estimate.covariance is None else estimate.covariance[:2, :2])
+
+    def rotating_parts(self, robot: Robot) -> tuple[RotatingPart, ...]:
+        """Parts of the joint that turn as often as a line repeats, by the gear ratio of the file or a common one."""
+        ratios = {joint.name: joint.gear_ratio for joint in robot.joints}
+        return rotating_parts(self.frequencies, ratios.get(self.joint, math.nan))
 
     @property
     def valid_between(self) -> tuple[float, float] | None:

@@ -1,0 +1,111 @@
+"""Whether a cause of the size that was found can be real: its range by what is published, and what it would take."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.effects import Effect, FittedSizes
+from posture_opt.numerics import Array
+
+_MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
+"""What it would take for a cause that comes once to have come several times."""
+
+
+@dataclass(frozen=True)
+class FittedEffects:
+    """What a fit says of its effects, with the arm that they act on.
+
+    Args:
+        state: the arm at all rows, without effects.
+    """
+
+    model: Fit
+    state: ArmState
+
+    def sizes(self, finding: Finding) -> FittedSizes:
+        """What the fit says of a finding: estimate, covariance of its parameters, and the turn of its joint."""
+        model, place = self.model, finding.place
+        timed = model.residuals.data.time is not None
+        if place is None:
+            return FittedSizes(finding.estimate, timed=timed)
+        part = model.slices[place]
+        turns = self._turns(place)
+        turned, C = turns @ model.x[part], model.covariance[part, part]
+        return FittedSizes(
+            finding.estimate, C, timed, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
+            self._span(finding),
+        )  # fmt: skip
+
+    def _turns(self, place: int) -> Array:
+        """Turn (N, k) of its joint by one unit of each parameter of an effect, 0 of one that acts on no joint [rad]."""
+        ones = self.model.effects[place].sensitivities(self.state)
+        turns = np.zeros((len(self.model.residuals.data), len(ones)))
+        for k, one in enumerate(ones):
+            for size in one.joints.values():
+                turns[:, k] += np.asarray(size, dtype=float)
+        return turns
+
+    def _span(self, finding: Finding) -> float:
+        """Range of the joint that a finding moves in the data [rad]; 0 where it moves none or several."""
+        data = self.model.residuals.data
+        if finding.cause.moved_joint not in data.joint_names:
+            return 0.0
+        return float(np.ptp(data.q[:, data.joint_names.index(finding.cause.moved_joint)]))
+
+
+def _rms(turns: Array, values: Array, C: Array) -> tuple[float, float]:
+    """Root mean square of the turn about its mean, ``√(θᵀMθ)``, and its standard error to first order [rad].
+
+    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns (N, k), ``C`` that of θ.
+    """
+    M = np.atleast_2d(np.cov(turns.T, bias=True))
+    size = float(np.sqrt(values @ M @ values))
+    return size, float(np.sqrt(values @ M @ C @ M @ values)) / size if size else 0.0
+
+
+def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> list[Finding]:
+    """The findings, those that are effects with their range, what they would need beyond it, and the parts that repeat.
+
+    A cause beyond its range has competed with all others and stays: the data look like it.
+    """
+    seen: Counter[str] = Counter()
+    found = []
+    for finding in findings:
+        effect = finding.effect
+        if effect is None:
+            found.append(finding)
+            continue
+        seen[effect.kind] += 1
+        robot = fitted.state.robot
+        found.append(
+            replace(
+                finding,
+                plausible_range=effect.plausible(robot),
+                would_need=_would_need(effect, finding, fitted, seen[effect.kind]),
+                parts=effect.rotating_parts(robot),
+            )
+        )
+    return found
+
+
+def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: int) -> str:
+    """What would have to be true for a finding to be the cause that it looks like; empty where it can be.
+
+    Args:
+        rank: which of its kind it is, the largest contribution first.
+    """
+    most = effect.most_in_session
+    if most is not None and rank > most:
+        return _MANY_IN_SESSION.format(count=rank, most=most)
+    known = effect.plausible(fitted.state.robot)
+    if known is None:
+        return ""
+    value, std = effect.plausible_size(fitted.sizes(finding))
+    return "" if known.holds(value, std) else known.would_need(value)
