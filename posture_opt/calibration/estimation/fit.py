@@ -23,6 +23,7 @@ _MIN_CORRELATION_EIGENVALUE = (
     1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
 )
 _MIN_PRIOR_SIGMA = 1e-10  # rad, m: nothing is known better
+_ROUNDING_SHARE = 1e-10  # of the longest column of all effects: a parameter whose column is shorter does nothing
 _EFFECT_OFFSET_TOLERANCE = (
     1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
 )
@@ -317,9 +318,13 @@ def fit_with_effects(
 
 
 def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
-    """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates."""
+    """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates.
+
+    A column that is rounding, as of an axis that was not measured, has a step of zero: its parameter stays.
+    """
     norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
-    return np.asarray(np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0))
+    seen = norms > _ROUNDING_SHARE * norms.max(initial=0.0)
+    return np.asarray(np.where(seen, 1 / np.where(seen, norms, 1.0), 0.0))
 
 
 def _design_of_fit(fit: Fit) -> float:

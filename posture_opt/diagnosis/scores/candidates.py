@@ -37,12 +37,14 @@ class Candidate:
         Z: (m, k) whitened residual per unit of each parameter [1/SI].
         searched: how many different shapes its own was chosen from.
         place: where its columns are in blocks, if they are.
+        most: sum of squares that it can explain at the most; infinite where its size is not limited.
     """
 
     what: Effect | UnnamedComponent
     Z: Array
     searched: float = 1.0
     place: ColumnPlace | None = None
+    most: float = np.inf
 
     @property
     def named(self) -> bool:
@@ -110,17 +112,27 @@ class ScoredCandidate:
     share: float
 
 
-def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Candidate]:
+def list_candidates(
+    sensitivities: EffectSensitivities, excitation: Excitation, instrument: float = np.inf
+) -> list[Candidate]:
     """Every candidate but the cyclic errors, one for each shape of its grid.
 
     A kind that depends on a shape (a period, a time constant, a moment) has one candidate for each shape of its grid;
     ``searched`` is the effective number of them, which the criterion charges for.
+
+    Args:
+        instrument: σ of a measured coordinate as stated, in σ of the residuals; infinite where none is.
     """
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_compliances(sensitivities, excitation)
     keep = _column_keeper(len(sensitivities.residuals.data))
-    named = [keep(Candidate(e, sensitivities.columns(e))) for e in effects if e.acts(sensitivities.state)]
+    coordinates = len(sensitivities.residuals.data) * len(sensitivities.residuals.axes)
+    named = [
+        keep(Candidate(e, sensitivities.columns(e), most=coordinates * (e.largest_shift * instrument) ** 2))
+        for e in effects
+        if e.acts(sensitivities.state)
+    ]
     shapes: dict[tuple[str, str], list[Array]] = {}
     for s in named:
         shapes.setdefault(s.key, []).append(s.Z)
@@ -239,7 +251,7 @@ def score_candidates(
 
 def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
     """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameter."""
-    gains = gains.copy()
+    gains = np.where(gains > np.array([c.most for c in candidates])[:, None], 0.0, gains) if candidates else gains
     for row, candidate in enumerate(candidates):
         low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
         if np.isfinite(low) or np.isfinite(high):

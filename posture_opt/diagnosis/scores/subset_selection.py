@@ -5,7 +5,7 @@ All that a comparison of sets needs are inner products of the candidates' orthon
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Pool:
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
+        most: (candidates,) sum of squares that each can explain at the most; empty where nothing limits them.
     """
 
     columns: ProjectedColumns
@@ -41,6 +42,7 @@ class Pool:
     freedom: float
     penalty: Array
     exclusive: Codes
+    most: Array = field(default_factory=lambda: np.zeros(0))
 
     def alike(self, one: int, other: int) -> float:
         """The largest cosine between a direction of one candidate and one of another."""
@@ -105,6 +107,8 @@ class Pool:
                     )
                 )
             )
+            if len(self.most) and gain > self.most[i]:
+                continue
             bigger = tuple(sorted((*chosen, i)))
             found.append((self._criterion(rss - gain, bigger), bigger))
         return sorted(found)

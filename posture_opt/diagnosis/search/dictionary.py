@@ -36,6 +36,8 @@ class Atoms(ABC):
     """(n,) what the criterion charges for each in addition to its parameters."""
     limits: Array
     """(n, 2) the least and the largest size of an only parameter [SI]; infinite for most."""
+    most: Array
+    """(n,) sum of squares that each can explain at the most; infinite for most."""
 
     @abstractmethod
     def grams(self, rows: Codes | None = None) -> Array:
@@ -74,6 +76,7 @@ class WrittenAtoms(Atoms):
         self.prices: Array = np.array([price_of_choice(c) for c in candidates])
         open_ended = (-np.inf, np.inf)
         self.limits: Array = np.array([c.what.limits if isinstance(c.what, Effect) else open_ended for c in candidates])
+        self.most: Array = np.array([c.most for c in candidates])
         codes: dict[object, list[int]] = {}
         for i, c in enumerate(candidates):
             codes.setdefault(c.exclusive, []).append(i)
@@ -126,6 +129,7 @@ class LineAtoms(Atoms):
         price = price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities))
         self.prices: Array = np.full(len(lines.cycles), price)
         self.limits: Array = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
+        self.most: Array = np.full(len(lines.cycles), np.inf)
         self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
 
     def grams(self, rows: Codes | None = None) -> Array:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
@@ -29,6 +30,7 @@ class LinearisedData:
         groups: (m,) the pose of every residual, whose signs are flipped together.
         flips: draws of the null distribution, from ``seed``.
         count: the number of residuals; more than m if `reduced`.
+        instrument: σ of a measured coordinate as stated, in σ of the residuals; infinite where none is stated.
     """
 
     sensitivities: EffectSensitivities
@@ -39,6 +41,7 @@ class LinearisedData:
     flips: int = 299
     seed: int = 0
     count: int = 0
+    instrument: float = np.inf
 
     @cached_property
     def lines(self) -> tuple[Lines, ...]:
@@ -82,7 +85,11 @@ def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int 
     apart = len(poses) + np.arange(len(residuals.distances))  # no two known distances err together
     groups = np.unique(np.concatenate([poses, apart]), return_inverse=True)[1]
     G = J @ calibration.identifiability.directions
-    return LinearisedData(sensitivities, case_of(residuals.data, residuals.robot), r, G, groups, flips, seed)
+    stated = position_sigma(calibration.request.problem, residuals.data)
+    return LinearisedData(
+        sensitivities, case_of(residuals.data, residuals.robot), r, G, groups, flips, seed,
+        instrument=stated / residuals.sigma if stated else np.inf,
+    )  # fmt: skip
 
 
 def tool_points(linearised: LinearisedData) -> Array:

@@ -137,7 +137,8 @@ class _State:
         gain = np.minimum(gain, _MAX_EXPLAINED * rss)
         prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
-        return np.asarray(np.where(self.closed | (gain <= 0) | self._impossible(), -np.inf, drop))
+        impossible = self._impossible() | (gain > self.atoms.most)
+        return np.asarray(np.where(self.closed | (gain <= 0) | impossible, -np.inf, drop))
 
     def _impossible(self) -> Mask:
         """(n,) whether the estimate of an only parameter is beyond its physical limits."""

@@ -19,6 +19,7 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.search.selection_criterion import (
+    beyond_instrument,
     candidate_pool,
     eliminate_members,
     find_rivals,
@@ -116,7 +117,7 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
     Raises:
         InsufficientDataError: the parameters of the geometry take up all that was measured.
     """
-    start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
+    start = InitialScores.of(linearised, _candidates_of(linearised)).decided()
     report_step()
     if start.baseline.freedom < 1:
         rows = linearised.sensitivities.residuals
@@ -136,6 +137,11 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
     if alone.explained >= levels.NAMED_SHARE * found.nested.explained:
         return replace(found, names=names)
     return found if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: True)
+
+
+def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
+    """Every candidate but lines, with what the instrument as stated limits them to."""
+    return list_candidates(linearised.sensitivities, linearised.excitation, linearised.instrument)
 
 
 def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
@@ -179,6 +185,9 @@ def _select_allowed(
     chosen = substantial_members(
         linearised, _joined_lines(linearised, [members[i] for i in subsets[nested.size].members])
     )
+    impossible = {s.key for s in beyond_instrument(linearised, chosen)}
+    if impossible:  # what was chosen with them may have been chosen because of them
+        return _select_allowed(start, foldings, lambda c: allowed(c) and c.key not in impossible)
     return replace(_search_result(start, nested, chosen, shortlisted), considered=members)
 
 

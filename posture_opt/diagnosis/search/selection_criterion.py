@@ -40,7 +40,8 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
     penalty = [_candidate_penalty(baseline, s, size, gain) for s, size, gain in counted]
     codes: dict[object, int] = {}
     exclusive = [codes.setdefault(s.exclusive, len(codes)) for s in candidates]
-    return Pool(columns, float(baseline.e @ baseline.e), baseline.freedom, np.array(penalty), np.array(exclusive))
+    most = np.array([s.most for s in candidates])
+    return Pool(columns, float(baseline.e @ baseline.e), baseline.freedom, np.array(penalty), np.array(exclusive), most)
 
 
 def price_of_choice(candidate: Candidate) -> float:
@@ -122,6 +123,30 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
         p = float(log_p(np.array([gain]), np.array([rss + gain]), max(count, 1), m)[0]) if count else 0.0
         price = float(price_of_parameters(np.array(count), np.array(gain / (rss / freedom)), m))
         found.append((p, m * float(np.log1p(gain / rss)) - price - price_of_choice(member)))
+    return found
+
+
+def beyond_instrument(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members that shift the measured points by more than they can, ``|(I − G G⁺) Z θ|²`` above their limit.
+
+    Columns that lean on each other may cancel: each may then do more than all of them explain.
+
+    Args:
+        members: fitted together with the geometry G.
+    """
+    limited = [s for s in members if np.isfinite(s.most)]
+    if not limited:
+        return []
+    small, reduced = linearised.reduced(members)
+    A = np.concatenate([small.G, *(s.Z for s in reduced)], axis=1)
+    theta = np.linalg.lstsq(A, small.r, rcond=1e-10)[0]
+    Q = np.linalg.qr(small.G)[0]
+    edges = np.cumsum([small.G.shape[1], *(s.Z.shape[1] for s in reduced)])
+    found = []
+    for member, own, a, b in zip(members, reduced, edges[:-1], edges[1:], strict=True):
+        shift = own.Z @ theta[a:b]
+        if float(np.sum((shift - Q @ (Q.T @ shift)) ** 2)) > member.most:
+            found.append(member)
     return found
 
 

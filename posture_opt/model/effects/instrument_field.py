@@ -20,6 +20,7 @@ class InstrumentField(SoleEffect):
     """``dp = Σ w_ij p_i p_j``: the measured point is off by a quadratic function of where it is, seen from the base.
 
     What is constant or linear in the place looks like a frame or like lengths. 18 coefficients [1/m]: six a coordinate.
+    What errs by more than three times the σ that is stated of the instrument is no error of it.
     """
 
     summary: ClassVar[str] = "the instrument errs smoothly over its volume"
@@ -33,6 +34,7 @@ class InstrumentField(SoleEffect):
     parameters: ClassVar[tuple[tuple[str, str], ...]] = tuple(
         (f"{axis}_{product}", "per length") for axis in "xyz" for product in _COORDINATE_PAIRS
     )
+    largest_shift: ClassVar[float] = 3.0
     flexible: ClassVar[bool] = True
     for_planning: ClassVar[bool] = False
 

@@ -107,6 +107,8 @@ class Effect(CatalogueEntry):
     """Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself."""
     limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
     """What an only parameter can be [SI]."""
+    largest_shift: ClassVar[float] = math.inf
+    """RMS over the rows of a shift that it can make, in σ of the instrument as stated."""
     flexible: ClassVar[bool] = False
     """Whether it takes any smooth shape, and so stands for effects of other kinds too."""
     for_planning: ClassVar[bool] = True
