@@ -320,11 +320,12 @@ def fit_with_effects(
 def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
     """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates.
 
-    A column that is rounding, as of an axis that was not measured, has a step of zero: its parameter stays.
+    A column that is rounding, as of an axis that was not measured, has a step of zero: its parameter stays. One that is
+    zero is that of a shape of an effect without size, which is still to come.
     """
     norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
-    seen = norms > _ROUNDING_SHARE * norms.max(initial=0.0)
-    return np.asarray(np.where(seen, 1 / np.where(seen, norms, 1.0), 0.0))
+    steps = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0)
+    return np.asarray(np.where((norms > 0) & (norms < _ROUNDING_SHARE * norms.max(initial=0.0)), 0.0, steps))
 
 
 def _design_of_fit(fit: Fit) -> float:
