@@ -160,6 +160,7 @@ class Diagnosis(Result):
             "unexplained": {
                 "p_value": p,
                 "place": list(self.unexplained_places),
+                "components": [self._component_json(component) for component in self.unexplained],
                 **({"repeat": [plan.to_json() for plan in self.repeat_plans]} if self.repeat_plans else {}),
             },
             "residual_rms": {
@@ -240,6 +241,16 @@ class Diagnosis(Result):
         """What an effect brings on the other file; None where there is none, or where it is not asked."""
         place = self.effects[finding].place
         return None if self.test is None or place is None else self.test.gains[place]
+
+    def _component_json(self, component: UnnamedComponent) -> dict[str, Json]:
+        """An unnamed component with the causes that explain as much in its place."""
+        chosen = zip(self.search.chosen, self.search.rivals, strict=True)
+        rivals = next((others for s, others in chosen if s.what == component), ())
+        return {
+            "kind": component.kind,
+            "target": component.target,
+            "confounded_with": [{"kind": s.kind, "target": s.target} for s in rivals],
+        }
 
     def _effect_json(self, i: int) -> dict[str, Json]:
         """The entry of finding i with the gain on the other file, the tool shift [m] and its discrimination."""

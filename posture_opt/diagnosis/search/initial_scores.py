@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,17 +53,18 @@ class InitialScores:
             return self
         return InitialScores.of(self.linearised, self.candidates, levels.SIGN_FLIPS_FACTOR * self.linearised.flips)
 
-    def shortlist(self) -> list[Candidate]:
+    @cached_property
+    def shortlist(self) -> tuple[Candidate, ...]:
         """The candidates that explain something by themselves, those with a searched shape at their best.
 
         Refining costs some evaluations each: only candidates with a good part of the best evidence, and the first few,
         are.
         """
         refined = levels.REFINED_EVIDENCE_SHARE * self.scored[0].log_p if self.scored else 0.0
-        return [
+        return tuple(
             refine_shape(self.linearised.sensitivities, self.baseline, s.candidate)
             if s.log_p < refined or k < levels.ALWAYS_REFINED_CANDIDATES
             else s.candidate
             for k, s in enumerate(self.scored)
             if s.log_p < np.log(levels.SHORTLIST_P_VALUE)
-        ]
+        )

@@ -26,6 +26,7 @@ from posture_opt.diagnosis.search.selection_criterion import (
     member_weight,
     merged_candidates,
     rank_members,
+    sizes_plausible,
     substantial_members,
 )
 from posture_opt.diagnosis.search.shape_refinement import refine_shape, separate_lines
@@ -147,7 +148,8 @@ def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
 def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
-    What stays constant for a while, or bends with the place in the room, imitates much that has another cause.
+    What stays constant for a while, or bends with the place in the room, imitates much that has another cause. Yet one
+    drift is likelier than several lasting causes that explain no more, or than one of a size that no arm has.
 
     Both sets are chosen in the same way; only what they may choose from differs.
     """
@@ -158,6 +160,9 @@ def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchRes
         return persistent
     alone = NestedSelections(persistent.nested.each[-1:])
     enough = alone.explained >= levels.PERSISTENT_SHARE * every.nested.explained
+    fewer = 0 < every.size < persistent.size and every.nested.explained >= alone.explained
+    if fewer or not sizes_plausible(start.linearised, persistent.chosen):
+        return every if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: c.named)
     if enough or not every.nested.clearly_better(alone):
         return persistent
     return every if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: c.named)
@@ -174,7 +179,7 @@ def _select_allowed(
     linearised = start.linearised
     dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
     pursued = pursue_candidates(dictionary, levels.MAX_EFFECTS)
-    shortlisted = merged_candidates(filter(allowed, start.shortlist()), pursued.runners_up)
+    shortlisted = merged_candidates(filter(allowed, start.shortlist), pursued.runners_up)
     members = _exchanged_members(start, pursued.chosen, shortlisted)
     members = eliminate_members(linearised, start.null, _refined_members(linearised, members))
     if not members:  # the criterion charges a group of parameters more than the test, which has decided already
@@ -188,7 +193,9 @@ def _select_allowed(
     impossible = {s.key for s in beyond_instrument(linearised, chosen)}
     if impossible:  # what was chosen with them may have been chosen because of them
         return _select_allowed(start, foldings, lambda c: allowed(c) and c.key not in impossible)
-    return replace(_search_result(start, nested, chosen, shortlisted), considered=members)
+    # What this set may not hold can explain it all the same: drift for growth, an unnamed curve for a gear error.
+    others = merged_candidates(shortlisted, start.shortlist)
+    return replace(_search_result(start, nested, chosen, others), considered=members)
 
 
 def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:

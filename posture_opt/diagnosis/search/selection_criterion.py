@@ -18,7 +18,7 @@ from posture_opt.diagnosis.scores.score_tests import (
 )
 from posture_opt.diagnosis.scores.subset_selection import Chosen, Pool, close_alternatives
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.model.effects import Effect
+from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.numerics import Array
 
 
@@ -150,6 +150,34 @@ def beyond_instrument(linearised: LinearisedData, members: Sequence[Candidate]) 
     return found
 
 
+def sizes_plausible(linearised: LinearisedData, members: Sequence[Candidate]) -> bool:
+    """Whether every effect of a set has a size that such a cause can have on the arm, `Effect.plausible`.
+
+    Linear parameters alone decide; the standard errors are those of a fit of all members together.
+    """
+    if not members:
+        return True
+    A = np.concatenate([linearised.G, *(s.Z for s in members)], axis=1)
+    norms = np.where((norms := np.linalg.norm(A, axis=0)) > 0, norms, 1.0)
+    C = np.linalg.pinv((A / norms).T @ (A / norms), rcond=1e-12, hermitian=True)
+    theta = -C @ ((A / norms).T @ linearised.r)
+    rest = linearised.r + (A / norms) @ theta
+    C = C * float(rest @ rest) / max(len(rest) - A.shape[1], 1)
+    edges = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in members)])
+    robot = linearised.excitation.robot
+    for member, a, b in zip(members, edges[:-1], edges[1:], strict=True):
+        known = member.what.plausible(robot) if isinstance(member.what, Effect) else None
+        if isinstance(member.what, Effect) and known is not None and not member.what.unstated_loads:
+            own = slice(a, b)
+            scale = norms[own]
+            covariance = C[own, own] / np.outer(scale, scale)
+            sizes = zip(member.what.dimensions, theta[own] / scale, np.sqrt(np.diag(covariance)), strict=True)
+            fitted = FittedSizes({name: (float(v), float(std), "") for (name, _), v, std in sizes}, covariance)
+            if not known.holds(*member.what.plausible_size(fitted)):
+                return False
+    return True
+
+
 def _size_possible(candidate: Candidate, sizes: Array) -> bool:
     """Whether an estimate lies within the physical limits of an only parameter."""
     low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
@@ -214,8 +242,9 @@ def find_rivals(
 ) -> tuple[tuple[Candidate, ...], ...]:
     """For each chosen candidate the others that explain as much in its place, within `levels.RIVAL_CRITERION`.
 
-    Three kinds: those that explain as much; those that would, were parameters charged less (`levels.LENIENT_PENALTY`);
-    and names that alone explain as much as all members together.
+    Four kinds: those that explain as much; those that would, were parameters charged less (`levels.LENIENT_PENALTY`);
+    of a persistent effect those of the session, and vice versa, that would at the price of the member, as which of them
+    it is decides what is delivered; and names that alone explain as much as all members together.
     """
     every = merged_candidates(shortlisted, chosen)
     pool = candidate_pool(baseline, every)
@@ -235,6 +264,7 @@ def _rivals_of(
 ) -> tuple[Candidate, ...]:
     """Those of the alternatives to a member that resemble it, one of each kind and target, the best first."""
     found: dict[tuple[str, str], Candidate] = {}
+    pools = *pools, _other_duration_pool(pools[0], every, member)
     close = [a for pool in pools for a in close_alternatives(pool, members, member, levels.RIVAL_CRITERION)]
     for _, other in sorted([*close, *for_all]):
         alike = pools[0].alike(member, other) > levels.MIN_RIVAL_COSINE
@@ -250,6 +280,16 @@ def _lenient_pool(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
         for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
     ]
     return replace(pool, penalty=pool.penalty - np.maximum(less, 0.0))
+
+
+def _other_duration_pool(pool: Pool, candidates: Sequence[Candidate], member: int) -> Pool:
+    """The pool with names of the session at the price of a persistent member, and vice versa."""
+    other = [
+        s.named and s.persistent != candidates[member].persistent and size <= levels.LARGE_GROUP_SIZE
+        for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
+    ]
+    cheap = np.minimum(pool.penalty, pool.penalty[member])
+    return replace(pool, penalty=np.where(other, cheap, pool.penalty))
 
 
 def _for_all(pool: Pool, candidates: Sequence[Candidate], members: Chosen) -> list[tuple[float, int]]:
