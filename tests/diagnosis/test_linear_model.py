@@ -33,7 +33,7 @@ def linearised(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
 
 @pytest.fixture(scope="module")
 def member(linearised: LinearisedData) -> Callable[[str, str], Candidate]:
-    everyone = list_candidates(linearised.sensitivities, linearised.excitation)
+    everyone = list_candidates(linearised.sensitivities, linearised.excitation, linearised.G)
     return lambda kind, target: next(s for s in everyone if (s.kind, s.target) == (kind, target))
 
 
@@ -50,7 +50,7 @@ def model(linearised: LinearisedData, member: Callable[[str, str], Candidate]) -
 
 def test_candidates_from_inner_products(linearised: LinearisedData) -> None:
     baseline = linearised.baseline()
-    everyone = list_candidates(linearised.sensitivities, linearised.excitation)
+    everyone = list_candidates(linearised.sensitivities, linearised.excitation, linearised.G)
     rho, sizes, gains = explained_squares(baseline, [s.Z for s in everyone])
     for i, s in enumerate(everyone):
         unit = s.Z / np.maximum(np.linalg.norm(s.Z, axis=0), 1e-300)

@@ -41,7 +41,7 @@ def two_errors(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
 
 
 def dictionary(linearised: LinearisedData) -> Dictionary:
-    every = list_candidates(linearised.sensitivities, linearised.excitation)
+    every = list_candidates(linearised.sensitivities, linearised.excitation, linearised.G)
     return Dictionary(linearised, tuple(c for c in every if c.named))
 
 

@@ -267,7 +267,7 @@ def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
 def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
     """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it.
 
-    Joint compliance is searched for without the masses of the links too: they are unknowns then.
+    Compliances are searched for without the masses of the links too: they are unknowns then.
     """
     excitation = case_of(residuals.data, residuals.robot)
     have = set(excitation.inputs)

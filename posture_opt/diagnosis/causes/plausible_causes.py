@@ -38,6 +38,7 @@ class FittedEffects:
         part = model.slices[place]
         turns = self._turns(place)
         turned, C = turns @ model.x[part], model.covariance[part, part]
+        turned = turned if turns.any() else self._tilt(place)
         return FittedSizes(
             finding.estimate, C, timed, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
             self._span(finding),
@@ -51,6 +52,15 @@ class FittedEffects:
             for size in one.joints.values():
                 turns[:, k] += np.asarray(size, dtype=float)
         return turns
+
+    def _tilt(self, place: int) -> Array:
+        """Angle (N,) by which an effect that moves no joint turns what it carries, ``|Σ θ_k φ_k|`` [rad]."""
+        ones = self.model.effects[place].sensitivities(self.state)
+        rows = np.zeros((3, len(self.model.residuals.data)))
+        for one, value in zip(ones, self.model.x[self.model.slices[place]], strict=True):
+            for axis in range(3):
+                rows[axis] += value * np.asarray(one.twist[1][axis], dtype=float)
+        return np.asarray(np.linalg.norm(rows, axis=0))
 
     def _span(self, finding: Finding) -> float:
         """Range of the joint that a finding moves in the data [rad]; 0 where it moves none or several."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -14,8 +15,11 @@ from posture_opt.diagnosis.scores.column_blocks import ColumnPlace, ColumnStore
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
+    beyond_limits,
     explained_squares,
+    fitted_sizes,
     log_p,
+    orthonormal_basis,
     projected_basis,
     scan_frequencies,
 )
@@ -23,9 +27,9 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, un
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import EFFECTS, CyclicError, Effect, Excitation
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING
-from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.numerics import Array
 
+SHARE = float(os.environ.get("SHARE", "0.1"))
 _MIN_JOINT_RANGE_RAD = 1e-3  # rad: a joint that moves by less shows no line
 
 
@@ -113,7 +117,7 @@ class ScoredCandidate:
 
 
 def list_candidates(
-    sensitivities: EffectSensitivities, excitation: Excitation, instrument: float = np.inf
+    sensitivities: EffectSensitivities, excitation: Excitation, G: Array, instrument: float = np.inf
 ) -> list[Candidate]:
     """Every candidate but the cyclic errors, one for each shape of its grid.
 
@@ -125,7 +129,7 @@ def list_candidates(
     """
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
-        effects += point_mass_compliances(sensitivities, excitation)
+        effects += point_mass_effects(sensitivities, excitation, G)
     keep = _column_keeper(len(sensitivities.residuals.data))
     coordinates = len(sensitivities.residuals.data) * len(sensitivities.residuals.axes)
     named = [
@@ -181,27 +185,42 @@ def effective_number(shapes: Sequence[Array]) -> float:
     return float(np.sum(np.sqrt(values)) ** 2 / max(np.sum(values), 1e-300))
 
 
-def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Effect]:
-    """Joint compliances of arms whose masses are not stated: unknown point masses at the frames beyond each joint.
+def point_mass_effects(sensitivities: EffectSensitivities, excitation: Excitation, G: Array) -> list[Effect]:
+    """Compliances of joints, links and base of arms whose masses are not stated: unknown point masses at frames beyond.
 
-    Frames that load the joint alike, as those of a wrist do, count once.
+    Frames that load alike, as those of a wrist do, count once; of links and base those too that act as geometry does.
+
+    Args:
+        G: (m, k) columns of the geometry.
     """
-    names = excitation.robot.joint_names
+    geometry = orthonormal_basis(G)
+    least = 1e-6 * max((float(np.linalg.norm(lever)) for lever in sensitivities.joints), default=0.0)
     effects: list[Effect] = []
-    for i, name in enumerate(names):
-        if excitation.robot.joints[i].type != "revolute" or excitation.span[i] <= 1e-6:
-            continue
+    for bare, frames in (one for kind in EFFECTS for one in kind.unknown_loads(excitation)):
         points: tuple[str, ...] = ()
-        for point in ("tool", *reversed(names[i:-1])):
-            wider = JointCompliance(joint=name, loads="points", points=(*points, point))
-            Z = sensitivities.columns(wider)
-            norms = np.linalg.norm(Z, axis=0)
-            if norms[-1] > 1e-6 * np.linalg.norm(sensitivities.joints[i]):
-                s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
-                points = wider.points if s[-1] > levels.MIN_MASS_SINGULAR_VALUE else points
-        if points:
-            effects.append(JointCompliance(joint=name, loads="points", points=points))
+        for frame in frames:
+            Z = sensitivities.columns(bare.model_copy(update={"points": (*points, frame)}))
+            if np.linalg.norm(Z[:, -1]) > least and _loads_distinct(Z, geometry if bare.less_likely else None):
+                points = (*points, frame)
+        effects += [bare.model_copy(update={"points": points})] if points else []
     return effects
+
+
+def _loads_distinct(Z: Array, geometry: Array | None) -> bool:
+    """Whether columns Z (m, k) of loads are no mixtures of each other, and the last none of a basis and the others.
+
+    Args:
+        geometry: (m, r) orthonormal basis; None where only the loads are compared.
+    """
+    Z = Z / np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
+    if np.linalg.svd(Z, compute_uv=False)[-1] <= levels.MIN_MASS_SINGULAR_VALUE:
+        return False
+    if geometry is None:
+        return True
+    rest = Z - geometry @ (geometry.T @ Z)
+    others = np.linalg.qr(rest[:, :-1])[0]
+    last = rest[:, -1] - others @ (others.T @ rest[:, -1])
+    return float(last @ last) > levels.MIN_DISTINCT_SHARE
 
 
 def score_candidates(
@@ -250,14 +269,14 @@ def score_candidates(
 
 
 def _within_limits(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
-    """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameter."""
+    """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameters."""
     gains = np.where(gains > np.array([c.most for c in candidates])[:, None], 0.0, gains) if candidates else gains
     for row, candidate in enumerate(candidates):
         low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
         if np.isfinite(low) or np.isfinite(high):
-            z = baseline.project(candidate.Z)[:, 0]
-            size = -(z @ baseline.flipped) / max(float(z @ z), 1e-300)
-            gains[row, (size < low) | (size > high)] = 0.0
+            Z = baseline.project(candidate.Z)
+            sizes, errors = fitted_sizes(Z.T @ Z, Z.T @ baseline.flipped, baseline.rss / max(baseline.freedom, 1))
+            gains[row, np.any(beyond_limits(sizes, errors, low, high), axis=0)] = 0.0
     return gains
 
 

@@ -16,11 +16,12 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Mask
 
 _MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
 _ROWS_AT_ONCE = 4096  # walked through at a time
 _MAX_LEVERAGE = 0.99  # above, a residual says nothing of the noise
+_LIMIT_ERRORS = 2.0  # standard errors of a size among several, by which it may be beyond its limits
 _RANK_TOLERANCE = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
 
@@ -208,6 +209,28 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
     # Beyond what a float holds: the leading term of the tail.
     tail = -nu / 2 * np.log1p(size * F / nu)
     return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
+
+
+def fitted_sizes(gram: Array, scores: Array, variance: Array | float) -> tuple[Array, Array]:
+    """Sizes (k, p) of k columns with a Gram matrix, ``−G⁻¹ Zᵀe``, and their standard errors, zero of a single column.
+
+    Args:
+        gram: (k, k) inner products of the columns; scores: (k, p) those with p vectors of residuals.
+        variance: (p,) of these residuals.
+    """
+    norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / np.outer(norms, norms), rcond=1e-10, hermitian=True) / np.outer(norms, norms)
+    own = np.zeros(1) if len(gram) == 1 else np.maximum(np.diag(inverse), 0.0)
+    return -inverse @ scores, np.sqrt(own[:, None] * variance)
+
+
+def beyond_limits(sizes: Array, errors: Array, low: float, high: float) -> Mask:
+    """Which sizes are physically impossible; of several together, by more than two standard errors of each.
+
+    One mass of several may come out a little below zero where it is hardly there.
+    """
+    margin = _LIMIT_ERRORS * errors
+    return np.asarray((sizes < low - margin) | (sizes > high + margin))
 
 
 def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:

@@ -35,7 +35,7 @@ class Atoms(ABC):
     prices: Array
     """(n,) what the criterion charges for each in addition to its parameters."""
     limits: Array
-    """(n, 2) the least and the largest size of an only parameter [SI]; infinite for most."""
+    """(n, 2) the least and the largest size of its parameters [SI]; infinite for most."""
     most: Array
     """(n,) sum of squares that each can explain at the most; infinite for most."""
 

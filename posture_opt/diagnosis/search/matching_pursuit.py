@@ -14,7 +14,7 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
+from posture_opt.diagnosis.scores.score_tests import beyond_limits, fitted_sizes, orthonormal_basis
 from posture_opt.diagnosis.search.dictionary import Atoms, Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
@@ -137,15 +137,20 @@ class _State:
         gain = np.minimum(gain, _MAX_EXPLAINED * rss)
         prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
-        impossible = self._impossible() | (gain > self.atoms.most)
+        impossible = self._impossible(rss / freedom) | (gain > self.atoms.most)
         return np.asarray(np.where(self.closed | (gain <= 0) | impossible, -np.inf, drop))
 
-    def _impossible(self) -> Mask:
-        """(n,) whether the estimate of an only parameter is beyond its physical limits."""
-        if self.score.shape[1] > 1:
-            return np.zeros(len(self.score), dtype=bool)
-        size = -self.score[:, 0] / np.maximum(self.gram[:, 0, 0], 1e-300) * self.scale[:, 0]
-        out: Mask = (size < self.atoms.limits[:, 0]) | (size > self.atoms.limits[:, 1])
+    def _impossible(self, variance: float) -> Mask:
+        """(n,) whether the estimate of a parameter is beyond its physical limits."""
+        if self.score.shape[1] == 1:
+            size = -self.score[:, 0] / np.maximum(self.gram[:, 0, 0], 1e-300) * self.scale[:, 0]
+            out: Mask = (size < self.atoms.limits[:, 0]) | (size > self.atoms.limits[:, 1])
+            return out
+        out = np.zeros(len(self.score), dtype=bool)
+        for i in np.flatnonzero(np.any(np.isfinite(self.atoms.limits), axis=1)):
+            scale = self.scale[i][:, None]
+            sizes, errors = fitted_sizes(self.gram[i], self.score[i][:, None], variance)
+            out[i] = bool(np.any(beyond_limits(sizes * scale, errors * scale, *self.atoms.limits[i])))
         return out
 
     def leading(self, drops: Array, least: float) -> list[Candidate]:

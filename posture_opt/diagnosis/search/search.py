@@ -142,7 +142,7 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
 
 def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
     """Every candidate but lines, with what the instrument as stated limits them to."""
-    return list_candidates(linearised.sensitivities, linearised.excitation, linearised.instrument)
+    return list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
 
 
 def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:

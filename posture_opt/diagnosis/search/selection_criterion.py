@@ -13,6 +13,7 @@ from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
     ProjectedColumns,
+    beyond_limits,
     log_p,
     projected_basis,
 )
@@ -45,12 +46,18 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
 
 
 def price_of_choice(candidate: Candidate) -> float:
-    """What the criterion charges for a candidate beyond its parameters: for its grid, and if it has no name.
+    """What the criterion charges for a candidate beyond its parameters: for its grid, if it has no name or is unlikely.
 
     ``2 log(searched) + γ`` and as much again without a name: extended BIC (Chen, Chen 2008).
     """
     unnamed = 0.0 if candidate.named else levels.UNNAMED_PENALTY
-    return float(2 * np.log(candidate.searched) + levels.CHOICE_PENALTY + unnamed)
+    return float(2 * np.log(candidate.searched) + levels.CHOICE_PENALTY + unnamed + _price_of_unlikely(candidate))
+
+
+def _price_of_unlikely(candidate: Candidate) -> float:
+    """What is charged for an effect that is asked for more evidence than others."""
+    unlikely = isinstance(candidate.what, Effect) and candidate.what.less_likely
+    return levels.UNLIKELY_PENALTY if unlikely else 0.0
 
 
 def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
@@ -116,7 +123,9 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
         values, vectors = np.linalg.eigh(C[a:b, a:b])
         clear = (values > 0) & (values < levels.MIN_SURVIVING_SHARE**-2)
         gain, count = float(np.sum((vectors.T @ theta[a:b])[clear] ** 2 / values[clear])), int(clear.sum())
-        if not _size_possible(member, -theta[a:b] / np.where(norms[a:b] > 0, norms[a:b], 1.0)):
+        scale = np.where(norms[a:b] > 0, norms[a:b], 1.0)
+        errors = np.sqrt(np.diag(C)[a:b] * rss / freedom) / scale
+        if not _size_possible(member, -theta[a:b] / scale, errors):
             found.append((0.0, -np.inf))
             continue
         m = freedom + count
@@ -178,10 +187,10 @@ def sizes_plausible(linearised: LinearisedData, members: Sequence[Candidate]) ->
     return True
 
 
-def _size_possible(candidate: Candidate, sizes: Array) -> bool:
-    """Whether an estimate lies within the physical limits of an only parameter."""
+def _size_possible(candidate: Candidate, sizes: Array, errors: Array) -> bool:
+    """Whether an estimate with its standard errors lies within the physical limits of the parameters."""
     low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
-    return len(sizes) > 1 or bool(low <= sizes[0] <= high)
+    return not np.any(beyond_limits(sizes, errors if len(sizes) > 1 else 0 * errors, low, high))
 
 
 def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -279,7 +288,8 @@ def _lenient_pool(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
         (np.log(pool.freedom) - levels.LENIENT_PENALTY) * size if s.named and size <= levels.LARGE_GROUP_SIZE else 0.0
         for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
     ]
-    return replace(pool, penalty=pool.penalty - np.maximum(less, 0.0))
+    unlikely = np.array([_price_of_unlikely(s) for s in candidates])
+    return replace(pool, penalty=pool.penalty - np.maximum(less, 0.0) - unlikely)
 
 
 def _other_duration_pool(pool: Pool, candidates: Sequence[Candidate], member: int) -> Pool:

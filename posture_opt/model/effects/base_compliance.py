@@ -2,42 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Size, compliance_size
-from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 
 
-class BaseCompliance(SoleEffect):
+class BaseCompliance(GravityLoaded, SoleEffect):
     """``φ = c M``: the base turns about the overturning moment of links and payload about the first joint's foot.
 
-    M is the moment [N m] of all weights without its vertical part; φ [rad] turns everything behind the foot.
+    M is the moment [N m] of all weights without its vertical part; φ [rad] turns everything behind the foot. A column,
+    or the bearing of a first joint that turns about the vertical, tilts in the same way.
     """
 
-    summary: ClassVar[str] = "the base tilts under the overturning moment"
-    phrase: ClassVar[str] = "the base is compliant: it tilts under the weight of the arm"
+    summary: ClassVar[str] = "the base, or the column on it, tilts under the overturning moment"
+    phrase: ClassVar[str] = "the base or the column on it is compliant: it tilts under the weight of the arm"
     measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
     inspection: ClassVar[str] = "mounting bolts of the base, pedestal and floor under it"
     sole: ClassVar[str] = "base"
-    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
-    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
-    needs: ClassVar[frozenset[Input]] = frozenset({"masses"})
+    yields: ClassVar[str] = "tilts by"
 
     kind: Literal["base_compliance"] = "base_compliance"
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """Turn (3,) [rad/(N m)] per unit of ``compliance`` and the shift of the tool point that follows, ``φ × (x −
+        """Turn (3,) [rad] per unit of each parameter and the shift of the tool point that follows, ``φ × (x −
         foot)``.
         """
         foot = state.walk.screws[len(state.robot.base)].origin
-        moment = state.moment(-1, foot)
         g = state.robot.gravity
-        turn = subtract(moment, scale(dot(moment, g) / dot(g, g), g))
-        return (Sensitivity(twist=(cross(turn, subtract(state.tool, foot)), turn)),)
+        found = []
+        for moment in self.moments(state, -1, foot):
+            turn = subtract(moment, scale(dot(moment, g) / dot(g, g), g))
+            found.append(Sensitivity(twist=(cross(turn, subtract(state.tool, foot)), turn)))
+        return tuple(found)
 
-    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """The compliance with the stiffness that it is the inverse of."""
-        return compliance_size(name, value, std)
+    @classmethod
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        """The one instance, where the masses of the links are known."""
+        return [cls()] if "masses" in case.inputs else []
+
+    @classmethod
+    def unknown_loads(cls, case: Excitation) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+        """The one instance, with all frames."""
+        yield cls(loads="points"), cls.frames_of_load(case, 0)

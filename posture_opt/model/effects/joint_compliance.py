@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, Literal
-
-from pydantic import Field
 
 from posture_opt.model.arm_state import MIN_LEANING_SINE, ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, compliance_size
+from posture_opt.model.effects.base.cause import Abscissa
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
 from posture_opt.model.effects.base.gear_stiffness import LARGEST_TURN, SOURCE, least_stiffness
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
 
-class JointCompliance(JointEffect):
+class JointCompliance(GravityLoaded, JointEffect):
     """``dq = c τ(q, m)``, τ the torque of gravity from links and payload [N m], c in rad/(N m).
 
     With ``loads: points`` the masses of the links are unknown and are modelled as point masses at the frames beyond the
@@ -43,47 +40,31 @@ class JointCompliance(JointEffect):
         "base_compliance": "measure targets fixed to the base in every posture: a compliant base moves them",
     }
 
-    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
+    yields: ClassVar[str] = "turns by"
 
     kind: Literal["joint_compliance"] = "joint_compliance"
-    loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")
-    points: tuple[str, ...] = Field((), description="joints behind which unknown masses are, `tool` for the tool point")
-
-    @property
-    def dimensions(self) -> tuple[tuple[str, str], ...]:
-        """The compliance; or one product of compliance and mass for each point [rad kg/(N m)]."""
-        if self.loads == "masses":
-            return self.parameters
-        return tuple((f"mass at {name}", "angle mass per torque") for name in self.points)
-
-    @property
-    def asks(self) -> frozenset[Input]:
-        """The masses of the links, unless they are unknown."""
-        return frozenset({"masses"}) if self.loads == "masses" else frozenset()
 
     @property
     def limits(self) -> tuple[float, float]:  # type: ignore[override] # of this very instance
         """Not below zero; unbounded for unknown loads, as a counterweight or a compensation by the controller is one
         of them.
         """
-        return Effect.limits if self.unstated_loads else NOT_NEGATIVE
+        return NOT_NEGATIVE if self.loads == "masses" else Effect.limits
+
+    @property
+    def less_likely(self) -> bool:
+        """Never: joints are most of an arm's compliance."""
+        return False
 
     def acts(self, state: ArmState) -> bool:
         """Whether the axis of the joint leans against the vertical in some posture."""
         return state.leaning(self.index(state)) > MIN_LEANING_SINE
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """(τ,) [N m], or (k,) the torque of 1 kg at each point [N m/kg]."""
+        """(τ,) [N m], or (k,) the torque of 1 kg at each point [N m/kg], and that of the payload [N m]."""
         if self.loads == "masses":
             return (state.torque(joint),)
-        names = state.robot.joint_names
-        places = [state.tool if p == "tool" else state.frames[names.index(p)].origin for p in self.points]
-        return tuple(state.unit_torque(joint, place) for place in places)
-
-    @property
-    def unstated_loads(self) -> bool:
-        """Whether masses are unknown, so that no parameter is the compliance itself."""
-        return self.loads == "points"
+        return tuple(mass * state.unit_torque(joint, place) for mass, place in self.masses(state))
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Down to `least_stiffness` of the joint, by the class of gear that carries its load; of unknown loads the turn
@@ -99,39 +80,11 @@ class JointCompliance(JointEffect):
         )
         return PlausibleRange(0.0, 1 / softest, "angle per torque", needs, SOURCE)
 
-    def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
-        """The compliance [rad/(N m)]; of unknown loads half the range of the turn of the joint in the data [rad]."""
-        if not self.unstated_loads:
-            return super().plausible_size(estimate)
-        low, high = estimate.turn or (0.0, 0.0)
-        return (high - low) / 2, math.nan
-
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
         """The torque of gravity [N m]; None for unknown loads."""
         if self.unstated_loads:
             return None
         return Abscissa.of(state, state.torque(self.index(state)), f"torque of gravity on {self.joint} [N m]")
-
-    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """The compliance with the stiffness that it is the inverse of."""
-        return compliance_size(name, value, std)
-
-    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """The compliance; of unknown loads the turn of the joint in the data [mrad] and what that costs."""
-        if not self.unstated_loads:
-            return super().sizes(estimate)
-        low, high = estimate.turn or (math.nan, math.nan)
-        masses = (
-            f"the file states none, so {len(self.points)} products of load and compliance are estimated in place of "
-            "one compliance: that costs certainty, and the stiffness stays open; state 'mass' and 'com' of every joint"
-        )
-        return Size("turns by", f"{number(1e3 * low)} to {number(1e3 * high)} mrad in these data"), Size(
-            "masses", masses
-        )
-
-    def headline(self, estimate: FittedSizes) -> str:
-        """The compliance; nothing for unknown loads."""
-        return "" if self.unstated_loads else super().headline(estimate)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
@@ -139,3 +92,10 @@ class JointCompliance(JointEffect):
         if "masses" in case.inputs:
             return [cls(joint=name) for name in case.moving("revolute")]
         return []
+
+    @classmethod
+    def unknown_loads(cls, case: Excitation) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+        """Every moving revolute joint, with the frames behind it."""
+        names = case.robot.joint_names
+        for name in case.moving("revolute"):
+            yield cls(joint=name, loads="points"), cls.frames_of_load(case, names.index(name))

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, Literal
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
-from posture_opt.model.effects.base.catalogue_entry import Input
-from posture_opt.model.effects.base.cause import Size, compliance_size
-from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.gear_stiffness import LARGEST_TURN, SOURCE, least_stiffness
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.model.effects.base.joint_effect import EffectOfJoint
+from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
+from posture_opt.units import number
 
 _MIN_LINK_LENGTH_M = 0.02
 """A link shorter than this has nothing to bend."""
 
 
-class LinkBending(EffectOfJoint):
+class LinkBending(GravityLoaded, EffectOfJoint):
     """``φ = c M⊥``: the end of the link behind the joint turns about the part of the moment across the link.
 
     M is the moment [N m] of all weights beyond, about the end of the link; a cantilever that turns by φ at its end is
@@ -31,10 +33,8 @@ class LinkBending(EffectOfJoint):
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
     inspection: ClassVar[str] = "the link behind {target}: cracks, and the flange bolts at both ends"
     rivals: ClassVar[Mapping[str, str]] = {"base_compliance": "measure targets fixed to the base in every posture"}
-    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
-    limits: ClassVar[tuple[float, float]] = NOT_NEGATIVE
+    yields: ClassVar[str] = "bends by"
     types: ClassVar[tuple[str, ...]] = ("revolute", "prismatic")
-    needs: ClassVar[frozenset[Input]] = frozenset({"masses"})
 
     kind: Literal["link_bending"] = "link_bending"
 
@@ -44,23 +44,34 @@ class LinkBending(EffectOfJoint):
         start, end = _link_ends(state, joint)
         link = subtract(end, start)
         square = dot(link, link) + _MIN_LINK_LENGTH_M**2 * 1e-6
-        moment = state.moment(joint, end)
-        turn = subtract(moment, scale(dot(moment, link) / square, link))
-        shift = add(cross(turn, scale(0.5, link)), cross(turn, subtract(state.tool, end)))
-        return (Sensitivity(twist=(shift, turn)),)
+        found = []
+        for moment in self.moments(state, joint, end):
+            turn = subtract(moment, scale(dot(moment, link) / square, link))
+            shift = add(cross(turn, scale(0.5, link)), cross(turn, subtract(state.tool, end)))
+            found.append(Sensitivity(twist=(shift, turn)))
+        return tuple(found)
 
-    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
-        """The compliance with the stiffness that it is the inverse of."""
-        return compliance_size(name, value, std)
+    def plausible(self, robot: Robot) -> PlausibleRange | None:
+        """As of the joint before it: a link is at least as stiff as its gear (Dumas, Caro, Garnier, Furet 2011)."""
+        softest = least_stiffness(robot, robot.joint_names.index(self.joint))
+        source = f"Dumas, Caro, Garnier, Furet 2011, and for the gear {SOURCE}"
+        if self.unstated_loads:
+            needs = "a link that bends by more than gears give in under the largest load that they are made for"
+            return PlausibleRange(-LARGEST_TURN, LARGEST_TURN, "angle", needs, source)
+        needs = f"a link softer than {number(softest / 1e3)} kN m/rad, softer than any gear that carries this load"
+        return PlausibleRange(0.0, 1 / softest, "angle per torque", needs, source)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """Every link but the last that is longer than `_MIN_LINK_LENGTH_M`, where the masses are known."""
-        if not cls.needs <= case.inputs:
-            return []
-        state = ArmState(case.robot, [0.0] * case.robot.n)
-        names = case.robot.joint_names[:-1]
-        return [cls(joint=name) for i, name in enumerate(names) if _link_length(state, i) > _MIN_LINK_LENGTH_M]
+        return [cls(joint=name) for name in _long_links(case.robot)] if "masses" in case.inputs else []
+
+    @classmethod
+    def unknown_loads(cls, case: Excitation) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+        """Every such link, with the frames behind its end."""
+        names = case.robot.joint_names
+        for name in _long_links(case.robot):
+            yield cls(joint=name, loads="points"), cls.frames_of_load(case, names.index(name) + 1)
 
     def check_robot(self, robot: Robot) -> None:
         """Refuse a joint that the robot lacks, or the last one.
@@ -71,6 +82,12 @@ class LinkBending(EffectOfJoint):
         if robot.joint_names and self.joint == robot.joint_names[-1]:
             raise BadValueError(f"no joint follows {self.joint}, so the end of its link is not known")
         super().check_robot(robot)
+
+
+def _long_links(robot: Robot) -> list[str]:
+    """The joints whose link has a length, but for the last."""
+    state = ArmState(robot, [0.0] * robot.n)
+    return [name for i, name in enumerate(robot.joint_names[:-1]) if _link_length(state, i) > _MIN_LINK_LENGTH_M]
 
 
 def _link_ends(state: ArmState, joint: int) -> tuple[Vector, Vector]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -106,7 +106,7 @@ class Effect(CatalogueEntry):
     family: ClassVar[Literal["named", "steps", "periodic"]] = "named"
     """Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself."""
     limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
-    """What an only parameter can be [SI]."""
+    """What its parameters can be [SI]; of several, where each of them has the same limits."""
     largest_shift: ClassVar[float] = math.inf
     """RMS over the rows of a shift that it can make, in σ of the instrument as stated."""
     flexible: ClassVar[bool] = False
@@ -133,6 +133,11 @@ class Effect(CatalogueEntry):
     @abstractmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """Every instance that data of this excitation could show, one for each value of the shape's grid."""
+
+    @classmethod
+    def unknown_loads(cls, case: Excitation) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+        """Instances for an arm whose masses are not stated, each with the frames at which its masses may be."""
+        yield from ()
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
         """Joint index -> how far joints are off their commands ``q`` (n,) by its estimate, where loads change by it
@@ -245,6 +250,11 @@ class Effect(CatalogueEntry):
     def rotating_parts(self, robot: Robot) -> tuple[RotatingPart, ...]:
         """The parts of its joint that turn as often as it repeats; none where it does not repeat."""
         return ()
+
+    @property
+    def less_likely(self) -> bool:
+        """Whether it is asked for more evidence than others, as what it competes with is the usual cause."""
+        return False
 
     @property
     def unstated_loads(self) -> bool:
