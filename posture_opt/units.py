@@ -39,6 +39,7 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "per temperature": ("1/K", "12e-6 / K"),
     "per length": ("1/m", "2e-5 / m"),
     "length per length": ("m/m", "6 um/m"),
+    "length per angle": ("m/rad", "0.8 mm/rad"),
 }
 
 LARGEST: dict[str, float] = {
@@ -65,6 +66,7 @@ SHOWN: dict[str, tuple[float, str]] = {
     "per temperature": (1e6, "µm/(m K)"),
     "per length": (1e6, "ppm/m"),
     "length per length": (1e6, "µm/m"),
+    "length per angle": (1e3, "mm/rad"),
     "ratio": (1e3, "mrad per rad"),
     "share": (1e2, "%"),
     "factor": (1.0, ""),

@@ -70,7 +70,7 @@ def sized(effect: Effect, rng: np.random.Generator) -> Effect:
     """With an estimate at random, of the size that effects have."""
     size = {"ratio": 3e-4, "angle": 3e-4, "length": 3e-4, "angle per torque": 3e-6, "angle mass per torque": 3e-5,
             "per temperature": 1e-5, "angle per temperature": 1e-5, "per length": 3e-4,
-            "length per length": 1e-5}  # fmt: skip
+            "length per length": 1e-5, "length per angle": 3e-4}  # fmt: skip
     values = [size[dimension] * rng.uniform(0.3, 1.0) * rng.choice([-1, 1]) for _, dimension in effect.dimensions]
     return effect.with_estimate(values)
 

@@ -10,11 +10,13 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.cause import Abscissa, Size, over_joint
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
+from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
+from posture_opt.units import plus_minus
 
 _CARRYING_RATIO = 0.5
 """Ratio from which a joint is carried along as a whole: no slack or bearing does that, but a gear or a controller
@@ -26,7 +28,10 @@ _WRIST_JOINTS = 3
 
 
 class JointCoupling(JointEffect):
-    """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``) with the ratio c [rad/rad]."""
+    """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``) with the ratio c [rad/rad].
+
+    With ``into: slide`` joint B is prismatic and c is in m/rad: a ball-screw spline, as of a SCARA, lifts as it turns.
+    """
 
     summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
     measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
@@ -38,6 +43,7 @@ class JointCoupling(JointEffect):
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("ratio", "ratio"),)
 
     kind: Literal["joint_coupling"] = "joint_coupling"
+    into: Literal["joint", "slide"] = Field("joint", description="whether the joint that follows turns or slides")
     follows: str = Field(description="the joint A that drives it")
 
     @property
@@ -46,12 +52,36 @@ class JointCoupling(JointEffect):
         return f"{self.follows}->{self.joint}"
 
     @property
+    def dimensions(self) -> tuple[tuple[str, str], ...]:
+        """The ratio [rad/rad], into a slide [m/rad]."""
+        return self.parameters if self.into == "joint" else (("ratio", "length per angle"),)
+
+    @property
+    def title(self) -> str:
+        """The kind as it is read."""
+        return super().title if self.into == "joint" else "coupling into a slide"
+
+    @property
     def words(self) -> str:
         """The cause in one clause."""
+        if self.into == "slide":
+            return f"{self.joint} slides as {self.follows} turns (coupling into a slide)"
         return f"{self.joint} is coupled to {self.follows}"
+
+    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        """The ratio; into a slide also per revolution, as the lead of a screw is stated."""
+        known = super().size(name, dimension, value, std)
+        if self.into == "joint":
+            return known
+        return Size(known.label, known.text, f" ({plus_minus(value, std, 1e3 * TURN, 'mm')} per revolution)")
 
     def inspect(self, robot: Robot) -> str:
         """What couples the two joints."""
+        if self.into == "slide":
+            return (
+                f"ball-screw spline of {self.joint}: nuts and belts of screw and spline; in the controller, how the "
+                f"slide is corrected for {self.follows}"
+            )
         return self.inspection.format(follows=self.follows, joint=self.joint)
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
@@ -73,7 +103,7 @@ class JointCoupling(JointEffect):
 
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
         """``c q_A`` [rad] of a ratio above `_CARRYING_RATIO`; nothing below, where loads hardly change."""
-        ratio = self.values[0]
+        ratio = self.values[0] if self.into == "joint" else 0.0
         names = robot.joint_names
         return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > _CARRYING_RATIO else {}
 
@@ -83,9 +113,10 @@ class JointCoupling(JointEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """All ordered pairs of moving revolute joints."""
+        """All ordered pairs of moving revolute joints, and of each with each moving slide that may follow it."""
         names = case.moving("revolute")
-        return [cls(joint=b, follows=a) for a in names for b in names if a != b]
+        slides = [cls(joint=b, follows=a, into="slide") for a in names for b in case.moving("prismatic")]
+        return [*(cls(joint=b, follows=a) for a in names for b in names if a != b), *slides]
 
     def check_robot(self, robot: Robot) -> None:
         """Refuse joints that the robot lacks.
@@ -97,4 +128,12 @@ class JointCoupling(JointEffect):
             raise BadValueError(
                 f"the robot has no joint '{self.follows}'", f"its joints: {', '.join(robot.joint_names)}"
             )
-        super().check_robot(robot)
+        types = {joint.name: joint.type for joint in robot.joints}
+        if types[self.follows] != "revolute":
+            raise BadValueError(f"{self.follows} slides: only turning joints are followed")
+        slides = types.get(self.joint) == "prismatic"
+        if self.joint in types and slides != (self.into == "slide"):
+            which = "slides" if slides else "turns"
+            raise BadValueError(f"{self.joint} {which}", f"write into: {'slide' if slides else 'joint'}")
+        if not slides:
+            super().check_robot(robot)
