@@ -22,6 +22,7 @@ from posture_opt.calibration.estimation.identifiability import (
 )
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.other_preset import OtherPreset, other_preset
 from posture_opt.calibration.second_file import OtherFile
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask
@@ -196,6 +197,11 @@ class Calibration(Result):
         """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.evaluation`."""
         return registered("evaluation", self)
 
+    @cached_property
+    def other_preset(self) -> OtherPreset | None:
+        """The preset whose link lengths the data have in place of the file's; None where there is none."""
+        return other_preset(self.residuals.take(self.kept_rows), self.x_nominal)
+
     def to_json(self) -> dict[str, Json]:
         """The document ``calibration.json``: SI units and radians; what the calibration is held against included."""
         evaluated: dict[str, Json] = self.evaluation.to_json()
@@ -224,6 +230,8 @@ class Calibration(Result):
             "disagrees": self.disagreement is not None,
             "far_frames": self.far_frames,
         }
+        if self.other_preset is not None:
+            document["other_preset"] = self.other_preset.to_json()
         if self.test is not None:
             document["test"] = self.test.to_json()
         if self.large is not None:

@@ -15,6 +15,7 @@ from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.large_file import LargeFile
+from posture_opt.calibration.other_preset import free_directions
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     contradiction_findings,
@@ -34,7 +35,6 @@ from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import (
     LinearisedData,
-    frame_directions,
     linearise_calibration,
     tool_points,
 )
@@ -209,7 +209,13 @@ def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tupl
     """
     calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
     full = _of_data(found.model, calibration)
-    geometry = geometry_causes(residuals, calibration.x_nominal, frame_directions(calibration), full, full.effects)
+    geometry = geometry_causes(
+        residuals,
+        calibration.x_nominal,
+        free_directions(calibration.residuals, calibration.x_nominal),
+        full,
+        full.effects,
+    )
     beforehand = contradiction_findings(calibration)
     refuted = [f.cause for f in beforehand]
     effects = effect_findings(found.names, found.model, held.effects, held.parts, held.groups, progress)

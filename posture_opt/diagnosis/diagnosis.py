@@ -153,6 +153,8 @@ class Diagnosis(Result):
         p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
         p = min(p, *(errors.p_value for errors in self.uneven), 1.0)
         test = {} if self.test is None else {"test": self.test.to_json()}
+        preset = self.calibration.other_preset
+        lengths = {} if preset is None else {"other_preset": preset.to_json()}
         thinned = {} if self.large is None else {"thinned": self.large.to_json()}
         return {
             "verdict": self.verdict,
@@ -175,6 +177,7 @@ class Diagnosis(Result):
             "gain": self.gain.to_json(),
             **test,
             **thinned,
+            **lengths,
             "candidates": [
                 {
                     "kind": j.candidate.kind,

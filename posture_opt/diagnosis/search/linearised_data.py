@@ -11,7 +11,6 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
-from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.diagnosis.scores.candidates import Candidate, Lines, lines_of_joints
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Excitation
@@ -98,15 +97,3 @@ def tool_points(linearised: LinearisedData) -> Array:
     return np.stack(
         [np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in linearised.sensitivities.walk.position], axis=1
     )
-
-
-def frame_directions(calibration: Calibration) -> Array:
-    """Directions (k, f) of what is free in the arm before calibration: frames and touched points."""
-    columns, k = calibration.residuals.free, len(calibration.parameters)
-    if not len(columns):
-        return np.zeros((k, 0))
-    J = calibration.residuals.residuals_and_jacobian(calibration.x_nominal)[1][:, columns]
-    part = identify_parameters([calibration.parameters[i].name for i in columns], J, len(calibration.residuals.data))
-    directions = np.zeros((k, part.rank))
-    directions[columns] = part.directions
-    return directions

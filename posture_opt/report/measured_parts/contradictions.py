@@ -30,6 +30,7 @@ def doubts_lead(found: Calibration) -> tuple[str, ...]:
     """
     return (
         *_disagreement(found),
+        *_preset(found),
         *(_line(contradiction) for contradiction in found.contradictions),
         *(_away(frame, far) for frame, far in found.far_frames.items()),
         *_implausible(found),
@@ -58,6 +59,20 @@ def _disagreement(found: Calibration) -> tuple[str, ...]:
     return (f"{text}order and from the zero of the problem file? Treat the results below with caution.",)
 
 
+def _preset(found: Calibration) -> tuple[str, ...]:
+    """Link lengths that are those of another preset, with the RMS position error of both [mm]."""
+    other = found.other_preset
+    if other is None:
+        return ()
+    far = sorted(other.lengths, key=lambda name: -abs(other.lengths[name][1] - other.lengths[name][0]))
+    which = ", ".join(f"{name} {number(1e3 * other.lengths[name][1], 4)} mm" for name in far[:_MAX_LISTED])
+    which += f" and {len(far) - _MAX_LISTED} more" if len(far) > _MAX_LISTED else ""
+    text = (
+        f"These link lengths are those of a {other.title} ({which}): the uncalibrated arm is off by {mm(other.rms)} mm "
+    )
+    return (f"{text}RMS with them, and by {mm(other.stated)} mm with those of the file. State preset {other.name}.",)
+
+
 def _implausible(found: Calibration) -> tuple[str, ...]:
     """The geometry that is farthest off its nominal value, where that is farther than any part is.
 
@@ -65,7 +80,7 @@ def _implausible(found: Calibration) -> tuple[str, ...]:
     """
     units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
     texts = [f"{name} by {plus_minus(x, std, *units[unit])}" for name, (x, std, unit) in found.implausible.items()]
-    if not texts:
+    if not texts or found.other_preset is not None:  # which says what they are
         return ()
     more = f" and {len(texts) - _MAX_LISTED} more" if len(texts) > _MAX_LISTED else ""
     text = f"Implausibly large deviation from the file: {', '.join(texts[:_MAX_LISTED])}{more}. "
