@@ -6,8 +6,8 @@ increasing on arrival (s = +1) rests at −b/2; lengths
 grow by α (T − T0), T0 = 20 °C, all of them (links, not tool) or one; ``link_bending`` of joint j turns the end of link
 j by φ = κ M, M the moment of what lies beyond that end about it, and shifts it by φ × r / 2, r the vector along the
 link (a beam under an end moment); ``base_compliance`` turns all by κ M about the base's origin; a slip of the base
-shifts it, or shifts and turns it; drift dp = v (1 − exp(−t/τ)) or v t, in the instrument's frame; the instrument's
-field is a quadratic in the tool point about the base.
+shifts it, or shifts and turns it, one of the tool shifts it in its flange; drift dp = v (1 − exp(−t/τ)) or v t, in the
+instrument's frame; the instrument's field is a quadratic in the tool point about the base.
 """
 
 from __future__ import annotations
@@ -201,10 +201,14 @@ def _drift(site: Site, e: Effect, out: Perturbation) -> None:
 @form("slip")
 def _slip(site: Site, e: Effect, out: Perturbation) -> None:
     after = (site.session.time >= e.shape["t0"]).astype(float)
+    v = e.size
+    if e.target == "tool":  # a shift in the axes of the tool, which these arms do not turn in the flange
+        shift = site.walk.R_link[:, -1] @ np.array([v["x"], v["y"], v["z"]])
+        out.shift = out.shift + after[:, None] * shift
+        return
     if e.target != "base":
         out.joint(site.joint(e.target), e.size["step"] * after)
         return
-    v = e.size
     out.shift = out.shift + after[:, None] * np.array([v["x"], v["y"], v["z"]])
     out.turn = out.turn + after[:, None] * np.array([v.get(name, 0.0) for name in ("roll", "pitch", "yaw")])
 

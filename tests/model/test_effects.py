@@ -155,7 +155,7 @@ task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
         ({"kind": "backlsh", "joint": "joint1"}, "backlash"),
         ({"kind": "thermal_growth", "length": "joint2.d"}, "joint1.a, joint2.a"),
         ({"kind": "joint_coupling", "joint": "joint2", "follows": "joint9"}, "joint1, joint2"),
-        ({"kind": "slip", "of": "joint9", "moment": "1 s"}, "base or one of its joints"),
+        ({"kind": "slip", "of": "joint9", "moment": "1 s"}, "base, tool or one of its joints"),
         ({"kind": "hysteresis", "joint": "joint1", "travel": "0 deg"}, "greater than 0"),
     ],
 )

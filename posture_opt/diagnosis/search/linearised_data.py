@@ -85,8 +85,9 @@ def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int 
     groups = np.unique(np.concatenate([poses, apart]), return_inverse=True)[1]
     G = J @ calibration.identifiability.directions
     stated = position_sigma(calibration.request.problem, residuals.data)
+    excitation = case_of(residuals.data, residuals.robot, orientation=residuals.oriented)
     return LinearisedData(
-        sensitivities, case_of(residuals.data, residuals.robot), r, G, groups, flips, seed,
+        sensitivities, excitation, r, G, groups, flips, seed,
         instrument=stated / residuals.sigma if stated else np.inf,
     )  # fmt: skip
 

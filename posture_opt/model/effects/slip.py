@@ -1,4 +1,4 @@
-"""A slip: from some moment on a joint, or the base, is elsewhere."""
+"""A slip: from some moment on a joint, the base, or the tool is elsewhere."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, at_least, cross, subtract
+from posture_opt.model.chain import ZERO, Scalar, Vector, at_least, cross, scale, subtract
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.units import Time, number
+from posture_opt.units import Time, number, shown
 
 _Way = Literal["shift", "slide", "settle"]
 SLIP_MOMENTS = 50
@@ -26,33 +26,46 @@ _MIN_ROWS_EACH_SIDE = 10
 """Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was."""
 _MIN_ROWS_DIVISOR = 4
 """One part in so many of the rows is enough where they are few."""
-_WORLD_AXES = np.eye(3)
-_BASE_PARAMETERS: dict[_Way, tuple[str, ...]] = {
+_WORLD_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_BASE, _TOOL = "base", "tool"
+_FRAME_PARAMETERS: dict[_Way, tuple[str, ...]] = {
     "shift": ("x", "y", "z"),
     "slide": ("x", "y", "yaw"),
     "settle": ("x", "y", "z", "roll", "pitch", "yaw"),
 }
-"""Way of a slip of the base -> its parameters: shifted in space, slid and turned on the floor, or shifted and
+"""Way of a slip of a frame -> its parameters: shifted in space, slid and turned on the floor, or shifted and
 tilted.
 """
 _INSPECTIONS = {
-    "base": "mounting bolts of the base; whether it, or the stand of the instrument, was knocked",
-    "tool": "clamping of tool and reflector; whether one of them was knocked",
+    _BASE: "mounting bolts of the base; whether it, or the stand of the instrument, was knocked",
+    _TOOL: "clamping of tool and reflector; whether one of them was knocked",
 }
 """What to look at where no joint slipped."""
-_BASE_ANGLES = ("roll", "pitch", "yaw")
-"""Parameters about the world's x, y and z axis [rad]."""
+_ANGLES = ("roll", "pitch", "yaw")
+"""Parameters about the x, y and z axis [rad]: the world's of the base, its own of the tool."""
+_FRAME_WORDS = {
+    _BASE: "the base slipped during the measurements",
+    _TOOL: "the tool or its reflector was knocked out of place during the measurements",
+}
+_OMITTED = {
+    _BASE: "delivered with the base as it stood on average; set it up again and measure anew",
+    _TOOL: "delivered with the tool as it was on average; fasten the tool, its TCP and reflector, and measure anew",
+}
+_OMITTED_JOINT = "delivered with the joint as it stood on average; undo the slip, and measure anew"
 
 
 class Slip(Effect):
     """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or both tilted, from ``t0`` on.
 
-    h in rad; of the base a shift [m] and a turn [rad] about the foot of the first joint, world axes.
+    h in rad; of the base a shift [m] and a turn [rad] about the foot of the first joint, world axes; of the tool, or of
+    what is measured on it, a shift and a turn about the flange, axes of the tool.
     """
 
-    summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
+    summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped, or the tool was knocked"
     phrase: ClassVar[str] = "{target} slipped during the measurements"
-    measurement: ClassVar[str] = "return to the same few postures again and again"
+    measurement: ClassVar[str] = (
+        "return again and again to a few postures in which arm and tool point in different directions"
+    )
     inspection: ClassVar[str] = "{target}: clamp screws of coupling, encoder and flanges; belt that jumped; collisions"
     shape: ClassVar[tuple[str, ...]] = ("moment",)
     shape_units: ClassVar[Mapping[str, str]] = {"moment": "s"}
@@ -62,23 +75,28 @@ class Slip(Effect):
     most_in_session: ClassVar[int | None] = 1
 
     kind: Literal["slip"] = "slip"
-    of: str = Field(description="a joint, or base")
+    of: str = Field(description="a joint, base, or tool")
     moment: Time = Field(description="t0, since the first measurement")
     way: _Way = Field(
-        "shift", description="of the base: shifted in space, slid and turned on the floor, or shifted and tilted"
+        "shift", description="of base or tool: shifted in space, slid and turned on the floor, or shifted and tilted"
     )
 
     @property
     def target(self) -> str:
-        """The joint, or ``base``."""
+        """The joint, ``base`` or ``tool``."""
         return self.of
 
     @property
+    def _of_frame(self) -> bool:
+        """Whether a frame slipped, and no joint."""
+        return self.of in _FRAME_WORDS
+
+    @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
-        """``step`` [rad] of a joint; of the base the coordinates and angles of its way."""
-        if self.of != "base":
+        """``step`` [rad] of a joint; of base and tool the coordinates and angles of its way."""
+        if not self._of_frame:
             return (("step", "angle"),)
-        return tuple((name, "angle" if name in _BASE_ANGLES else "length") for name in _BASE_PARAMETERS[self.way])
+        return tuple((name, "angle" if name in _ANGLES else "length") for name in _FRAME_PARAMETERS[self.way])
 
     @property
     def name(self) -> str:
@@ -87,13 +105,13 @@ class Slip(Effect):
 
     @property
     def moved_joint(self) -> str:
-        """The joint; none where the base slipped."""
-        return "" if self.of == "base" else self.of
+        """The joint; none where base or tool slipped."""
+        return "" if self._of_frame else self.of
 
     @property
     def words(self) -> str:
         """The cause in one clause."""
-        return self.phrase.format(target="the base" if self.of == "base" else self.of)
+        return _FRAME_WORDS.get(self.of, "") or super().words
 
     def inspect(self, robot: Robot) -> str:
         """What may have slipped."""
@@ -102,9 +120,7 @@ class Slip(Effect):
     @property
     def omitted(self) -> str:
         """Why no task is planned with it, and what to do."""
-        if self.of == "base":
-            return "left out: delivered with the base as it stood on average; set it up again and measure anew"
-        return "left out: delivered with the joint as it stood on average; undo the slip, and measure anew"
+        return f"left out: {_OMITTED.get(self.of, _OMITTED_JOINT)}"
 
     @property
     def smooth_shape(self) -> str:
@@ -124,52 +140,65 @@ class Slip(Effect):
         return over_time(state, timed)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """The step, and the moment [min] or the row at which it happened."""
+        """The step, and the moment [min] or the row at which it happened; of the tool the length of its shift first."""
         moment, _ = estimate.entry("moment")
         row = Size("at", f"row {math.ceil(moment) + 1}", ", as no times are logged")
         timed = Size("at", f"{number(moment / 60)} min after the first row")
-        return (*super().sizes(estimate), timed if estimate.timed else row)
+        length = (Size("shift length", shown(*_shift_length(estimate))),) if self.of == _TOOL else ()
+        return (*length, *super().sizes(estimate), timed if estimate.timed else row)
 
     def headline(self, estimate: FittedSizes) -> str:
         """Of the base a shift and a turn, which mean something together only."""
-        return "" if self.of == "base" else super().headline(estimate)
+        return "" if self.of == _BASE else super().headline(estimate)
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """A unit step of the joint from ``moment`` on; of the base a shift or a turn about its foot for each
-        parameter.
+        parameter, of the tool about the flange.
         """
         after = at_least(state.inputs.time, self.moment)
-        if self.of != "base":
+        if not self._of_frame:
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
-        foot = state.walk.screws[len(state.robot.base)].origin
+        vectors: list[Vector] = [scale(after, axis) for axis in self._axes(state)]
+        foot = state.frames[-1].origin if self.of == _TOOL else state.walk.screws[len(state.robot.base)].origin
         lever = subtract(state.tool, foot)
-        vectors: list[Scalar] = [tuple(after * float(a) for a in axis) for axis in _WORLD_AXES]
         units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
-        units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_BASE_ANGLES, vectors, strict=True)}
-        return tuple(units[name] for name in _BASE_PARAMETERS[self.way])
+        units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_ANGLES, vectors, strict=True)}
+        return tuple(units[name] for name in _FRAME_PARAMETERS[self.way])
+
+    def _axes(self, state: ArmState) -> tuple[Vector, ...]:
+        """The axes (3,) of its shifts and turns, world: the world's own of the base, those of the tool of the tool."""
+        return state.walk.columns if self.of == _TOOL else _WORLD_AXES
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """Every moving revolute joint, and the base in each way, at each of `SLIP_MOMENTS` that rows cover on both
-        sides.
+        """Every moving revolute joint, the base in each way, and the tool, at each of `SLIP_MOMENTS` that rows cover on
+        both sides. Whether the tool turned is asked where data can show it.
         """
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         moments = case.duration * (np.arange(SLIP_MOMENTS) + 0.5) / SLIP_MOMENTS
         moments = moments[_well_covered(moments, case.times)]
         joints = [cls(of=name, moment="0 s") for name in case.moving("revolute")]
-        bases = [cls(of="base", moment="0 s", way=way) for way in _BASE_PARAMETERS]
-        return [one.model_copy(update={"moment": t}) for one in (*joints, *bases) for t in moments.tolist()]
+        bases = [cls(of=_BASE, moment="0 s", way=way) for way in _FRAME_PARAMETERS]
+        ways: tuple[_Way, ...] = ("shift", "settle") if case.oriented else ("shift",)
+        tools = [cls(of=_TOOL, moment="0 s", way=way) for way in ways]
+        return [one.model_copy(update={"moment": t}) for one in (*joints, *bases, *tools) for t in moments.tolist()]
 
     def check_robot(self, robot: Robot) -> None:
         """Refuse a target that the robot lacks.
 
         Raises:
-            BadValueError: neither ``base`` nor a joint.
+            BadValueError: neither ``base`` nor ``tool`` nor a joint.
         """
-        known = ("base", *robot.joint_names)
-        if self.of not in known:
-            raise BadValueError(f"the robot has no joint '{self.of}'", "write base or one of its joints")
+        if self.of not in (*_FRAME_WORDS, *robot.joint_names):
+            raise BadValueError(f"the robot has no joint '{self.of}'", "write base, tool or one of its joints")
+
+
+def _shift_length(estimate: FittedSizes) -> tuple[float, str, float]:
+    """Length [m] of the shift of a frame, its dimension, and its standard error, coordinates taken as independent."""
+    parts = [estimate.entry(axis) for axis in "xyz"]
+    size = math.hypot(*(value for value, _ in parts))
+    return size, "length", math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
 
 
 def _well_covered(moments: Array, times: Scalar) -> Mask:

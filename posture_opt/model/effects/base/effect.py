@@ -59,6 +59,7 @@ class Excitation:
         span: (n,) range of each joint in the data [rad or m].
         duration: of the measurements [s].
         times: (N,) of the rows [s]; empty where nothing is measured.
+        oriented: whether a turn of the tool about its point shows: orientations, or several targets, are measured.
     """
 
     robot: Robot
@@ -66,6 +67,7 @@ class Excitation:
     span: tuple[float, ...]
     duration: float = 0.0
     times: tuple[float, ...] = ()
+    oriented: bool = False
 
     def moving(self, *types: str) -> tuple[str, ...]:
         """Names of the joints of these types that move in the data."""
