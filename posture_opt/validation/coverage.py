@@ -71,9 +71,8 @@ class Coverage:
         squared, m = squared_distances(errors, predicted.covariance), errors.shape[1]
         groups = np.unique(groups, return_inverse=True)[1]
         radius = coverage_factor(REGION_PROBABILITY, m)
-        drawn = _as_predicted(predicted)
-        reach = np.sqrt(np.quantile(drawn, REGION_PROBABILITY, axis=1))
-        shares = np.mean(drawn <= radius**2, axis=1)
+        reach, held = _as_predicted(predicted)
+        shares = held[:, RELIABILITY_LEVELS.index(REGION_PROBABILITY)]
         found, typical = float(np.sqrt(np.quantile(squared, REGION_PROBABILITY))), float(np.median(reach))
         ends = np.concatenate(
             [found / np.quantile(reach, INTERVAL_QUANTILES), _bootstrap_radius(squared, groups) / typical]
@@ -89,11 +88,7 @@ class Coverage:
             factor=found / typical,
             factor_interval=(float(ends.min()), float(ends.max())),
             probability=np.sort(np.asarray(chdtr(m, squared))),
-            band=np.quantile(
-                [np.mean(drawn <= coverage_factor(p, m) ** 2, axis=1) for p in RELIABILITY_LEVELS],
-                INTERVAL_QUANTILES,
-                axis=1,
-            ).T,
+            band=np.quantile(held, INTERVAL_QUANTILES, axis=0).T,
             poses=int(groups.max()) + 1,
             dimension=m,
         )
@@ -166,20 +161,29 @@ def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
     return low, high
 
 
-def _as_predicted(predicted: Prediction) -> Array:
-    """Squared distances (draws, N) of data that are as predicted: one δ for all rows of a draw, a v for each row."""
+def _as_predicted(predicted: Prediction) -> tuple[Array, Array]:
+    """Data that are as predicted, drawn many times: one δ for all rows of a draw, a v for each row.
+
+    Returns:
+        The radius (draws,) that holds `REGION_PROBABILITY` of the rows of each draw, and their share (draws, levels)
+        in the region of each of `RELIABILITY_LEVELS`.
+    """
     rng = np.random.default_rng(0)
     L = np.linalg.cholesky(predicted.covariance)
     common = np.linalg.solve(L, predicted.common)
     scatter = np.linalg.solve(L, np.linalg.cholesky(predicted.scatter))
     n, d, k = common.shape
-    found = np.empty((_COVERAGE_DRAWS, n))
+    limits = np.array([coverage_factor(p, d) ** 2 for p in RELIABILITY_LEVELS])
+    reach, held = np.empty(_COVERAGE_DRAWS), np.empty((_COVERAGE_DRAWS, len(limits)))
     step = max(_MAX_CELLS // (n * d), 1)
     for first in range(0, _COVERAGE_DRAWS, step):
-        many = min(step, _COVERAGE_DRAWS - first)
+        some = slice(first, min(first + step, _COVERAGE_DRAWS))
+        many = some.stop - first
         e = common @ rng.standard_normal((k, many)) + scatter @ rng.standard_normal((n, d, many))
-        found[first : first + many] = np.einsum("nib,nib->bn", e, e)
-    return found
+        squared = np.sort(np.einsum("nib,nib->bn", e, e), axis=1)
+        reach[some] = np.sqrt(np.quantile(squared, REGION_PROBABILITY, axis=1))
+        held[some] = [np.searchsorted(row, limits, side="right") / n for row in squared]
+    return reach, held
 
 
 def _bootstrap_radius(squared: Array, groups: Codes) -> Array:

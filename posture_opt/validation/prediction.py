@@ -220,15 +220,26 @@ def calibrated_prediction(
         covariance: (k, k) of the parameters, from all rows; from the share ``taught`` of them it is larger.
         scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
     """
+    common = parameter_columns(residuals, x) @ symmetric_root(covariance / taught)
+    return Prediction(common, scatter_covariances(residuals, x, scatter, instrument))
+
+
+def parameter_columns(residuals: Residuals, x: Array) -> Array:
+    """(N, d, k) shift of the measured coordinates by a unit of each parameter; of touched points, about their mean."""
     N, d = len(residuals.data), len(residuals.axes)
-    J = (
-        residuals.residuals_and_jacobian(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d]
-        * residuals.sigma
-    )
-    J = residuals.data.about_points(J)
+    J = residuals.residuals_and_jacobian(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)
+    return residuals.data.about_points(J[:, :d] * residuals.sigma)
+
+
+def scatter_covariances(residuals: Residuals, x: Array, scatter: Array, instrument: float) -> Array:
+    """(N, d, d) ``J_q diag(scatter²) J_qᵀ + s² I`` [m²] of errors that are drawn anew in each row.
+
+    Args:
+        scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
+    """
     S = joint_columns(residuals, x) * scatter
-    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(d)
-    return Prediction(J @ _symmetric_root(covariance / taught), _about_points(residuals.data, own))
+    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _MIN_SIGMA_M) ** 2 * np.eye(S.shape[1])
+    return _about_points(residuals.data, own)
 
 
 def _full_rank_root(covariance: Array) -> Array:
@@ -238,7 +249,7 @@ def _full_rank_root(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def _symmetric_root(covariance: Array) -> Array:
+def symmetric_root(covariance: Array) -> Array:
     """The ``R`` (k, k), ``R Rᵀ`` the covariance, that hardly changes with it: symmetric in correlations."""
     scale, values, vectors = _principal_axes(covariance)
     return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))

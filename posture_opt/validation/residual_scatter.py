@@ -25,6 +25,7 @@ from posture_opt.validation.prediction import (
     scatter_of_effects,
     scatter_with_effects,
     stated_scatter,
+    symmetric_root,
 )
 from posture_opt.validation.scatter_limit import ScatterLimit, scatter_limit
 
@@ -183,13 +184,19 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
 
 
 def _inverse_without_rows(A: Array, rows: Residuals, x: Array) -> Array:
-    """The inverse ``A`` (k, k) of the normal equations without some rows."""
+    """The inverse ``A`` (k, k) of the normal equations without some rows.
+
+    ``A + A Jᵀ (I − J A Jᵀ)⁻¹ J A = S (I − G)⁻¹ Sᵀ`` with ``A = S Sᵀ`` and ``G = Sᵀ JᵀJ S``: as large as the
+    unknowns, whatever the number of rows.
+    """
     n = len(rows.data) * rows.block
     if not n:
         return A
-    JA = rows.residuals_and_jacobian(x)[1][:n] @ A
-    inner = np.eye(n) * (1 + 1e-9) - JA @ rows.residuals_and_jacobian(x)[1][:n].T
-    return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
+    S = symmetric_root(A)
+    reduced = rows.residuals_and_jacobian(x)[1][:n] @ S
+    G = reduced.T @ reduced
+    added = np.linalg.solve(np.eye(len(G)) * (1 + 1e-9) - G, G)  # a direction that no other row sees stays finite
+    return np.asarray(A + S @ ((added + added.T) / 2) @ S.T)
 
 
 def _is_compatible(noise: JointVariances, stated: Mapping[str, float]) -> bool:

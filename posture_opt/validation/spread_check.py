@@ -21,9 +21,11 @@ from posture_opt.validation.prediction import (
     ErrorSources,
     JointScatter,
     Prediction,
-    calibrated_prediction,
     joint_errors,
     nominal_prediction,
+    parameter_columns,
+    scatter_covariances,
+    symmetric_root,
 )
 from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
@@ -198,19 +200,14 @@ def held_out_predictions(
 
 def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes]) -> Prediction:
     """What is predicted of each row by an arm that has not seen its fold."""
-    residuals = calibration.residuals
-    N, d, k = len(residuals.data), len(residuals.axes), len(calibration.x)
-    common, own = np.zeros((N, d, k)), np.zeros((N, d, d))
-    clustered = calibration.design > 1
+    residuals, x = calibration.residuals, calibration.x
+    J = parameter_columns(residuals, x)
+    taught = 1 - 1 / max(len(parts), 2) if calibration.design > 1 else 1.0
+    common = np.zeros_like(J)
     for part in parts:
-        covariance = covariance_under(calibration, scatter, part)
-        found = calibrated_prediction(
-            residuals, calibration.x, covariance, _joint_sigmas(scatter, residuals),
-            _instrument_sigma(scatter, residuals),
-            1 - 1 / max(len(parts), 2) if clustered else 1.0,
-        )  # fmt: skip
-        common[part], own[part] = found.common[part], found.scatter[part]
-    return Prediction(common, own)
+        common[part] = J[part] @ symmetric_root(covariance_under(calibration, scatter, part) / taught)
+    sigma, instrument = _joint_sigmas(scatter, residuals), _instrument_sigma(scatter, residuals)
+    return Prediction(common, scatter_covariances(residuals, x, sigma, instrument))
 
 
 def _joint_sigmas(scatter: JointScatter, residuals: Residuals) -> Array:

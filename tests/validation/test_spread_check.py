@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -324,3 +325,16 @@ def test_rows_are_predicted_with_what_their_own_fold_leaves_uncertain() -> None:
     ours = seen.T @ covariance_under(calibration, scatter, out) @ seen
     np.testing.assert_allclose(ours, expected, rtol=1e-5)
     assert np.trace(ours) > np.trace(seen.T @ covariance_under(calibration, scatter, out[:0]) @ seen)
+
+
+def test_what_a_fold_leaves_uncertain_takes_no_memory_by_the_square_of_its_rows() -> None:
+    q, points = measured(np.random.default_rng(3), 2500)
+    problem = arm(STATED)
+    calibration = calibrate(problem, read_measurements(table(q, points), problem))
+    scatter = residual_scatter(problem, calibration)
+    out = np.arange(0, 2500, 2)
+    tracemalloc.start()
+    covariance_under(calibration, scatter, out)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10e6  # bytes; 2500 by 2500 coordinates alone are 50e6
