@@ -24,6 +24,7 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_preset import OtherPreset, other_preset
 from posture_opt.calibration.second_file import OtherFile
+from posture_opt.calibration.start_up import StartUp, start_up
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.registration import registered
@@ -198,6 +199,11 @@ class Calibration(Result):
         return registered("evaluation", self)
 
     @cached_property
+    def start_up(self) -> StartUp | None:
+        """First rows that are farther off than the rest, of those that count and predicted by the calibrated arm."""
+        return start_up(self.errors[self.kept_rows], self.request.data.take(self.kept_rows))
+
+    @cached_property
     def other_preset(self) -> OtherPreset | None:
         """The preset whose link lengths the data have in place of the file's; None where there is none."""
         return other_preset(self.residuals.take(self.kept_rows), self.x_nominal)
@@ -232,6 +238,8 @@ class Calibration(Result):
         }
         if self.other_preset is not None:
             document["other_preset"] = self.other_preset.to_json()
+        if self.start_up is not None:
+            document["start_up"] = self.start_up.to_json()
         if self.test is not None:
             document["test"] = self.test.to_json()
         if self.large is not None:

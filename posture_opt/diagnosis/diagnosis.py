@@ -16,6 +16,7 @@ from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.large_file import LargeFile
+from posture_opt.calibration.start_up import StartUp, start_up
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     tool_shifts,
@@ -155,6 +156,7 @@ class Diagnosis(Result):
         test = {} if self.test is None else {"test": self.test.to_json()}
         preset = self.calibration.other_preset
         lengths = {} if preset is None else {"other_preset": preset.to_json()}
+        first = {} if self.start_up is None else {"start_up": self.start_up.to_json()}
         thinned = {} if self.large is None else {"thinned": self.large.to_json()}
         return {
             "verdict": self.verdict,
@@ -178,6 +180,7 @@ class Diagnosis(Result):
             **test,
             **thinned,
             **lengths,
+            **first,
             "candidates": [
                 {
                     "kind": j.candidate.kind,
@@ -195,6 +198,11 @@ class Diagnosis(Result):
             "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
             "notes": list(self.notes),
         }
+
+    @cached_property
+    def start_up(self) -> StartUp | None:
+        """First rows that are farther off than the rest, predicted by the arm with its effects."""
+        return start_up(self.held["extended"].errors, self.model.residuals.data)
 
     @cached_property
     def contrasts(self) -> Contrasts:

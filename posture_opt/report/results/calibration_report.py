@@ -24,6 +24,7 @@ from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.error_table import error_table, held_out_sentence, instrument_words, mm
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
+from posture_opt.report.measured_parts.start_up_words import start_up_lead
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_lead
@@ -87,6 +88,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
         *doubts_lead(found),
         _answer(found),
         *fails,
+        *start_up_lead(found.start_up),
         *doubts[:_MAX_LEAD_NOTES],
         *more,
         *comparison_lead(shown.evaluation.comparison),

@@ -48,6 +48,7 @@ from posture_opt.report.measured_parts.diagnosis_sizes import (
 )
 from posture_opt.report.measured_parts.error_table import instrument_words, mm
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
+from posture_opt.report.measured_parts.start_up_words import start_up_lead
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_lead
@@ -120,6 +121,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         first,
         _improvement(found),
         *unexplained_lead(found),
+        *start_up_lead(found.start_up),
         *delivery_lead(found),
         *elsewhere_lead(found),
         *comparison_lead(comparison),

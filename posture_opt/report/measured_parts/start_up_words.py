@@ -1,0 +1,23 @@
+"""What a report says of first rows that are farther off than the rest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from posture_opt.report.measured_parts.error_table import mm
+from posture_opt.report.text.words import p_words
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.start_up import StartUp
+
+
+def start_up_lead(found: StartUp | None) -> tuple[str, ...]:
+    """How far off the first rows are and what to do about it; nothing where they are like the others."""
+    if found is None:
+        return ()
+    taken = "" if found.seconds is None else f" ({found.seconds / 60:.0f} min)"
+    return (
+        f"The first {found.rows} rows{taken} are off by {mm(found.rms)} mm RMS, all others by {mm(found.rest)} mm "
+        f"({p_words(found.p_value)}), as while an arm or an instrument warms up: warm up before measuring, or leave "
+        "these rows out.",
+    )
