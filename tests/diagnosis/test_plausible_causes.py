@@ -5,12 +5,16 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.diagnosis.causes.plausible_causes import with_plausibility
+from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -50,3 +54,15 @@ def test_a_size_that_no_arm_has_is_worded_as_what_it_looks_like(expansion: float
         assert "expands as no metal" in one["would_need"]
         assert "an error that looks like thermal growth of joint1.a" in text
         assert "joint1.a expands" not in text
+
+
+def test_a_second_slip_in_one_session_is_rather_something_else() -> None:
+    robot = po.problem_from_dict(PROBLEM).robot
+    slips = [
+        Finding(Slip(of=name, moment="10 s"), {}, 1e-6, 0.2, place=i) for i, name in enumerate(("joint1", "joint2"))
+    ]
+    first, second = with_plausibility(slips, SimpleNamespace(state=SimpleNamespace(robot=robot)))
+    assert first.plausible
+    assert not second.plausible
+    assert "2 of them in one session" in second.would_need
+    assert second.to_json()["plausible"] is False

@@ -68,11 +68,11 @@ class JointCompliance(GravityLoaded, JointEffect):
 
     def plausible(self, robot: Robot) -> PlausibleRange | None:
         """Down to `least_stiffness` of the joint, by the class of gear that carries its load; of unknown loads the turn
-        by which such a gear gives in at most.
+        by which such a gear twists at most.
         """
         softest = least_stiffness(robot, robot.joint_names.index(self.joint))
         if self.unstated_loads:
-            needs = "a joint that turns by more than its gear gives in under the largest load that it is made for"
+            needs = "a joint that turns by more than its gear twists under the largest load that it is made for"
             return PlausibleRange(-LARGEST_TURN, LARGEST_TURN, "angle", needs, SOURCE)
         needs = (
             f"a joint softer than {number(softest / 1e3)} kN m/rad, softer than any gear that carries its load (loose "

@@ -56,7 +56,7 @@ class LinkBending(GravityLoaded, EffectOfJoint):
         softest = least_stiffness(robot, robot.joint_names.index(self.joint))
         source = f"Dumas, Caro, Garnier, Furet 2011, and for the gear {SOURCE}"
         if self.unstated_loads:
-            needs = "a link that bends by more than gears give in under the largest load that they are made for"
+            needs = "a link that bends by more than gears twist under the largest load that they are made for"
             return PlausibleRange(-LARGEST_TURN, LARGEST_TURN, "angle", needs, source)
         needs = f"a link softer than {number(softest / 1e3)} kN m/rad, softer than any gear that carries this load"
         return PlausibleRange(0.0, 1 / softest, "angle per torque", needs, source)

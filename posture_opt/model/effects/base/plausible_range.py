@@ -47,8 +47,9 @@ class PlausibleRange:
         """What would have to be true for a cause of this size [SI] to be real."""
         if self.low == self.high == 0.0:
             return self.needs
-        between = f"{shown(self.low, self.dimension)} to {shown(self.high, self.dimension)}"
-        return f"{self.needs}: {shown(value, self.dimension)}, where {between} are usual"
+        low, high = shown(self.low, self.dimension), shown(self.high, self.dimension)
+        usual = f"{low} to {high}" if self.low > 0 else f"up to {high}"
+        return f"{self.needs}: {shown(value, self.dimension)}, where {usual} is usual"
 
     def to_json(self) -> dict[str, Json]:
         """Ends of the range in SI units, with the source."""
