@@ -2,7 +2,8 @@
 
 Strain-wave gears: Harmonic Drive, CSF and CSG series, rated torque at 2000 rpm and ratio 100, torsional stiffness K1,
 the least of three, at small torque, for ratios of 80 and more. Cycloidal gears: Nabtesco, RV-E series, rated torque at
-15 rpm and torsional rigidity, which is stated in N m/arcmin.
+15 rpm and torsional rigidity, which is stated in N m/arcmin. Unverified: the catalogues were not at hand. The factor
+`_IN_SERIES` leaves room for more than they could be off.
 """
 
 from __future__ import annotations
