@@ -117,4 +117,5 @@ def _named_as_counted(section: Section, robot: Robot, headers: Sequence[str]) ->
     called = dict(zip(robot.joint_names, names, strict=True))
     shape = [{**capsule, "joint": called.get(capsule["joint"], capsule["joint"])} for capsule in table.get("shape", ())]
     velocity = {called.get(joint, joint): speed for joint, speed in table.get("velocity", {}).items()}
-    return {**table, "joints": joints, "shape": shape, **({"velocity": velocity} if velocity else {})}
+    stated = {key: value for key, value in section.items() if key not in ("kind", "name")}
+    return {**table, **stated, "joints": joints, "shape": shape, **({"velocity": velocity} if velocity else {})}

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import posture_opt as po
 from posture_opt.measurements.repeated_readings import repeated_readings
 from posture_opt.problem.load import problems_folder
+from posture_opt.problem.measured_robot import problem_of_measured_robot
+from posture_opt.robot.preset import load_preset
 from tests.helpers.command_line import invoke
 from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.helpers.variants import conformance
@@ -168,3 +171,21 @@ def test_real_arms_are_calibrated_as_well_without_a_file(data: str, robot: str, 
     stated = document(invoke("calibrate", DATA / data, "--problem", DATA / problem, "--json", "--no-plan"))
     for name in ("nominal", "calibrated"):
         assert made["residual_rms"][name] == pytest.approx(stated["residual_rms"][name], rel=0.02)
+
+
+@pytest.mark.parametrize("stem", ["q", "other"])
+def test_payload_and_frames_are_kept_whatever_the_columns_are_called(stem: str) -> None:
+    names = [f"q{i}" for i in range(1, 7)] if stem == "q" else list(load_preset("ur10").joint_names)
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame(rng.uniform(-1, 1, (12, 6)), columns=[f"{name} [rad]" for name in names])
+    table[["x [m]", "y [m]", "z [m]"]] = rng.uniform(-1, 1, (12, 3))
+    section: dict[str, Any] = {
+        "kind": "preset",
+        "name": "ur10",
+        "payload": "8 kg",
+        "base": {"xyz": ["1 m", "0 m", "0 m"]},
+    }
+    made = problem_of_measured_robot(section, table)
+    assert made.robot.joint_names == tuple(names)
+    assert made.robot.payload == 8.0
+    assert not made.robot.base_free

@@ -23,7 +23,7 @@ def test_the_largest_leads_and_the_others_follow_by_size() -> None:
 def test_a_sentence_names_the_first_of_many_lines() -> None:
     found = CyclicError.joined(lines(3.574, 13.36, 27.3, 15, 22.85), (5, 4, 3, 2, 1))
     assert found.words == "elbow has a cyclic error of 5 lines (3.57, 13.4, 27.3 … cycles per revolution)"
-    assert found.label == "cyclic error (elbow, 3.57 cycles per revolution and 4 more lines)"
+    assert found.label == "cyclic error (elbow, 5 lines, largest at 3.57)"
     assert lines(13.36)[0].words == "elbow has a cyclic error of 13.4 cycles per revolution"
 
 

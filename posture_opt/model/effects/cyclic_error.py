@@ -126,11 +126,10 @@ class CyclicError(Harmonic):
 
     @property
     def qualifier(self) -> str:
-        """Cycles per revolution of its largest line, and how many lines it has beside."""
-        more = len(self.further)
-        return f"{cycles_text(self.cycles)} cycles per revolution" + (
-            f" and {more} more line{'s' * (more > 1)}" if more else ""
-        )
+        """Its cycles per revolution; of several lines how many, and the largest."""
+        if self.further:
+            return f"{len(self.lines)} lines, largest at {cycles_text(self.cycles)}"
+        return f"{cycles_text(self.cycles)} cycles per revolution"
 
     def inspect(self, robot: Robot) -> str:
         """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.cause import Abscissa, over_joint, over_phase
+from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
@@ -29,7 +31,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
 
-_MAX_EFFECTS = 12  # effects
+_MAX_CURVES = 12  # panels
+_TITLE_WIDTH = 44  # letters
 _MAX_DOTS = 800
 _MAX_BINS = 24
 _MIN_BIN_ROWS = 4  # rows of a bin
@@ -62,21 +65,39 @@ def plot_curves(found: Diagnosis) -> Figure:
 
     Dots are rows over what the effect depends on (joint angle, torque, temperature, …), the black line is their mean
     with its 95 % band, the coloured one the effect as fitted. Where the band leaves the curve, the effect has another
-    form.
+    form. Each line of a cyclic error is drawn over its own phase, with the other lines taken off.
     """
     tangents = EffectSensitivities(found.model.residuals, found.model.x)
-    shown = fitted_effects(found)[:_MAX_EFFECTS]
+    shown = shown_curves(found)
     columns = min(len(shown), 2)
     rows = math.ceil(len(shown) / columns)
     figure = new_figure(0.8 + (2.6 if columns == 2 else 3.4) * rows)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, (place, finding) in zip(grid, shown, strict=False):
-        _panel(axes, curve_of(found, tangents, place, finding))
-        axes.set_title(finding.cause.label)
+    for axes, (place, finding, line) in zip(grid, shown, strict=False):
+        _panel(axes, curve_of(found, tangents, place, finding, line))
+        axes.set_title(fill(_title(finding, line), _TITLE_WIDTH))
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
     legend_below(figure)
     return figure
+
+
+def shown_curves(found: Diagnosis) -> list[tuple[int, Finding, int]]:
+    """(place, finding, line) of what is drawn: every effect, of cyclic errors as many lines as there is room for."""
+    effects = fitted_effects(found)[:_MAX_CURVES]
+    lines = [max(len(f.cause.spectral_lines), 1) for _, f in effects]
+    most = 1
+    while sum(min(n, most + 1) for n in lines) <= _MAX_CURVES and most < max(lines, default=0):
+        most += 1
+    return [(i, f, line) for (i, f), n in zip(effects, lines, strict=True) for line in range(min(n, most))]
+
+
+def _title(finding: Finding, line: int) -> str:
+    """What a panel shows: of a cyclic error the joint and the cycles of its line, else kind and target."""
+    lines = finding.cause.spectral_lines
+    if not lines:
+        return finding.cause.label
+    return f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
 
 
 def _panel(axes: Axes, curve: Curve) -> None:
@@ -116,22 +137,29 @@ def _look(rows: int) -> Look:
     return {"mew": 0, "rasterized": True, **dots_look(rows)}
 
 
-def curve_of(found: Diagnosis, sensitivities: EffectSensitivities, place: int, finding: Finding) -> Curve:
+def curve_of(
+    found: Diagnosis, sensitivities: EffectSensitivities, place: int, finding: Finding, line: int = 0
+) -> Curve:
     """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen.
 
     Args:
         sensitivities: of all joints, at the fitted arm.
         place: number of the effect in the model.
         finding: the cause that it is.
+        line: of a cyclic error, whose other lines are taken off.
     """
     model, residuals = found.model, found.model.residuals
     shape = (len(residuals.data), residuals.block)
-    modelled = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(shape)
+    several = len(finding.cause.spectral_lines) > 1
+    own = slice(2 * line, 2 * line + 2) if several else slice(None)
+    modelled = (model.effect_columns(place)[:, own] @ model.x[model.slices[place]][own]).reshape(shape)
     partial = modelled - model.whitened.reshape(shape)
     effect = finding.effect
     assert effect is not None
     over = effect.abscissa(sensitivities.state, residuals.data.time is not None)
     moved = {j for one in effect.sensitivities(sensitivities.state) for j in one.joints}
+    if several:
+        over = over_phase(sensitivities.state, min(moved), finding.cause.spectral_lines[line])
     if over is not None and len(moved) == 1:
         return _joint_curve(sensitivities, moved.pop(), over, partial, modelled)
     axes = slice(0, len(residuals.axes))

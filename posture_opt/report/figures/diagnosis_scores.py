@@ -10,10 +10,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
+import numpy as np
 
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
-from posture_opt.report.page.colours import GREY, PURPLE
+from posture_opt.numerics import TURN
+from posture_opt.report.page.colours import GREY
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, styled
 from posture_opt.report.text.words import p_words
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.scores.score_tests import NullDistribution
 
 _MAX_CANDIDATES = 22  # candidates
-_CYCLES_TOLERANCE = 0.3  # cycles per revolution
 _EVIDENCE_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 _LETTER_WIDTH = 0.0115  # of the axes: width of a letter
 
@@ -103,7 +103,7 @@ def plot_scores(found: Diagnosis) -> Figure:
         width = math.sqrt(row.evidence)
         axes.barh(k, width, height=0.74, zorder=2, edgecolor="white", lw=0.5, **_look(row))
         if row.p_value is not None:
-            _say(axes, k, width / right, width, f"in the model: {p_words(row.p_value)}")
+            _say(axes, k, width / right, width, p_words(row.p_value))
     own = sum(row.p_value is not None for row in rows)
     if 0 < own < len(rows):
         axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
@@ -121,10 +121,10 @@ def plot_scores(found: Diagnosis) -> Figure:
 
 
 def _title(own: int, drawn: int, count: int) -> str:
-    """How many candidates are in the model, and how many of the others are drawn."""
+    """Where the candidates of the model end, and how many of the others are drawn."""
     if not own:
         return f"The best {drawn} of {count} candidates" if drawn < count else "All candidates"
-    return f"Part of the model: {own}. Below the line: the best {drawn - own} of {count - own} other candidates"
+    return f"Above the line: in the model. Below: {drawn - own} of {count - own} others"
 
 
 def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
@@ -141,13 +141,11 @@ def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
 
 
 def _look(row: ScoredRow) -> Look:
-    """Colour and hatching separate causes with a name from those without, and the model's from the others."""
-    if row.p_value is None:
-        return {"color": "#7FB8D8", "label": "named cause"} if row.named else {
-            "facecolor": "#E5BCD3", "hatch": "///", "label": "unnamed component"
-        }  # fmt: skip
-    return {"color": "#00664B", "label": "named cause in the model"} if row.named else {
-        "facecolor": PURPLE, "hatch": "xxx", "label": "unnamed component in the model"
+    """Dark is in the model; hatched has no name in the catalogue."""
+    if row.p_value is not None:
+        return {"color": "#00664B", "label": "in the model"}
+    return {"color": "#B9D5E4", "label": "named cause, not in the model"} if row.named else {
+        "facecolor": "#F1DCE7", "hatch": "///", "label": "unnamed component"
     }  # fmt: skip
 
 
@@ -157,13 +155,19 @@ def _line_words() -> str:
 
 
 def _p_value(scored: ScoredCandidate, found: Diagnosis) -> float | None:
-    """The p-value of dropping the candidate from the final model; a line of a periodogram as that very line."""
+    """The p-value of dropping the candidate from the final model; None where it is not in it.
+
+    A line of a periodogram is in the model where the cyclic error of its joint has one that the data cannot separate
+    from it: nearer than ``2π`` over the range of the joint. Unnamed components are never part of the model.
+    """
     cycles = getattr(scored.candidate.what, "cycles", None)
-    own = [(finding.cause, finding.p_value) for finding in found.effects if finding.place is not None]
-    chosen = zip(found.search.chosen, found.search.p_values, strict=True)
-    own += [(candidate.what, p) for candidate, p in chosen if not candidate.named]
-    for what, p in own:
-        near = cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _CYCLES_TOLERANCE
-        if (what.kind, what.target) == scored.candidate.key and near:
-            return p
+    for finding in found.effects:
+        if finding.place is None or finding.kind != scored.candidate.kind or finding.target != scored.candidate.target:
+            continue
+        if cycles is None:
+            return finding.p_value
+        data = found.model.residuals.data
+        resolved = TURN / max(float(np.ptp(data.q[:, data.joint_names.index(finding.target)])), 1e-3)
+        if min(abs(k - cycles) for k in finding.cause.spectral_lines) < resolved:
+            return finding.p_value
     return None

@@ -13,6 +13,7 @@ import numpy as np
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.numerics import rms
+from posture_opt.report.measured_parts.causes_table import causes_table, look_at, view_key
 from posture_opt.report.measured_parts.contradictions import gain_words
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
@@ -63,7 +64,7 @@ def causes_block(found: Diagnosis) -> Block:
     The largest contribution comes first; causes of less gain than the first four are lines of a table.
     """
     if not found.effects:
-        return Block("Causes", ("None is found.",))
+        return Block("Causes", ("None is found.",), brief=())
     items: list[str | Facts | Table] = []
     effects = [f for _, f in fitted_effects(found)]
     short = effects[_MAX_FULL_EFFECTS:] if len(effects) > _MAX_FULL_EFFECTS + 1 else []
@@ -73,7 +74,8 @@ def causes_block(found: Diagnosis) -> Block:
     if short:
         items += ["Lighter ones:", _lighter(found, short)]
     figure = "diagnosis_curves" if effects else ""
-    return Block("Causes, largest contribution first", tuple(items), figure)
+    brief: tuple[str | Facts | Table, ...] = (causes_table(found), *look_at(found))
+    return Block("Causes, largest contribution first", tuple(items), figure, brief)
 
 
 def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
@@ -87,11 +89,6 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
         rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
     return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows), views=views)
-
-
-def view_key(found: Diagnosis, finding: Finding) -> str:
-    """By which the interactive view knows a cause."""
-    return f"cause-{found.effects.index(finding) + 1}"
 
 
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
@@ -115,6 +112,7 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
         rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
     if place is not None:
         rows.append(_at_tool(found, place))
+    rows.append(("Look at", finding.cause.inspect(found.problem.robot)))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
     gain = _gain(found, finding)
     rows += [("Gain", gain)] if gain else []
@@ -222,7 +220,7 @@ def cyclic_block(found: Diagnosis) -> tuple[Block, ...]:
         f"Periodic joint errors were searched for at every frequency of each joint, in cycles per revolution; they are "
         f"found in {', '.join(names)}. The p-values are corrected for that search."
     )
-    return (Block("Periodic joint errors", (text,), "diagnosis_periodogram"),)
+    return (Block("Periodic joint errors", (text,), "diagnosis_periodogram", brief=()),)
 
 
 def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
@@ -240,7 +238,7 @@ def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
     text = "These data fit either cause about equally well; the named one fits best. To discriminate them:"
     texts = [f"{_listed(pairs)}: {split}." for split, pairs in splits.items()]
     more = [f"And {len(texts) - _MAX_MEASUREMENTS} more measurements."] if len(texts) > _MAX_MEASUREMENTS else []
-    return (Block("Causes that could be confused", (text, *texts[:_MAX_MEASUREMENTS], *more)),)
+    return (Block("Causes that could be confused", (text, *texts[:_MAX_MEASUREMENTS], *more), brief=()),)
 
 
 def _listed(pairs: list[str]) -> str:

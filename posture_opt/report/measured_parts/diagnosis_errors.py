@@ -48,7 +48,8 @@ def errors_block(found: Diagnosis) -> Block:
     texts.append(delivered_words(found))
     if floor.rms:
         texts.append(f"{floor.sentence}{_beside(found, floor, rounds)}")
-    return Block("Gain from the causes found", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
+    table = Table(headers, tuple(rows))
+    return Block("Gain from the causes found", (*texts, table), "diagnosis_errors", brief=())
 
 
 def _as_delivered(found: Diagnosis) -> dict[str, str]:

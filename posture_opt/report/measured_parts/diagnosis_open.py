@@ -34,6 +34,8 @@ _MIN_IDENTIFIABLE_SHARE = (
     0.1  # share of an effect that geometry leaves: ten times larger it would be as significant; a choice of taste
 )
 _CERTAIN_P_VALUE = 0.99  # p-value that is written as 1
+_MAX_SCATTERING_JOINTS = 2  # joints that one arm may have scattering at once
+_FEW_ITEMS = 4  # sentences of a block that leave room for all causes on a screen
 _MAX_CANDIDATES = 8  # candidates of the table
 FILE = "split_measurements.csv"
 _REPEATED_DIGITS = 6
@@ -81,7 +83,7 @@ def left_block(found: Diagnosis) -> Block:
         for joint, names in _sums(found).items()
     ]
     items.append("The figure shows the remaining errors over each joint.")
-    return Block(title, tuple(items), "diagnosis_left")
+    return Block(title, tuple(items), "diagnosis_left", brief=tuple(items[:1]) if len(items) > _FEW_ITEMS else None)
 
 
 def uneven_words(errors: UnevenErrors) -> str:
@@ -106,9 +108,13 @@ def _to_repeat(plan: RepeatPlan) -> str:
 
 
 def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
-    """What to repeat where only that is missing to separate scatter from structure; nothing elsewhere."""
+    """What to repeat where only that is missing to separate scatter from structure; nothing elsewhere.
+
+    Where the residual errors have structure anyway, or grow with many joints at once, repeats would show no more.
+    """
     plans = found.repeat_plans
-    if not plans:
+    structured = found.unexplained or found.adequacy.p_value < levels.LACK_OF_FIT_LEVEL
+    if not plans or structured or len(plans) > _MAX_SCATTERING_JOINTS:
         return ()
     joints, one = " and ".join(plan.target for plan in plans[:2]), plans[0]
     more = f" and {count(len(plans) - 2, 'more joint')}" if len(plans) > 2 else ""
@@ -153,7 +159,7 @@ def scores_block(found: Diagnosis) -> Block:
         for j in scored[:_MAX_CANDIDATES]
     )
     headers = ("candidate", "in the catalogue", "explains", "not absorbed", "p-value")
-    return Block("Candidates", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
+    return Block("Candidates", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores", brief=())
 
 
 def absorbed_block(found: Diagnosis) -> Block:
@@ -179,7 +185,7 @@ def absorbed_block(found: Diagnosis) -> Block:
         items += ["Not searched for, as the files lack the inputs that they depend on:", Facts(rows)]
     if not items:
         items.append("Every cause of the catalogue is identifiable in these data, if it is large enough.")
-    return Block("What these data cannot show", tuple(items))
+    return Block("What these data cannot show", tuple(items), brief=())
 
 
 def _kinds(kinds: tuple[str, ...]) -> str:
@@ -198,8 +204,8 @@ def unknowable_block(found: Diagnosis) -> Block:
     limits = unknowable_causes(found.model.residuals)
     rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.hint}.") for x in limits)
     if not rows:
-        return Block("What no data of this kind can show", ("No cause is hidden in principle.",))
-    return Block("What no data of this kind can show", (Facts(rows),))
+        return Block("What no data of this kind can show", ("No cause is hidden in principle.",), brief=())
+    return Block("What no data of this kind can show", (Facts(rows),), brief=())
 
 
 def split_block(found: Diagnosis) -> tuple[Block, ...]:

@@ -19,13 +19,13 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
+from posture_opt.report.measured_parts.causes_table import view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
     confusion_block,
     cyclic_block,
     finding_words,
-    view_key,
 )
 from posture_opt.report.measured_parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
 from posture_opt.report.measured_parts.diagnosis_goals import goals_block, goals_lead
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.comparison.comparison import Comparison
 
 _MAX_NAMED_CAUSES = 3
+_NAMED_OF_MANY = 2  # causes of the first sentence where there are more than it can name
 _NUMBER_WORDS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
 
@@ -102,7 +103,8 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     causes = [f for f in found.effects if f not in geometry and f.determined] or geometry
     vague = [f for f in found.effects if f not in geometry and not f.determined]
-    said = [_named(found, f) for f in causes[:_MAX_NAMED_CAUSES]]
+    named = len(causes) if len(causes) <= _MAX_NAMED_CAUSES else _NAMED_OF_MANY
+    said = [_named(found, f) for f in causes[:named]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     also = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
@@ -137,7 +139,9 @@ def _beyond(found: Diagnosis) -> str:
 def _named(found: Diagnosis, finding: Finding) -> str:
     """A cause in words with its size; without, where the words have the size already or no single number says it."""
     size, words = headline_of(found, finding), finding_words(finding, found.problem)
-    return f"{words} ({size})" if size and size not in words else words
+    if not size or size in words:
+        return words
+    return f"{words}, {size}" if words.endswith(")") else f"{words} ({size})"
 
 
 def _vague(found: Diagnosis, findings: list[Finding]) -> str:
@@ -168,8 +172,8 @@ def _counted(n: int) -> str:
 
 
 def _these(n: int) -> str:
-    """ "this effect" or "these … effects"."""
-    return "this effect" if n == 1 else f"these {n} effects"
+    """What the third model has, without a number that is not that of all causes."""
+    return "this effect" if n == 1 else "the effects"
 
 
 def data_block(found: Diagnosis) -> Block:
@@ -189,7 +193,7 @@ def data_block(found: Diagnosis) -> Block:
         *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),
     ]
     notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
-    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),), brief=())
 
 
 class DiagnosisPresenter(Presenter[Diagnosis]):

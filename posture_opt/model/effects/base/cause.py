@@ -266,7 +266,7 @@ def over_joint(state: ArmState, joint: int, note: str = "", side: Scalar = 1.0) 
 def over_phase(state: ArmState, joint: int, cycles: float) -> Abscissa:
     """The phase of an error of so many cycles per revolution of a joint, 0 to 360 deg."""
     phase = np.degrees(np.mod(cycles * np.asarray(state.q[joint]), TURN))
-    return Abscissa.of(state, phase, f"phase of the cycle [deg], {cycles:.4g} cycles per revolution")
+    return Abscissa.of(state, phase, "phase of the cycle [deg]")
 
 
 def over_time(state: ArmState, timed: bool) -> Abscissa:

@@ -1,0 +1,70 @@
+"""The first screen of a diagnosis: all causes with size and share, counted once, and what to look at on the arm."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
+from posture_opt.report.figures.diagnosis_scores import scored_rows
+from posture_opt.report.results.diagnosis_report import diagnosis_report
+from posture_opt.report.text.screen import SCREEN, on_a_screen
+from posture_opt.report.text.text import render
+from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PROBLEM, write
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
+    """A wheel of two lines at the first joint, seen by 0.02 mm of noise."""
+    folder = tmp_path_factory.mktemp("wheel")
+    rng = np.random.default_rng(12)
+    q = rng.uniform(-2.5, 2.5, (200, 2))
+    wheel = 1e-4 * np.sin(40 * q[:, 0]) + 2e-4 * np.cos(73 * q[:, 0])
+    write(folder / "data.csv", q, position(q + np.outer(wheel, [1, 0])) + rng.normal(0, 2e-5, q.shape))
+    problem = po.problem_from_dict(PROBLEM)
+    return po.diagnose(problem, po.read_measurements(folder / "data.csv", problem), plan=False)
+
+
+def test_every_cause_is_on_the_screen_with_size_and_share(found: po.Diagnosis) -> None:
+    text = render(on_a_screen(diagnosis_report(found), 100, ()), 100)
+    assert text.rstrip().count("\n") < SCREEN
+    for number, finding in enumerate(found.effects, 1):
+        assert f"{number}. {finding.cause.label}" in text
+    (line,) = [row for row in text.splitlines() if row.startswith("1. cyclic error (joint1, 2 lines, largest at 73.0)")]
+    assert re.search(r"0\.1\d+ ± 0\.\d+ mrad RMS +\d+ %$", line)
+    assert "what turns 73.0 and 40.0 times per revolution of joint1" in " ".join(text.split())
+
+
+def test_each_line_is_drawn_over_its_own_phase_without_the_others(found: po.Diagnosis, tmp_path: Path) -> None:
+    from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+
+    seen = EffectSensitivities(found.model.residuals, found.model.x)
+    shown = [entry for entry in shown_curves(found) if entry[1].kind == "cyclic_error"]
+    assert [line for _, _, line in shown] == [0, 1]
+    for (place, finding, line), size in zip(shown, (0.2, 0.1), strict=True):
+        curve = curve_of(found, seen, place, finding, line)
+        # A single sine over its phase: one value a phase, of the amplitude that was simulated [mrad].
+        x = np.radians(curve.x)
+        A = np.stack([np.sin(x), np.cos(x)], axis=1)
+        theta = np.linalg.lstsq(A, curve.modelled, rcond=None)[0]
+        np.testing.assert_allclose(A @ theta, curve.modelled, atol=2e-3 * size)
+        assert np.hypot(*theta) == pytest.approx(size, rel=0.1)
+    figure = plot_curves(found)
+    figure.canvas.draw()
+    edges = [axes.title.get_window_extent() for axes in figure.axes if axes.get_visible()]
+    assert all(box.x0 >= 0 and box.x1 <= figure.bbox.width for box in edges)
+    assert not any(a.overlaps(b) for i, a in enumerate(edges) for b in edges[:i])
+
+
+def test_what_is_in_the_model_is_a_cause_that_was_found(found: po.Diagnosis) -> None:
+    rows, _ = scored_rows(found)
+    causes = {(f.kind, f.target) for f in found.effects}
+    inside = [row for row in rows if row.p_value is not None]
+    assert inside
+    assert all(row.scored.candidate.key in causes for row in inside)
+    assert all(row.named for row in inside)
