@@ -117,12 +117,13 @@ class ArmState:
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
         """(n,) the frame behind every joint, which moves with its link."""
-        factors, ends, end = self.robot.factors, [], len(self.robot.base)
+        found, first = [], len(self.robot.base)
+        here = walk(self.robot.base, self._factor_values[:first])
         for link in self.robot.links:
-            end += len(link)
-            ends.append(end)
-        parts = [walk(factors[:end], self._factor_values[:end]) for end in ends]
-        return tuple(Frame(part.columns, part.position) for part in parts)
+            here = walk(link, self._factor_values[first : first + len(link)], here)
+            first += len(link)
+            found.append(Frame(here.columns, here.position))
+        return tuple(found)
 
     def axis(self, joint: int) -> tuple[Vector, Vector]:
         """Unit vector (3,) along the axis of a joint and a point (3,) on it [m], world frame."""

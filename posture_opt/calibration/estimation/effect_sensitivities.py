@@ -72,7 +72,8 @@ class EffectSensitivities:
     @cached_property
     def joints(self) -> Array:
         """(n, N, block) whitened residual per unit of each joint."""
-        return np.moveaxis(self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk), -1, 0)
+        columns = self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk)
+        return np.ascontiguousarray(np.moveaxis(columns, -1, 0))
 
     def columns(self, effect: Effect) -> Array:
         """(rows, parameters) whitened residual per unit of each parameter of an effect.
@@ -80,8 +81,14 @@ class EffectSensitivities:
         ``∂r/∂θ = (1/σ) J_point ∂(joints, frames)/∂θ``: an effect moves joints or frames, the chain carries that to the
         point.
         """
-        twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.sensitivities(self.state)]
-        return self._flat(self.residuals.whiten(twists))
+        units = effect.sensitivities(self.state)
+        if all(one.of_joints for one in units):
+            found = np.zeros((len(self.residuals.data), self.residuals.block, len(units)))
+            for k, one in enumerate(units):
+                for joint, size in one.joints.items():
+                    found[:, :, k] += self.joints[joint] * np.reshape(size, (-1, 1))
+            return self._flat(found)
+        return self._flat(self.residuals.whiten([self.residuals.arm.twist_of(self.walk, one) for one in units]))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:
         """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one.

@@ -42,6 +42,11 @@ class Sensitivity:
     lengths: Mapping[str, Scalar] = field(default_factory=dict)
     twist: tuple[Vector, Vector] = (ZERO, ZERO)
 
+    @property
+    def of_joints(self) -> bool:
+        """Whether it adds to joint values and to nothing else."""
+        return not self.lengths and all(v is ZERO for v in self.twist)
+
     def scaled(self, factor: Scalar) -> Sensitivity:
         """What ``factor`` units do; a twist that is exactly zero stays so."""
         shift, turn = (v if v is ZERO else scale(factor, v) for v in self.twist)
