@@ -56,10 +56,11 @@ class Cost:
         return self.task, self.arm, self.data, self.rows, self.seconds, self.megabytes, self.verdict
 
 
-def write_files(folder: Path, kind: str, rows: int, turned: bool) -> None:
+def write_files(folder: Path, kind: str, rows: int, turned: bool, clean: bool = False) -> None:
     """problem.yaml and data.csv of an arm with errors of 0.4 mm and mrad, a soft elbow and backlash in its first joint.
 
-    Every tenth posture comes back twice, as an engineer would do it; ``turned`` adds orientations.
+    Every tenth posture comes back twice, as an engineer would do it; ``turned`` adds orientations. ``clean`` leaves
+    soft elbow and backlash out: residuals are independent then, and another branch of the check of the spread is run.
     """
     rng = np.random.default_rng(SEED)
     arm = place(rng, ARMS[kind]())
@@ -72,7 +73,7 @@ def write_files(folder: Path, kind: str, rows: int, turned: bool) -> None:
         Effect("joint_compliance", ELBOW[kind], {"c": 4e-6}),
         Effect("backlash", FIRST[kind], {"b": 2e-4}),
     )
-    p, R = _poses(site, effects)
+    p, R = _poses(site, () if clean else effects)
     p = p + rng.normal(0, SIGMA, p.shape)
     (folder / "problem.yaml").write_text(yaml.safe_dump(_problem(arm, free, turned), sort_keys=False))
     if arm.urdf:
@@ -113,11 +114,11 @@ def _problem(arm, free: bool, turned: bool) -> dict:  # type: ignore[no-untyped-
     return found
 
 
-def cost(task: str, kind: str, rows: int, turned: bool, *options: str) -> Cost:
+def cost(task: str, kind: str, rows: int, turned: bool, *options: str, clean: bool = False) -> Cost:
     """One command on fresh files, cold."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_files(folder, kind, rows, turned)
+        write_files(folder, kind, rows, turned, clean)
         command = [sys.executable, "-m", "posture_opt", task, str(folder / "data.csv"), "--quiet"]
         command += ["--problem", str(folder / "problem.yaml"), "--json", *options]
         with (folder / "out.json").open("wb") as out:
@@ -128,18 +129,19 @@ def cost(task: str, kind: str, rows: int, turned: bool, *options: str) -> Cost:
         said = told.get("verdict", "done") if not code else process.stderr.read().decode()[-300:]  # type: ignore[union-attr]
         effects = " ".join(f"{e['kind']}({e['target']})" for e in told.get("effects", ()))
     seconds, megabytes = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
-    return Cost(task, kind, "pose" if turned else "position", rows, seconds, megabytes, f"{said} {effects}".strip())
+    measured = ("pose" if turned else "position") + ", clean" * clean
+    return Cost(task, kind, measured, rows, seconds, megabytes, f"{said} {effects}".strip())
 
 
 def costs(
-    sizes: Iterable[int] = SIZES, arms: Iterable[str] = tuple(ELBOW), tasks: Iterable[str] = TASKS
+    sizes: Iterable[int] = SIZES, arms: Iterable[str] = tuple(ELBOW), tasks: Iterable[str] = TASKS, clean: bool = False
 ) -> Iterable[Cost]:
     """Every task, arm, kind of data and number of rows, one by one."""
     for rows in sizes:
         for task in tasks:
             for kind in arms:
                 for turned in (False, True)[: 1 + (kind != "planar")]:
-                    yield cost(task, kind, rows, turned)
+                    yield cost(task, kind, rows, turned, clean=clean)
 
 
 def main() -> None:
@@ -147,9 +149,10 @@ def main() -> None:
     parser.add_argument("--rows", type=int, nargs="+", default=SIZES)
     parser.add_argument("--arm", nargs="+", choices=tuple(ELBOW), default=tuple(ELBOW))
     parser.add_argument("--task", nargs="+", choices=TASKS, default=TASKS)
+    parser.add_argument("--clean", action="store_true", help="an arm without hidden effects")
     options = parser.parse_args()
     found = []
-    for one in costs(options.rows, options.arm, options.task):
+    for one in costs(options.rows, options.arm, options.task, options.clean):
         print(*one.row, file=sys.stderr, flush=True)
         found.append(one.row)
     print(machine_line("numpy", "scipy"))
