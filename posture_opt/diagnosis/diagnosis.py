@@ -267,7 +267,7 @@ class Diagnosis(Result):
         """The entry of finding i with the gain on the other file, the tool shift [m] and its discrimination."""
         gain, split = self.test_gain(i), self.split
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
-        document["inspect"] = self.effects[i].cause.inspect(self.problem.robot)
+        document["inspect"] = self.effects[i].inspect(self.problem.robot)
         place = self.effects[i].place
         if place is not None:
             alone, beyond = (rms(v) for v in tool_shifts(self.model, place))

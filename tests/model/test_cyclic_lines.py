@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.model.effects.base.multiples import harmonic_order
 from posture_opt.model.effects.cyclic_error import CyclicError
@@ -73,6 +74,17 @@ def test_harmonics_are_told_from_lines_that_only_come_near() -> None:
         met += harmonic_order(k, found, 1, 4.0) == 2
     # Two standard errors hold 95.4 %; three of the count beyond that.
     assert abs(met / drawn - 0.954) < 3 * np.sqrt(0.954 * 0.046 / drawn)
+
+
+def test_a_joint_that_goes_beyond_its_command_is_looked_at_elsewhere() -> None:
+    robot = load_preset("puma560")
+    joint = robot.joints[0].name
+    texts = [
+        Backlash(joint=joint).inspect_fitted(robot, FittedSizes({"width": (sign * 1e-4, 1e-5, "rad")}))
+        for sign in (1, -1)
+    ]
+    assert "belt tension" in texts[0]
+    assert "friction and backlash compensation" in texts[1]
 
 
 def test_with_the_gear_ratio_the_part_that_turns_so_often_is_named() -> None:

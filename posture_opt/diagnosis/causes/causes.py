@@ -20,10 +20,21 @@ from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.search import SearchResult
-from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
+from posture_opt.model.effects import (
+    CATALOGUE,
+    EFFECTS,
+    INPUTS,
+    Cause,
+    Effect,
+    Evidence,
+    FittedSizes,
+    Limit,
+    NoiseEffect,
+)
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array, Codes, Json, Progress
+from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS
 
 _RANK_TOLERANCE = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
@@ -92,6 +103,10 @@ class Finding:
     def noise(self) -> NoiseEffect | None:
         """The cause, if it spreads the tool point or its measurements."""
         return self.cause if isinstance(self.cause, NoiseEffect) else None
+
+    def inspect(self, robot: Robot) -> str:
+        """What to look at on the arm, in one line."""
+        return self.cause.inspect_fitted(robot, FittedSizes(self.estimate))
 
     def _rival_json(self, rival: Cause) -> dict[str, str]:
         """Kind and target; of an alias, which has both in common with this cause, what distinguishes it."""

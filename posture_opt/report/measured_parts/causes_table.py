@@ -35,13 +35,13 @@ def _size(found: Diagnosis, finding: Finding) -> str:
     """The size with its standard error; that it is open, or of many parameters, where there is no number."""
     if not finding.determined:
         return "not determined"
-    return headline_of(found, finding) or ("many parameters" if finding.kind == "geometry" else "")
+    return headline_of(found, finding) or ("many parameters" if finding.kind == "geometry" else "several parameters")
 
 
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     """What to look at on the arm, for the first causes of a known size; nothing without one."""
     known = [f for f in found.effects if f.determined][:_MAX_INSPECTED]
-    rows = tuple((f"Look at ({found.effects.index(f) + 1})", f.cause.inspect(found.problem.robot)) for f in known)
+    rows = tuple((f"Look at ({found.effects.index(f) + 1})", f.inspect(found.problem.robot)) for f in known)
     return (Facts(rows),) if rows else ()
 
 

@@ -112,7 +112,7 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
         rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
     if place is not None:
         rows.append(_at_tool(found, place))
-    rows.append(("Look at", finding.cause.inspect(found.problem.robot)))
+    rows.append(("Look at", finding.inspect(found.problem.robot)))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
     gain = _gain(found, finding)
     rows += [("Gain", gain)] if gain else []

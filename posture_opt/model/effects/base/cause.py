@@ -115,6 +115,10 @@ class Cause:
         """
         return self.inspection.format(target=self.target)
 
+    def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
+        """What to look at, as its fitted size has it; `inspect` where the size does not change it."""
+        return self.inspect(robot)
+
     @property
     def title(self) -> str:
         """The kind as it is read: "joint compliance"."""

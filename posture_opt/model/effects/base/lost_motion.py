@@ -10,6 +10,7 @@ from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.model.effects.base.joint_effect import JointEffect
+from posture_opt.robot.robot import Robot
 
 
 class LostMotion(JointEffect):
@@ -26,6 +27,10 @@ class LostMotion(JointEffect):
         "{target} goes beyond its command, as with friction compensation or an encoder before the gear"
     )
     """What is wrong where the size is negative, in one clause."""
+    beyond_inspection: ClassVar[str] = (
+        "friction and backlash compensation of {target} in the controller; whether its encoder is before the gear"
+    )
+    """What to look at where the size is negative."""
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     def lag(self, state: ArmState, joint: int) -> Scalar:
@@ -38,7 +43,16 @@ class LostMotion(JointEffect):
         Args:
             estimate: values and standard errors of its parameter.
         """
+        return self.beyond.format(target=self.target) if self._leads(estimate) else self.words
+
+    def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
+        """What to look at, by the sign of its size."""
+        if self._leads(estimate):
+            return self.beyond_inspection.format(target=self.target)
+        return self.inspect(robot)
+
+    def _leads(self, estimate: FittedSizes) -> bool:
+        """Whether the joint goes beyond its command."""
         ((name, _),) = self.parameters
         values: Mapping[str, tuple[float, float, str]] = estimate.values
-        leads = name in values and values[name][0] < 0
-        return self.beyond.format(target=self.target) if leads else self.words
+        return name in values and values[name][0] < 0
