@@ -336,9 +336,10 @@ class _Statements(Generic[_P]):
                 return self.trial((*now.released, *imitated))
             if not self._clearly_better(now, best) or self._effect_explains(now, best):
                 return now
-            for name in best.released:
+            widest = best  # what is taken back one by one must not add up to a loss
+            for name in widest.released:
                 less = self.trial([n for n in best.released if n != name])
-                best = best if self._clearly_better(less, best) else less
+                best = best if self._clearly_better(less, widest) else less
             if len(best.released) <= len(now.released):
                 return now
             now = best
@@ -367,15 +368,21 @@ class _Statements(Generic[_P]):
         return int(np.sum(np.abs(now.x[adjacent]) > _CLEAR_STD_ERRORS * std[adjacent])) >= _MIN_DEVIATING_PARAMETERS
 
     def _next_releases(self, now: _Trial) -> list[tuple[str, ...]]:
-        """Statements to set aside next: each frame, both, and the σ that is farthest off."""
+        """Statements to set aside next: each frame, both, the σ that is farthest off, all of a kind, and all σ's."""
         frames = [name for name in self._frames if name not in now.released]
         found: list[tuple[str, ...]] = [(name,) for name in frames]
         found += [tuple(frames)] if len(frames) > 1 else []
-        sigmas = [name for name in self.sigma if name not in now.released]
-        if sigmas:
+        kinds: dict[str, list[str]] = {}
+        for name in self.sigma:
+            if name not in now.released:
+                kinds.setdefault(name.rpartition(".")[2], []).append(name)
+        every = [name for names in kinds.values() for name in names]
+        if every:
             at = {p.name: i for i, p in enumerate(now.residuals.parameters)}
-            found.append((max(sigmas, key=lambda name: self._sigmas_off(now, at[name])),))
-        return found
+            found.append((max(every, key=lambda name: self._sigmas_off(now, at[name])),))
+        # Where all are wrong, the others make up for one that is set aside: it explains little by itself.
+        together = [tuple(names) for names in (*kinds.values(), every) if len(names) > 1]
+        return [*found, *dict.fromkeys(together)]
 
     def _sigmas_off(self, now: _Trial, i: int) -> float:
         """How many of its stated σ's a parameter is off where the others share what it cannot take."""
