@@ -139,6 +139,7 @@ def _batch_noise(
     for calibration in batch.calibrations:
         linearised = linearise_calibration(calibration, 0, seed)
         sensitivities = linearised.sensitivities
-        samples.append(noise_samples(problem, sensitivities.residuals, linearised.baseline(), sensitivities.joints)[:2])
-    everything, repeats = (NoiseSample.together(parts) for parts in zip(*samples, strict=True))
-    return find_uneven_noise(everything, repeats, seed)
+        samples.append(noise_samples(problem, sensitivities.residuals, linearised.baseline(), sensitivities.joints))
+    every = [[s.everything for s in samples], [s.repeats for s in samples], [s.readings for s in samples]]
+    everything, repeats, readings = map(NoiseSample.together, every)
+    return find_uneven_noise(everything, repeats, seed, readings=readings)

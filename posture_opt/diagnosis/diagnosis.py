@@ -27,6 +27,7 @@ from posture_opt.diagnosis.causes.extended_arm import extended_arm
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
+from posture_opt.diagnosis.noise.noise_causes import sided_joints
 from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores import levels
@@ -206,9 +207,14 @@ class Diagnosis(Result):
 
     @cached_property
     def contrasts(self) -> Contrasts:
-        """The differences between repeats of one posture and target, of the rows that are no outliers."""
+        """The differences between repeats of one posture and target, of the rows that are no outliers.
+
+        Where repeats that the arm returned to are few, those of rows that follow each other.
+        """
         residuals = self.model.residuals
-        return Contrasts.of(residuals.data, prismatic_joints(residuals))
+        found = Contrasts.of(residuals.data, prismatic_joints(residuals), sided_joints(self.model))
+        enough = len(found) * residuals.block >= levels.MIN_REPEAT_FREEDOM
+        return found if enough else Contrasts.of_readings(residuals.data)
 
     @cached_property
     def repeat_plans(self) -> tuple[RepeatPlan, ...]:

@@ -20,7 +20,8 @@ class DataSpec(Spec):
 
     ``columns`` says under which column header, or in which column counted from 1, a known column is in the files of the
     instrument; ``units`` are those of columns whose headers have none. Where ``columns`` is given, unknown columns of
-    the file are left out.
+    the file are left out. ``repeats`` says whether the arm left its posture between rows of one posture that follow
+    each other; where it is not stated, they show scatter of a joint, but not its absence.
     """
 
     distances: tuple[Distance, ...] = Field((), description="[point, point, distance with its unit]")
@@ -34,6 +35,10 @@ class DataSpec(Spec):
     )
     decimal: Literal[".", ","] | None = Field(None, description="decimal mark, where the file leaves it open")
     thousands: Literal[".", ",", "'", " "] | None = Field(None, description="mark between groups of three digits")
+    repeats: Literal["readings", "visits"] | None = Field(
+        None,
+        description="rows of one posture that follow each other: readings of one stay, or visits that the arm left",
+    )
 
     @field_validator("distances")
     @classmethod

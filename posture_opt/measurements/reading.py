@@ -16,6 +16,7 @@ from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.orientation_columns import rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
+from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import TURN, Array, Codes
@@ -74,6 +75,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
         replace(data, q=carried_joint_values(problem.arm, data.q)), problem.robot, columns, faults
     )
     faults.refuse()
+    data = apart(data) if problem.data.repeats == "visits" else data
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
     return replace(data, warnings=tuple(notes), notes=(*table.notes, *unused))

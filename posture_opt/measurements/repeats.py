@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,28 @@ def _linked_cells(posture: Array) -> Codes:
     return np.asarray(_linked_rows(group_means(posture, cell))[cell], dtype=np.intp)
 
 
+def apart(data: Measurements) -> Measurements:
+    """The same rows, where the arm left its posture between rows that follow each other with one target.
+
+    Rows of several targets that follow each other belong to one stay, up to where a target is measured again.
+    """
+    return replace(data, visit=_stay_of_row(data))
+
+
+def _stay_of_row(data: Measurements) -> Codes:
+    """(N,) the stay of each row, were the arm to leave its posture before each further row of a target."""
+    repeat = repeat_of_row(data)
+    return np.unique(np.column_stack([repeat, _reading_of_row(data, repeat)]), axis=0, return_inverse=True)[1].ravel()
+
+
+def _reading_of_row(data: Measurements, repeat: Codes) -> Codes:
+    """(N,) how many rows of the same target and repeat (N,) come before each."""
+    found = np.zeros(len(data), dtype=np.intp)
+    for rows in rows_of(np.unique(np.column_stack([repeat, data.target]), axis=0, return_inverse=True)[1].ravel()):
+        found[rows] = np.arange(len(rows))
+    return found
+
+
 def repeat_of_row(data: Measurements) -> Codes:
     """(N,) the repeat of each row, counted from 0: rows that follow each other at one pose, whatever their target.
 
@@ -84,9 +106,9 @@ class Contrasts:
 
     The means of V repeats have V − 1 orthonormal contrasts (Helmert's): the k-th is the mean of the first k less the
     next one, times ``√(k / (k + 1))``. Where a model errs alike at every repeat, nothing of that is left in them.
-    Readings of one repeat, which the arm did not leave in between, count by their mean. Repeats carry the same payload,
-    and arrive from the same side where the file states sides (ISO 9283:1998, 7.2: repeatability is that of one
-    direction).
+    Readings of one repeat, which the arm may not have left in between, count by their mean. Repeats carry the same
+    payload; where the side of a joint matters, they arrive from the same one (ISO 9283:1998, 7.2: repeatability is that
+    of one direction).
 
     Args:
         cell: (N,) the repeat and group of each row, groups in their order and within them repeats in time.
@@ -101,23 +123,40 @@ class Contrasts:
     shared: Codes
 
     @classmethod
-    def of(cls, data: Measurements, slides: Mask) -> Contrasts:
+    def of(cls, data: Measurements, slides: Mask, sided: Codes | None = None) -> Contrasts:
         """All contrasts of measurements; none of touched points, whose place is not known.
 
         Args:
             data: the measurements.
             slides: (n,) which joints are prismatic.
+            sided: indices of the joints whose stated side of approach matters; none by default.
         """
         n = len(data)
         alike: list[Array | Codes] = [np.arange(n) if data.touches else repeat_groups(data, slides)]
         alike += [] if data.payload is None else [data.payload]
-        alike += [*data.approach.T] if data.approach_given else []
+        alike += [data.approach[:, joint] for joint in (() if sided is None or not data.approach_given else sided)]
         groups = np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel()
         pairs, cell = np.unique(np.column_stack([groups, repeat_of_row(data)]), axis=0, return_inverse=True)
         group, repeat = pairs.T
         first = np.searchsorted(group, group)
         order = np.arange(len(group)) - first
         return cls(cell.ravel(), group, order, np.unique(repeat[order > 0], return_inverse=True)[1])
+
+    @classmethod
+    def of_readings(cls, data: Measurements) -> Contrasts:
+        """The contrasts of rows of one posture and target that follow each other; none of touched points.
+
+        Whether the arm left the posture in between is not known: they scatter by the instrument, and by the joints if
+        it did.
+        """
+        repeat = np.arange(len(data)) if data.touches else repeat_of_row(data)
+        stay = repeat if data.touches else _stay_of_row(data)
+        place = np.unique(np.column_stack([repeat, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
+        rows = np.argsort(place, kind="stable")
+        group, cell = place[rows], np.empty(len(rows), dtype=np.intp)
+        cell[rows] = np.arange(len(rows))
+        order = np.arange(len(rows)) - np.searchsorted(group, group)
+        return cls(cell, group, order, np.unique(stay[rows][order > 0], return_inverse=True)[1])
 
     def __len__(self) -> int:
         """Number of contrasts C."""

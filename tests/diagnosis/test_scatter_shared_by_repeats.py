@@ -138,10 +138,19 @@ def test_contrasts_are_what_repeats_differ_by() -> None:
     np.testing.assert_allclose(contrasts.differences(q[:, 0] ** 2), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("column", ["target", "payload [kg]", "joint1.approach"])
+def test_sides_separate_repeats_of_joints_whose_side_matters() -> None:
+    q = np.array([0.1, 0.5, 0.1, 0.5])
+    table = {"joint1 [rad]": q, "joint2 [rad]": q, "x [m]": q, "y [m]": q}
+    table |= {"joint1.approach": [1, 1, -1, -1], "joint2.approach": [1, 1, 1, 1]}
+    data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(SHORT)))
+    still = np.zeros(2, dtype=bool)
+    assert [len(Contrasts.of(data, still, np.array(sided))) for sided in ([], [1], [0])] == [2, 2, 0]
+
+
+@pytest.mark.parametrize("column", ["target", "payload [kg]"])
 def test_what_was_measured_otherwise_is_no_repeat(column: str) -> None:
     q = np.array([0.1, 0.5, 0.1, 0.5])
-    values = {"target": ["a", "a", "b", "b"], "payload [kg]": [0, 0, 5, 5], "joint1.approach": [1, 1, -1, -1]}[column]
+    values = {"target": ["a", "a", "b", "b"], "payload [kg]": [0, 0, 5, 5]}[column]
     table = {"joint1 [rad]": q, "joint2 [rad]": q, "x [m]": q, "y [m]": q}
     problem = po.problem_from_dict(yaml.safe_load(SHORT))
     still = np.zeros(2, dtype=bool)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.noise.noise_candidates import (
     GROSS_ERRORS,
+    NoiseCandidate,
     fit_tails,
     score_stated_sigma,
     standardised_residuals,
@@ -19,9 +21,9 @@ from posture_opt.diagnosis.noise.noise_candidates import (
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
-from posture_opt.measurements.repeats import Contrasts, repeat_of_row
+from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import Outliers, Rows
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 from posture_opt.validation.repeat_scatter import prismatic_joints
@@ -40,8 +42,9 @@ def noise_causes(
 
     The second list holds errors that look like a noisy joint, and that repeats do not show to be one.
 
-    A stated σ is tested only where no other noise was found and nothing is left unexplained: structure and a noisy
-    joint swell residuals too. Gross errors are sought among all rows, those too that the calibration left out.
+    A stated σ is wrong where readings, or repeats, scatter otherwise: in residuals, structure and a noisy joint swell
+    them too. Without enough of either, an arm that leaves much more than is stated is left unexplained. Gross errors
+    are sought among all rows, those too that the calibration left out.
 
     Args:
         adequacy: p-value of the tests for anything left unexplained, 0 where an unnamed component is.
@@ -49,43 +52,104 @@ def noise_causes(
         model: the arm with its effects; ``baseline`` everything that was fitted, unnamed components too.
         seed: of the null distributions.
     """
-    everything, repeats, whole = noise_samples(problem, model.residuals, baseline, _joint_columns(model))
+    samples = noise_samples(problem, model.residuals, baseline, _joint_columns(model), sided_joints(model))
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL
-    found, uneven = find_uneven_noise(everything, repeats, seed, level)
+    found, uneven = find_uneven_noise(samples.everything, samples.repeats, seed, level, samples.readings)
     other = bool(found or uneven)
     found += [] if adequacy < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
-    if position_sigma(problem, model.residuals.data) and not (found or uneven) and adequacy >= levels.STRUCTURE_LEVEL:
-        squares = everything.e**2
-        kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
-        # Standardised residuals have their leverage back already.
-        variance = float(np.mean(squares)) if whole else float(baseline.rss[0]) / baseline.freedom
-        estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
-        candidate = score_stated_sigma(variance, baseline.freedom, kurtosis, estimated)
-        if candidate.p_value < levels.NOISE_LEVEL and abs(np.log(candidate.size)) > np.log(levels.STATED_SIGMA_RATIO):
-            found.append(NoiseCause(candidate.named(), candidate.estimate, candidate.p_value))
+    if not position_sigma(problem, model.residuals.data) or found:
+        return found, uneven
+    estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
+    repeated = samples.repeated
+    if repeated is not None:
+        wrong = _wrong_sigma(repeated.e, repeated.e.size, estimated)
+        found += [] if wrong is None else [NoiseCause(wrong.named(), wrong.estimate, wrong.p_value)]
+    elif not uneven and adequacy >= levels.LACK_OF_FIT_LEVEL:
+        left = model.whitened.reshape(-1, model.residuals.block)
+        wrong = _wrong_sigma(left, max(left.size - len(model.minimum.x), 1), estimated)
+        if wrong is not None and wrong.size > 1:
+            uneven.append(UnevenErrors(wrong.named(), wrong.p_value, False, np.zeros(0)))
     return found, uneven
 
 
+def sided_joints(model: Fit) -> Codes:
+    """Indices of the joints whose side of approach matters: those with an effect that depends on it."""
+    names = model.residuals.robot.joint_names
+    sided = {effect.moved_joint for effect in model.effects if "approach" in effect.needs}
+    return np.array([i for i, name in enumerate(names) if name in sided], dtype=np.intp)
+
+
+def _wrong_sigma(e: Array, freedom: int, estimated: int | None) -> NoiseCandidate | None:
+    """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated; None: as
+    stated.
+
+    Args:
+        estimated: degrees of freedom of the stated σ where it is itself an estimate.
+    """
+    squares = e**2
+    # Of few residuals the kurtosis is often far below zero by chance: only long tails count.
+    kurtosis = max(float(np.mean(squares**2) / np.mean(squares) ** 2 - 3), 0.0)
+    found = score_stated_sigma(float(squares.sum()) / freedom, freedom, kurtosis, estimated)
+    wrong = found.p_value < levels.NOISE_LEVEL and abs(np.log(found.size)) > np.log(levels.STATED_SIGMA_RATIO)
+    return found if wrong else None
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSamples:
+    """What is known of the noise, in units of what the file states of it.
+
+    Args:
+        everything: the residuals of all rows.
+        repeats: contrasts of repeats between which the arm left the posture.
+        readings: contrasts of rows of one posture that follow each other, as if it left it in between too; none where
+            the file says that it did not.
+        still: the same, as if it did not.
+    """
+
+    everything: NoiseSample
+    repeats: NoiseSample
+    readings: NoiseSample
+    still: NoiseSample
+
+    @property
+    def repeated(self) -> NoiseSample | None:
+        """What shows the instrument's noise: readings, else repeats; None where both are too few.
+
+        Of the two ways to take readings, the one that agrees with what the file states.
+        """
+        enough = [s for s in (self.still, self.readings) if s.e.size >= levels.MIN_REPEAT_FREEDOM]
+        if not enough and self.repeats.e.size >= levels.MIN_REPEAT_FREEDOM:
+            enough = [self.repeats]
+        return min(enough, key=lambda s: abs(np.log(np.mean(s.e**2))), default=None)
+
+
 def noise_samples(
-    problem: ProblemData, residuals: Residuals, baseline: ProjectedBaseline, columns: Array
-) -> tuple[NoiseSample, NoiseSample, bool]:
+    problem: ProblemData, residuals: Residuals, baseline: ProjectedBaseline, columns: Array, sided: Codes | None = None
+) -> NoiseSamples:
     """The residuals of all rows, and the contrasts of repeats, in units of what the file states of their scatter.
 
-    Contrasts have lost no freedom to the fit, which errs alike at every repeat: no leverage is given back to them. The
-    last of the three is that of `in_stated_units`.
+    Contrasts have lost no freedom to the fit, which errs alike at every repeat: no leverage is given back to them.
 
     Args:
         columns: (n, N, block) whitened residual per unit of each joint.
+        sided: indices of the joints whose side of approach matters, see `Contrasts.of`.
     """
     m, block, data = residuals.measured, residuals.block, residuals.data
     Q = baseline.Q[:m].reshape(-1, block, baseline.Q.shape[1])
     raw = baseline.e[:m].reshape(-1, block)
-    e, levers, whole = in_stated_units(
-        problem, residuals, standardised_residuals(raw, Q @ np.swapaxes(Q, 1, 2)), columns
-    )
-    rows = Rows(residuals.robot, levers, _instrument_ranges(residuals), residuals.sigma, repeat_of_row(data))
+    e, levers = in_stated_units(problem, residuals, standardised_residuals(raw, Q @ np.swapaxes(Q, 1, 2)), columns)
+    ranges = _instrument_ranges(residuals)
+    rows = Rows(residuals.robot, levers, ranges, residuals.sigma, repeat_of_row(data))
     plain = NoiseSample(in_stated_units(problem, residuals, raw, columns)[0], rows)
-    return NoiseSample(e, rows), plain.between(Contrasts.of(data, prismatic_joints(residuals))), whole
+    repeats = plain.between(Contrasts.of(data, prismatic_joints(residuals), sided))
+    still = plain.between(Contrasts.of_readings(data))
+    if problem.data.repeats == "readings":
+        return NoiseSamples(NoiseSample(e, rows), repeats, still.take(0), still)
+    # Had the arm left its posture in between, each row would have a draw of the stated scatter to itself.
+    left = apart(data)
+    e_left, levers_left = in_stated_units(problem, residuals.of_data(left, residuals.distances), raw, columns)
+    alone = NoiseSample(e_left, replace(rows, levers=levers_left, visits=repeat_of_row(left)))
+    return NoiseSamples(NoiseSample(e, rows), repeats, alone.between(Contrasts.of_readings(data)), still)
 
 
 def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
@@ -114,11 +178,11 @@ def _instrument_ranges(residuals: Residuals) -> Array | None:
 
 def in_stated_units(
     problem: ProblemData, residuals: Residuals, e: Array, columns: Array
-) -> tuple[Array, Array, bool]:  # fmt: skip
+) -> tuple[Array, Array]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 
-    The last of the three says whether the file states a scatter of the joints from repeat to repeat, or an instrument
-    that is not the same everywhere; without either everything stays as it is, in units of the instrument's σ.
+    Where the file states no scatter of the joints from repeat to repeat, and an instrument that is the same everywhere,
+    all stays as it is, in units of the instrument's σ.
 
     ``L⁻¹ e`` with ``L Lᵀ = D + J diag(σ²) Jᵀ`` of all rows of a repeat, D the instrument's variances: the null
     distribution then knows the scatter that is stated.
@@ -128,11 +192,11 @@ def in_stated_units(
     variance = np.diag(sources.scatter)
     sigma = np.array([np.sqrt(variance[at[name]]) if name in at else 0.0 for name in joint_errors(problem.robot)])
     if not sigma.any() and np.all(own == 1.0):
-        return e, columns, False
+        return e, columns
     S = np.moveaxis(columns, 0, 2) * sigma
     instrument = np.ones(e.shape)
     instrument[:, : len(residuals.axes)] = own[:, None] ** 2
-    return *whitened_repeats(e, columns, S, repeat_of_row(residuals.data), instrument), True
+    return whitened_repeats(e, columns, S, repeat_of_row(residuals.data), instrument)
 
 
 def _outlier_causes(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCause]:

@@ -49,7 +49,8 @@ def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenError
     if data.touches:  # whoever leads an arm into sockets by hand does not come back to a posture
         return ()
     for errors in uneven:
-        if errors.refuted or not len(errors.size):
+        # Rows of one posture are there already: whether the arm left it in between decides, and not more of them.
+        if errors.refuted or errors.still or not len(errors.size):
             continue
         order = np.argsort(-errors.size, kind="stable")
         first = np.sort(np.unique(groups[order], return_index=True)[1])[: levels.REPEATED_POSTURES]

@@ -49,13 +49,17 @@ class UnevenErrors:
         effect: the noise that they look like.
         p_value: family-wise, of errors of all rows so uneven.
         refuted: whether repeats scatter by another size; else there are too few of them to decide.
-        size: (N,) its standard deviation in each row, in units of the other scatter: where to repeat.
+        size: (N,) its standard deviation in each row, in units of the other scatter: where to repeat; empty where no
+            posture shows it more than others.
+        still: whether rows of one posture that follow each other do not scatter so: they decide it if the arm left the
+            posture in between, which the file does not say.
     """
 
     effect: NoiseEffect
     p_value: float
     refuted: bool
     size: Array
+    still: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +69,20 @@ class NoiseSample:
     e: Array
     rows: Rows
 
+    def take(self, count: int) -> NoiseSample:
+        """The first rows."""
+        rows = self.rows
+        few = replace(
+            rows,
+            levers=rows.levers[:, :count],
+            ranges=None if rows.ranges is None else rows.ranges[:count],
+            visits=None if rows.visits is None else rows.visits[:count],
+        )
+        return NoiseSample(self.e[:count], few)
+
     def without(self, spread: Array | None) -> NoiseSample:
         """In units of a covariance that a noisy joint, ``spread`` (N, d), is part of; as it is without one."""
-        if spread is None:
+        if spread is None or not len(self.e):
             return self
         visits = np.arange(len(self.e)) if self.rows.visits is None else self.rows.visits
         e, levers = whitened_repeats(self.e, self.rows.levers, spread[:, :, None], visits, np.ones(self.e.shape))
@@ -99,56 +114,70 @@ class NoiseSample:
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """A candidate of all rows with what repeats say of it; ``None`` where they are too few."""
+    """A candidate of all rows with what repeats, and rows that follow each other, say of it; ``None``: too few."""
 
     candidate: NoiseCandidate
     repeated: RepeatedNoise | None
+    read: RepeatedNoise | None
 
     @property
     def refuted(self) -> bool:
-        """Whether repeats scatter by another size."""
-        return self.repeated is not None and self.repeated.refuted
+        """Whether repeats scatter by another size.
+
+        Noise of the instrument is in every reading. That of a joint is not where the arm did not leave its posture.
+        """
+        decisive = (self.repeated,) if self.candidate.of_arm else (self.repeated, self.read)
+        return any(one is not None and one.refuted for one in decisive)
 
     @property
-    def allowed(self) -> bool:
-        """Noise of the arm has to be confirmed by repeats; that of the instrument is kept until they refute it."""
-        if self.candidate.of_arm:
-            return self.repeated is not None and self.repeated.confirmed
-        return not self.refuted
+    def confirmed(self) -> RepeatedNoise | None:
+        """What confirms it."""
+        both = (self.repeated, self.read) if self.candidate.of_arm else (self.read, self.repeated)
+        return None if self.refuted else next((one for one in both if one is not None and one.confirmed), None)
 
     @property
     def sized(self) -> NoiseCandidate:
-        """With the size that is to be believed: of the arm's noise that of the repeats."""
-        return self.repeated.candidate if self.candidate.of_arm and self.repeated is not None else self.candidate
+        """With the size that is to be believed: that of the arm's noise is in the repeats."""
+        return self.confirmed.candidate if self.candidate.of_arm and self.confirmed is not None else self.candidate
 
 
 def find_uneven_noise(
-    everything: NoiseSample, repeats: NoiseSample, seed: int, level: float = levels.NOISE_LEVEL
+    everything: NoiseSample,
+    repeats: NoiseSample,
+    seed: int,
+    level: float = levels.NOISE_LEVEL,
+    readings: NoiseSample | None = None,
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:
     """The joints, or the range, along which noise is larger than elsewhere; and errors that only look like that.
 
-    A joint is named where repeats scatter so, by the size that they have; noise that grows with the range is the
-    instrument's and named unless repeats refute it. Where they refute the best candidate, a rival may replace it.
-    Each is whitened, as if it were stated, before the next test at a stricter level.
+    Noise is named where repeats scatter so, that of a joint by the size that they have. Where they refute the best
+    candidate, a rival may replace it. Each is whitened, as if it were stated, before the next test at a stricter level.
 
     Args:
         everything: all rows; ``repeats`` their contrasts.
+        readings: contrasts of rows of one posture that follow each other: scatter of a joint in them is the joint's,
+            its absence says nothing, as the arm may not have left the posture.
     """
+    readings = everything.take(0) if readings is None else readings
     named: list[tuple[_Examined, list[NoiseCandidate]]] = []
     uneven: list[UnevenErrors] = []
     taken: set[tuple[str, str]] = set()
     candidates = score_uneven_noise(everything.e, everything.rows, seed)
     while candidates and candidates[0].p_value < (levels.FURTHER_NOISE_LEVEL if taken else level):
         first, rivals = candidates[0], _close_rivals(candidates)
-        examined = [_Examined(s, score_repeats(repeats.e, repeats.rows, s, seed)) for s in (first, *rivals)]
+        examined = [_examined(s, repeats, readings, seed) for s in (first, *rivals)]
         competing = examined if examined[0].refuted else examined[:1]
-        chosen = next((one for one in competing if one.allowed), None)
+        chosen = next((one for one in competing if one.confirmed is not None), None)
         if chosen is None:
-            uneven.append(UnevenErrors(first.named(), first.p_value, examined[0].refuted, _spread_lengths(first)))
+            still = examined[0].repeated is None and examined[0].read is not None
+            uneven.append(
+                UnevenErrors(first.named(), first.p_value, examined[0].refuted, _spread_lengths(first), still)
+            )
         else:
             first = chosen.candidate
             named.append((chosen, [s.candidate for s in examined if s is not chosen]))
-            repeats = repeats.without(chosen.sized.spread)
+            repeats = repeats.without(_spread_by(chosen.sized, repeats))
+            readings = readings.without(_spread_by(chosen.sized, readings))
         taken.add(first.who)
         if first.spread is None or len(taken) == len(everything.rows.levers):
             break
@@ -156,6 +185,20 @@ def find_uneven_noise(
         scores = score_uneven_noise(everything.e, everything.rows, seed)
         candidates = [s for s in scores if s.who not in taken]
     return [_noise_cause(one, rivals, taken) for one, rivals in named], uneven
+
+
+def _examined(candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
+    """A candidate with what both kinds of contrasts say of it."""
+    both = (score_repeats(sample.e, sample.rows, candidate, seed) for sample in (repeats, readings))
+    return _Examined(candidate, *both)
+
+
+def _spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
+    """(N, d) spread of a sample's rows by the noise of a joint; None of noise that has no direction."""
+    if not candidate.of_arm:
+        return None
+    names = sample.rows.robot.joint_names
+    return np.asarray(candidate.size * sample.rows.levers[names.index(candidate.target)])
 
 
 def _close_rivals(candidates: Sequence[NoiseCandidate]) -> list[NoiseCandidate]:

@@ -95,6 +95,11 @@ def uneven_words(errors: UnevenErrors) -> str:
     text = f"{errors.effect.uneven_words.format(target=errors.effect.target)} ({p_words(errors.p_value)})"
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
+    if errors.still:
+        return (
+            f"{text}, but rows of one posture that follow each other do not scatter so. If the arm left the posture in "
+            "between, state data: {repeats: visits}: the errors are systematic then. If not, return to some."
+        )
     return f"{text}; too few postures are repeated to discriminate scatter from structure."
 
 

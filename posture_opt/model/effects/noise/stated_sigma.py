@@ -19,6 +19,7 @@ class StatedSigma(NoiseEffect):
     phrase: ClassVar[str] = "the measurement noise differs from what the file states"
     inspection: ClassVar[str] = "certificate and set-up of the instrument, and how reflector or target is fastened"
     of_stated: ClassVar[bool] = True
+    uneven_words: ClassVar[str] = "The errors are larger than the instrument accounts for, as if its noise were"
 
     kind: Literal["stated_sigma"] = "stated_sigma"
     factor: float = Field(gt=0, description="true σ over the stated one", examples=[1.8])
