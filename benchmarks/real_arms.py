@@ -1,8 +1,8 @@
-"""What the diagnosis makes of real arms, as Markdown: ``python -m benchmarks.real_arms FOLDER [--halves] [SET ...]``.
+"""What the diagnosis makes of real arms, as Markdown: ``python -m benchmarks.real_arms FOLDER [SET ...]``.
 
 FOLDER holds measurements that are not part of the project, one subfolder an origin; sets that are missing are skipped.
 The KUKA iiwa of ``problems`` is always there. Every set has a process of its own: its CPU seconds and its peak memory
-are of itself alone, imports included. With ``--halves`` one half of the poses says how far off the other half will be.
+are of itself alone, imports included.
 """
 
 from __future__ import annotations
@@ -25,9 +25,6 @@ from posture_opt.problem.load import problems_folder
 
 HEADERS = ("data", "rows", "before", "calibrated", "with effects", "delivered", "delivered, held out", "by block",
            "causes", "CPU s", "GB", "named")  # fmt: skip
-
-HALVES = ("data", "rows", "calibrated, stated", "delivered, stated", "calibrated, other half", "delivered, other half",
-          "causes")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,19 +76,6 @@ def rows_of(asked: RealSet) -> list[tuple[str, ...]]:
     return rows
 
 
-def halves_of(asked: RealSet) -> list[tuple[str, ...]]:
-    """What one half of the poses, drawn at random, promises of rows left out, and what the other half shows."""
-    problem = po.load_problem(asked.problem)
-    data = po.read_measurements(asked.data, problem)
-    poses = np.unique(data.pose)
-    learned = np.isin(data.pose, np.random.default_rng(1).permutation(poses)[: len(poses) // 2])
-    mine, other = (data.take(np.flatnonzero(rows)) for rows in (learned, ~learned))
-    found = po.diagnose(problem, mine, test=other, plan=False)
-    there = found.test.models if found.test else {}
-    rms = (found.errors["calibrated"], found.errors["delivered"], there["calibrated"], there["extended"])
-    return [(asked.name, str(len(mine)), *(f"{1e3 * s.rms:.3f}" for s in rms), _count(found.model.effects))]
-
-
 def _by_block(found: Diagnosis) -> str:
     """The errors of blocks left out, calibrated and with effects chosen without them; nothing for touched points."""
     if found.by == "place":
@@ -117,22 +101,21 @@ def _names(effects: Sequence[Effect]) -> str:
     return "; ".join(f"{kind} ({', '.join(dict.fromkeys(of))})" for kind, of in targets.items()) or "none"
 
 
-def _line(cells: Sequence[str]) -> str:
+def markdown_row(cells: Sequence[str]) -> str:
+    """A row of a Markdown table."""
     return f"| {' | '.join(cells)} |"
 
 
-def main(folder: Path, names: Sequence[str], halves: bool = False) -> None:
+def main(folder: Path, names: Sequence[str]) -> None:
     """Every set by itself, of those that are there; ``names`` are parts of the names of those that are asked for."""
-    headers, work = (HALVES, halves_of) if halves else (HEADERS, rows_of)
-    print(_line(headers))
-    print(_line(["---", *["--:"] * (len(headers) - 2), "--:" if halves else "---"]), flush=True)
+    print(markdown_row(HEADERS))
+    print(markdown_row(["---", *["--:"] * (len(HEADERS) - 2), "---"]), flush=True)
     for asked in real_sets(folder):
-        wanted = asked.there and not (halves and asked.touches)
-        if wanted and (not names or any(name in asked.name for name in names)):
+        if asked.there and (not names or any(name in asked.name for name in names)):
             with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-                for cells in alone.submit(work, asked).result():
-                    print(_line(cells), flush=True)
+                for cells in alone.submit(rows_of, asked).result():
+                    print(markdown_row(cells), flush=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), [name for name in sys.argv[2:] if name != "--halves"], "--halves" in sys.argv)
+    main(Path(sys.argv[1]), sys.argv[2:])
