@@ -269,7 +269,7 @@ def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path,
     landed = {}
     for option in ([], ["--with-time"]):
         out = tmp_path / f"out{len(option)}"
-        words = ["--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots", *option]
+        words = ["--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots", "--full", *option]
         result = run(folder / "creeping.csv", *words)
         assert result.exit_code == 0, result.stderr
         posture = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]["extended"]["posture"]
@@ -304,7 +304,7 @@ def test_a_longer_link_is_named_with_its_length(folder: Path, tmp_path: Path) ->
     rng = np.random.default_rng(8)
     q = rng.uniform(-2.5, 2.5, (60, 2))
     write(tmp_path / "longer.csv", q, position(q, (1.0, 1.003)) + rng.normal(0, NOISE, (60, 2)))
-    result = run(tmp_path / "longer.csv", "--problem", folder / "problem.yaml")
+    result = run(tmp_path / "longer.csv", "--problem", folder / "problem.yaml", "--full")
     assert result.exit_code == 0, result.stderr
     text = " ".join(result.stdout.split())
     words = "One cause explains the errors: the length of the link behind joint2 differs from the file (3.00"

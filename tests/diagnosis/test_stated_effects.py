@@ -42,11 +42,11 @@ def test_a_joint_may_slip_again_at_another_moment(tmp_path: Path) -> None:
 
 
 def test_the_delivered_file_has_the_shape_that_was_found(tmp_path: Path) -> None:
-    """``dq = h side (1 − exp(−move / travel))``: 0.6 mrad and 0.1 rad where the file says 0.2 mrad and 1 rad."""
+    """``dq = −h side (1 − exp(−move / travel))``: 0.6 mrad and 0.1 rad where the file says 0.2 mrad and 1 rad."""
 
     def turns(q: np.ndarray, t: np.ndarray) -> np.ndarray:
         move = np.diff(q[:, 0], prepend=q[0, 0])
-        return np.asarray(6e-4 * np.sign(move) * (1 - np.exp(-np.abs(move) / 0.1)))
+        return np.asarray(-6e-4 * np.sign(move) * (1 - np.exp(-np.abs(move) / 0.1)))
 
     stated = {"kind": "hysteresis", "joint": "joint1", "travel": "1 rad", "estimate": {"height": "0.2 mrad"}}
     found, data = diagnosed(tmp_path, stated, turns)
