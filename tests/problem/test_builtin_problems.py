@@ -71,7 +71,7 @@ def as_it_stands(path, robot, q):
     links = [
         [replace(f, nominal=f.nominal * warm) if f.kind == "translate" else f for f in link] for link in robot.links
     ]
-    sag = np.array([math.radians(40 / 3600) / 2, 8e-6 * tau[1], 12.5e-6 * tau[2], 0, 0, 0])
+    sag = np.array([-math.radians(40 / 3600) / 2, 8e-6 * tau[1], 12.5e-6 * tau[2], 0, 0, 0])
     return replace(robot, links=tuple(map(tuple, links))), np.asarray(q) + sag
 
 
