@@ -409,7 +409,7 @@ effects:
   - {kind: backlash, joint: joint1, estimate: {width: 1 mrad}}
   - {kind: cyclic_error, joint: joint1, cycles: 17.5, estimate: {sin: 1 mrad, cos: 0 rad}}
   - {kind: hysteresis, joint: joint1, travel: 0.5 rad}
-  - {kind: joint_coupling, joint: joint1, follows: joint2, estimate: {ratio: 1.0e-4}}
+  - {kind: joint_coupling, joint: joint2, follows: joint1, into: slide}
   - {kind: thermal_growth, length: all}
   - {kind: drift, course: linear, constant: 10 s}
 solver: {kind: ipopt, starts: 3, seed: 0}
