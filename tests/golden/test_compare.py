@@ -130,7 +130,7 @@ def test_the_logarithm_of_a_p_value_is_compared() -> None:
         ("calibrate-planar", ("parameters", 1, "std"), 1e-3),
         ("diagnose-ur10", ("verdict",), "unexplained"),
         ("diagnose-ur10", ("effects", 0, "kind"), "backlash"),
-        ("diagnose-ur10", ("effects", 1, "confounded_with"), []),
+        ("diagnose-ur10", ("effects", 1, "confounded_with"), [{"kind": "slip", "target": "base"}]),
         ("diagnose-ur10", ("effects", 1, "status"), "weak"),
         ("hidden-full-1", ("verdict",), "unexplained"),
         ("hidden-full-1", ("effects", 0, "target"), "base"),
