@@ -16,6 +16,7 @@ from posture_opt.report.page.style import image
 
 FOLDER = Path(__file__).parents[1]
 PICTURES = "results/figures"
+KEPT = "results/calibration_peers.md"  # measured by itself: it needs real arms and interpreters of the peers' own
 LIMIT = 400.0  # s a part; measuring 10 000 rows takes the longest
 PACKAGES = (
     "posture_opt", "casadi", "numpy", "scipy", "pin", "roboticstoolbox-python", "drake", "EAIK", "pytracik", "pyroki",
@@ -41,6 +42,7 @@ def page(outcomes: Sequence[Outcome], before: str, quick: bool, folder: Path) ->
                 (folder / PICTURES).mkdir(parents=True, exist_ok=True)
                 (folder / PICTURES / f"{section.key}.svg").write_bytes(image(drawn(section, section.chart), "svg"))
             yield from section.markdown(f"{PICTURES}/{section.key}.svg" if section.chart and section.rows else None)
+    yield (FOLDER / KEPT).read_text(encoding="utf-8")
 
 
 def main() -> None:

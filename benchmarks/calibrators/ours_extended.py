@@ -1,0 +1,18 @@
+"""`diagnose` as it comes: geometry and the effects that it finds; sizes of effects stand in `benchmarks.halves`."""
+
+from __future__ import annotations
+
+import posture_opt as po
+from benchmarks.calibrators import Answer, Array, Task
+
+TITLE = "posture_opt, diagnose"
+PACKAGES = ("posture_opt",)
+
+
+def fit(task: Task, learned: Array, asked: Array) -> Answer:
+    problem = po.load_problem(task.problem)
+    data = po.read_measurements(task.data, problem)
+    mine, other = data.take(task.rows[learned]), data.take(task.rows[asked])
+    found = po.diagnose(problem, mine, test=other, plan=False)
+    assert found.test is not None  # asked for
+    return Answer(found.test.file.errors["extended"], found.errors["extended"].rms)
