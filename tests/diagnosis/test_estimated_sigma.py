@@ -27,6 +27,15 @@ def test_the_level_holds_for_an_estimated_sigma(level: float) -> None:
     assert alarms(level, None) > 5 * level
 
 
+@pytest.mark.parametrize("freedom", [12, 60])
+def test_the_level_holds_in_both_tails_of_few_repeats(freedom: int) -> None:
+    # The logarithm of a variance has its longer tail below: as if it were Gaussian, 12 repeats alarm 8 times too often.
+    seen = np.random.default_rng(6).chisquare(freedom, DRAWS) / freedom
+    wrong = np.array([score_stated_sigma(float(v), freedom, 0.0).p_value < 0.02 for v in seen])
+    for side in (seen < 1, seen > 1):
+        assert np.mean(wrong & side) == pytest.approx(0.01, abs=0.005)
+
+
 def test_repeats_bring_their_degrees_of_freedom() -> None:
     rng, rows = np.random.default_rng(2), []
     robot = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})

@@ -244,24 +244,28 @@ def _parabola_peak(values: list[float]) -> float:
 def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated: int | None = None) -> NoiseCandidate:
     """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test.
 
-    ``z = log(variance) / √((2 + κ)/ν + 2/ν_stated)`` with the excess kurtosis κ; two-sided.
+    ``variance ~ F(2ν/(2 + κ), ν_stated)`` with the excess kurtosis κ, two-sided: a mean of squares has the variance
+    ``(2 + κ)/ν``, as χ² of so many degrees of freedom over them.
+
+    Source: Satterthwaite (1946), Biometrics Bulletin 2, 110-114.
 
     Args:
-        estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
-            has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
+        estimated: ν_stated, degrees of freedom of the stated σ where it is itself an estimate; without, it is exact.
         variance: residual variance in units of the stated one; freedom: ν.
     """
-    from scipy.special import erfc
+    from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
-    own = 2 / estimated if estimated else 0.0
-    spread = np.sqrt(max(2 + kurtosis, 0.5) / max(freedom, 1) + own)
-    # The logarithm of a variance is nearer to Gaussian than the variance.
-    z = float(np.log(max(variance, 1e-300)) / spread)
+    effective = 2 * max(freedom, 1) / max(2 + kurtosis, 0.5)
+    if estimated:
+        tails = fdtr(effective, estimated, variance), fdtrc(effective, estimated, variance)
+    else:
+        tails = chdtr(effective, effective * variance), chdtrc(effective, effective * variance)
     factor = float(np.sqrt(variance))
-    p, named = float(erfc(abs(z) / np.sqrt(2))), partial(StatedSigma, factor=factor)
-    return NoiseCandidate(
-        StatedSigma.kind_name(), "data", z * z, p, ("factor", "1"), factor, factor * spread / 2, named
-    )
+    # The standard error of a logarithm of a σ: JCGM 100:2008, equation E.7, of both where the stated one has it too.
+    std = factor * float(np.sqrt(1 / (2 * effective) + (1 / (2 * estimated) if estimated else 0.0)))
+    ratio = effective * (variance - 1 - float(np.log(max(variance, 1e-300))))
+    p, named = min(1.0, 2 * float(min(tails))), partial(StatedSigma, factor=factor)
+    return NoiseCandidate(StatedSigma.kind_name(), "data", ratio, p, ("factor", "1"), factor, std, named)
 
 
 @dataclass(frozen=True)
