@@ -275,7 +275,7 @@ class Diagnosis(Result):
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
         document["inspect"] = self.effects[i].inspect(self.problem.robot)
         place = self.effects[i].place
-        if place is not None:
+        if place is not None and self.effects[i].determined:
             alone, beyond = (rms(v) for v in tool_shifts(self.model, place))
             document["tool_shift_rms"] = {"alone": alone, "beyond_geometry": beyond}
         if place is not None and split is not None and place in split.pairs:

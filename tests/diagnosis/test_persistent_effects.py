@@ -14,6 +14,7 @@ from posture_opt.calibration.estimation.error_statistics import folds_of, groups
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.diagnosis.causes.causes import _estimates_of
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
+from posture_opt.diagnosis.causes.determined_sizes import determines
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift
@@ -92,12 +93,33 @@ def test_what_is_kept_is_fitted_for_the_rest_to_be_absent(case: str, tmp_path: P
     assert whole.kept == (0, 1)
 
 
-def test_what_the_rest_does_not_need_without_the_session_is_dropped(tmp_path: Path) -> None:
+def test_what_has_no_size_without_the_session_is_not_delivered(tmp_path: Path) -> None:
     """An eccentricity of a joint that has none, beside a drift: neither is delivered, but the calibrated arm."""
     problem, data = measured(tmp_path, "none")
     found = delivered(problem, data, TIMED["drift"], GearEccentricity(joint="joint2"))
-    assert (found.session, found.dropped, found.kept) == ((0,), (1,), ())
+    assert (found.session, found.vague, found.kept) == ((0,), (1,), ())
     assert not found.fit.effects
+
+
+def test_one_certain_direction_hides_no_wild_one(tmp_path: Path) -> None:
+    """An eccentric gear that turned by 11 degrees: its slope is well known, its bow not at all."""
+    rng = np.random.default_rng(7)
+    q = rng.uniform((-0.1, -2.5), (0.1, 2.5), (150, 2))
+    write(tmp_path / "data.csv", q, position(q + np.outer(np.sin(q[:, 0]), [6e-4, 0])) + rng.normal(0, NOISE, q.shape))
+    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    problem = po.load_problem(tmp_path / "problem.yaml")
+    data = po.read_measurements(tmp_path / "data.csv", problem)
+    model = fitted(problem, data, ECCENTRIC)
+    part = model.slices[0]
+    z = model.x[part] / model.std[part]
+    assert z[0] > 5
+    assert abs(z[1]) < 2
+    assert not determines(model, 0)
+    found = delivered(problem, data, ECCENTRIC)
+    assert (found.vague, found.kept) == ((0,), ())
+    assert found.to_json([ECCENTRIC])["left_out"] == [
+        {"kind": "gear_eccentricity", "target": "joint1", "reason": "size_undetermined"}
+    ]
 
 
 def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.causes.causes import is_determined
+from posture_opt.diagnosis.causes.determined_sizes import is_determined
 from posture_opt.diagnosis.diagnose import _determined_first
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -20,23 +21,15 @@ QUANTILES = {1: 3.841, 2: 5.991, 3: 7.815}
 
 
 @pytest.mark.parametrize("k", list(QUANTILES))
-def test_the_region_is_that_of_a_chi_square(k: int) -> None:
+def test_the_region_is_a_ball_as_wide_as_that_of_a_chi_square_at_most(k: int) -> None:
     rng = np.random.default_rng(k)
-    A = rng.normal(size=(k, k))
+    A, B = rng.normal(size=(k, k)), rng.normal(size=(50, k))
     C = 1e-8 * A @ A.T
-    direction = np.linalg.cholesky(C) @ np.eye(k)[0]  # χ² of it is one, in any units
+    worst = np.linalg.norm(B @ np.linalg.cholesky(C), 2)  # moves the tool points by one standard error at most
+    values = rng.normal(size=k)
+    values *= np.sqrt(QUANTILES[k]) * worst / np.linalg.norm(B @ values)
     for factor, told in ((0.99, False), (1.01, True)):
-        assert is_determined(factor * np.sqrt(QUANTILES[k]) * direction, C) is told
-
-
-def test_of_a_wave_the_amplitude_counts_and_not_its_phase() -> None:
-    """Sine and cosine both within two standard errors of zero, as a phase far from the data leaves them."""
-    values = 1e-4 * np.array([0.6, 0.8])
-    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
-    C = 1e-12 * (np.outer(along, along) + 1e4 * np.outer(across, across))
-    assert np.all(np.abs(values) < 2 * np.sqrt(np.diag(C)))
-    assert is_determined(values, C)
-    assert not is_determined(np.array([-2e-3]), np.array([[46e-3**2]]))
+        assert is_determined(factor * values, C, B) is told
 
 
 @pytest.fixture(scope="module")
@@ -61,10 +54,15 @@ def test_an_undetermined_size_never_leads(found: po.Diagnosis) -> None:
     first, second, *rest = found.effects
     vague = replace(found, effects=(*_determined_first(replace(first, determined=False), second), *rest))
     assert [entry["status"] for entry in vague.to_json()["effects"]][:2] == ["determined", "size_undetermined"]
+    assert [bool(entry["estimate"]) for entry in vague.to_json()["effects"]][:2] == [True, False]
+    assert "tool_shift_rms" not in vague.to_json()["effects"][1]
     lead = " ".join(vague.report().split("Causes, largest contribution first")[0].split())
     assert lead.partition("One cause explains")[2].lstrip().startswith("the errors: joint2 has an eccentric gear")
     assert "Of a size that these data do not determine: joint1 has an eccentric gear" in lead
+    amplitude = f"{first.cause.headline(fitted_sizes(found, first)).partition(' ±')[0]} ±"
+    assert amplitude in found.report()
+    assert amplitude not in vague.report()
     nothing = replace(found, effects=tuple(replace(f, determined=False) for f in (first, second)))
     lead = nothing.report().split("Causes, largest contribution first")[0]
     assert "that no cause of known size explains" in " ".join(lead.split())
-    assert "these data do not determine the size" in " ".join(nothing.report().split())
+    assert "these data do not determine the size: its error is as large" in " ".join(nothing.report().split())

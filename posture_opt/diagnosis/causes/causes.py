@@ -15,10 +15,10 @@ from posture_opt.calibration.estimation.effect_sensitivities import case_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.diagnosis.causes.determined_sizes import determines, is_determined
 from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
-from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import (
     CATALOGUE,
@@ -51,7 +51,8 @@ class Finding:
         gain: relative drop of the cross-validated RMS that it brings.
         confounded_with: causes that could replace it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
-        determined: whether the data distinguish the size from zero, given the geometry and the other effects.
+        determined: whether the data determine the size, given the geometry and the other effects; else it is stated
+            nowhere.
         place: of an effect among those of the model.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
         beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
@@ -124,7 +125,9 @@ class Finding:
             "target": self.target,
             "status": self.status,
             "estimate": {
-                n: {"value": v, "std": s, "unit": u, **stated.get(n, {})} for n, (v, s, u) in self.estimate.items()
+                n: {"value": v, "std": s, "unit": u, **stated.get(n, {})}
+                for n, (v, s, u) in self.estimate.items()
+                if self.determined
             },
             "p_value": self.p_value,
             "gain": self.gain,
@@ -151,8 +154,6 @@ def effect_findings(
     for place, i in enumerate(named):
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple(r.what for r in found.rivals[i])
-        part = model.slices[place]
-        clear = is_determined(model.x[part], model.covariance[part, part])
         finding = Finding(
             model.effects[place],
             _estimates_of(model, place),
@@ -161,30 +162,10 @@ def effect_findings(
             rivals,
             (gain.low, gain.high),
         )
+        clear = determines(model, place)
         findings.append(replace(finding, determined=clear, place=place, stated=_stated_effect(model, place)))
         progress(place + 1, len(named))
     return findings
-
-
-def is_determined(values: Array, covariance: Array) -> bool:
-    """Whether a size is distinguished from zero: its 95 % confidence region keeps clear of zero.
-
-    ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
-    amplitude counts, in whatever phase. What has no standard error is no estimate.
-
-    Example:
-        >>> import numpy as np
-        >>> is_determined(np.array([1.0]), np.array([[1.0]])), is_determined(np.array([3.0]), np.array([[1.0]]))
-        (False, True)
-    """
-    from scipy.special import chdtrc
-
-    sigma = np.sqrt(np.diag(covariance))
-    if not len(values) or not np.all(sigma > 0):
-        return True
-    inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True)
-    z = values / sigma
-    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE_LEVEL)
 
 
 def _stated_effect(model: Fit, place: int) -> Effect | None:
@@ -239,7 +220,7 @@ def _si_unit(dimension: str) -> str:
 
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    clear = _any_determined(cause.estimate)
+    clear = _all_determined(cause.estimate)
     return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
 
 
@@ -257,14 +238,13 @@ def contradiction_findings(calibration: Calibration) -> list[Finding]:
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
     """A geometric cause as a finding; the gain is that of all calibrated geometry."""
     gain = 1 - held["calibrated"].rms / held["nominal"].rms
-    clear = _any_determined(cause.estimate)
+    clear = _all_determined(cause.estimate)
     return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with, determined=clear)
 
 
-def _any_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
-    """Whether at least one of independent estimates is determined."""
-    clear = [is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
-    return any(clear) or not clear
+def _all_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
+    """Whether each of independent estimates is determined."""
+    return all(is_determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values())
 
 
 def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:

@@ -12,6 +12,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.diagnosis.causes.determined_sizes import determines
 from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.model.effects import Effect
@@ -26,26 +27,28 @@ class Delivery:
         fit: geometry and the effects that are delivered; ``held`` its errors on rows held out from the fit.
         kept: the places of these effects in the model of all effects.
         session: the places of those that belong to their session: fitted for them to be absent.
-        dropped: the places of the others: compared with the calibrated arm, or without those of the session, held-out
-            rows are predicted no worse without them.
+        vague: the places of those whose size the data do not determine: fitted for them to be absent, too.
+        dropped: the places of the others: compared with the calibrated arm, or without those above, held-out rows are
+            predicted no worse without them.
     """
 
     fit: Fit
     held: HeldOut
     kept: tuple[int, ...]
     session: tuple[int, ...] = ()
+    vague: tuple[int, ...] = ()
     dropped: tuple[int, ...] = ()
 
     @property
     def model(self) -> Literal["extended", "without_session", "calibrated"]:
-        """Which arm it is: with all effects, with those that are not of the session, or with none of them."""
+        """Which arm it is: with all effects, without those of the session, or with none of them."""
         if not self.kept:
             return "calibrated"
         return "without_session" if self.session else "extended"
 
     def to_json(self, effects: Sequence[Effect]) -> dict[str, Json]:
         """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
-        reasons = {"session": self.session, "no_gain": self.dropped}
+        reasons = {"session": self.session, "size_undetermined": self.vague, "no_gain": self.dropped}
         left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
         return {"model": self.model, "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left]}
 
@@ -58,7 +61,8 @@ def deliver_arm(
 
     Effects of the session are still in its data when they are left out of the arm. All else is fitted again for them
     to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved is where it was
-    on average. Other effects that held-out rows do not need any more are left out, too.
+    on average. So it is with effects whose size the data do not determine. Others that held-out rows do not need any
+    more are left out, too.
 
     Args:
         model: the arm with all effects; ``held`` its errors and those of the calibrated arm on held-out rows.
@@ -67,13 +71,15 @@ def deliver_arm(
     """
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
+    vague = tuple(i for i in stays if not determines(model, i))
+    stays = [i for i in stays if i not in vague]
     fit, errors, kept = model, held["extended"], stays
-    if session:
+    if session or vague:
         fit, kept = _refitted_without(calibration, model, stays, parts)
         errors = held_out(fit, parts, shape=noise_shape(fit, noise))
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
-    return Delivery(fit, errors, tuple(kept), session, tuple(i for i in stays if i not in kept))
+    return Delivery(fit, errors, tuple(kept), session, vague, tuple(i for i in stays if i not in kept))
 
 
 def outlasts_session(effect: Effect, with_time: bool = False) -> bool:
@@ -86,7 +92,7 @@ def _refitted_without(
 ) -> tuple[Fit, list[int]]:
     """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them.
 
-    Backward elimination by the RMS on held-out rows.
+    Backward elimination: first what the data do not determine, then by the RMS on held-out rows.
 
     Returns:
         The fit, and the places of the effects that are kept.
@@ -94,6 +100,10 @@ def _refitted_without(
     kept, residuals = list(effects), calibration.residuals.take(calibration.kept_rows)
     while True:
         fit = calibration.fit_effects(residuals, [model.effects[i] for i in kept])
+        vague = [k for k in range(len(kept)) if not determines(fit, k)]
+        if vague:
+            kept = [i for k, i in enumerate(kept) if k not in vague]
+            continue
         about = LinearModel.of(fit)
         without = [held_out(fit, parts, place, about=about).rms for place in range(len(kept))]
         if not kept or min(without) > held_out(fit, parts, about=about).rms:

@@ -127,6 +127,7 @@ def _file_header(
     ]
     for places, why in (
         (delivery.session, "it belongs to its session; all else was fitted for it to be absent"),
+        (delivery.vague, "the data do not determine its size; all else was fitted for it to be absent"),
         (delivery.dropped, "held-out rows are predicted no worse without it"),
     ):
         if places:

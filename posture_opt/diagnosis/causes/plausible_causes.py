@@ -115,7 +115,7 @@ def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: i
     if most is not None and rank > most:
         return _MANY_IN_SESSION.format(count=rank, most=most)
     known = effect.plausible(fitted.state.robot)
-    if known is None:
+    if known is None or not finding.determined:
         return ""
     value, std = effect.plausible_size(fitted.sizes(finding))
     return "" if known.holds(value, std) else known.would_need(value)

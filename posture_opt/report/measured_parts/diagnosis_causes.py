@@ -46,7 +46,7 @@ def finding_words(finding: Finding, problem: ProblemData) -> str:
     "… scatters more than stated" would be wrong where nothing is stated.
     """
     noise = finding.noise
-    if noise is not None and noise.unstated and not _states(problem, finding):
+    if noise is not None and noise.unstated and finding.determined and not _states(problem, finding):
         return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
     return finding.cause.worded(FittedSizes(finding.estimate)) if finding.plausible else finding.cause.looks_like
 
@@ -84,8 +84,8 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
     for finding in findings:
         place = finding.place
         assert place is not None
-        most = length(float(tool_shifts(found.model, place)[0].max()))
-        size = headline_of(found, finding)
+        most = length(float(tool_shifts(found.model, place)[0].max())) if finding.determined else ""
+        size = headline_of(found, finding) or ("" if finding.determined else "not determined")
         rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
     return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows), views=views)
@@ -94,23 +94,23 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
     """What is known of one cause, line by line: sizes, evidence, gain, planning, rivals.
 
-    Left out where they do not apply: "Open" (the 95 % region of the size holds zero), "In the file" (the file states a
-    part of it), "At the tool" (a cause that moves nothing), "Planning" and "Could be".
+    Left out where they do not apply: "Open" (the size is not determined, and stated nowhere), "In the file" (the file
+    states a part of it), "At the tool" (a cause that moves nothing), "Planning" and "Could be".
     """
     place = finding.place
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
     rows = [("Name", name)]
-    sizes = finding.cause.sizes(fitted_sizes(found, finding))
+    sizes = finding.cause.sizes(fitted_sizes(found, finding)) if finding.determined else ()
     rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
     if finding.effect is None and finding.noise is None and not finding.estimate:
         rows += _geometry(found)
     if not finding.plausible:
         rows.append(("Would need", finding.would_need))
     if not finding.determined:
-        rows.append(("Open", "these data do not determine the size: its 95 % region holds zero"))
-    if finding.stated is not None:
+        rows.append(("Open", "these data do not determine the size: its error is as large"))
+    if finding.stated is not None and finding.determined:
         rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
-    if place is not None:
+    if place is not None and finding.determined:
         rows.append(_at_tool(found, place))
     rows.append(("Look at", finding.inspect(found.problem.robot)))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
@@ -130,6 +130,8 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
     if entry is None:
         return ""
     place = finding.place
+    if place in found.delivery.vague:
+        return "left out: these data do not determine its size"
     if place in found.delivery.dropped:
         return "left out: held-out rows are predicted no worse without it"
     return entry.planning_note(place in found.delivery.kept)

@@ -54,7 +54,8 @@ def errors_block(found: Diagnosis) -> Block:
 
 def _as_delivered(found: Diagnosis) -> dict[str, str]:
     """The arm that is delivered, where it is neither the calibrated one nor that with all effects."""
-    return {"delivered": MODEL_NAMES["delivered"]} if found.delivery.model == "without_session" else {}
+    delivery = found.delivery
+    return {"delivered": MODEL_NAMES["delivered"]} if delivery.kept and (delivery.session or delivery.vague) else {}
 
 
 def models_of(found: Diagnosis) -> dict[str, str]:
@@ -108,22 +109,26 @@ def _gain_text(found: Diagnosis) -> str:
 def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
     """Which arm is delivered where it is not the one with all effects, and how well it explains these data.
 
-    Effects that belong to the session (a drift, say) and effects that held-out rows do not need are left out of
-    ``extended.yaml``.
+    Effects that belong to the session (a drift, say), that have no determined size, or that held-out rows do not need
+    are left out of ``extended.yaml``.
     """
     delivery, effects = found.delivery, found.model.effects
-    if not (delivery.session or delivery.dropped):
+    places = (delivery.session, delivery.vague, delivery.dropped)
+    if not any(places):
         return ()
-    session, others = (", ".join(effects[i].label for i in places) for places in (delivery.session, delivery.dropped))
+    session, vague, others = (", ".join(effects[i].label for i in those) for those in places)
     one = len(delivery.session) == 1
     it, belongs = ("it", "belongs") if one else ("them", "belong")
-    if delivery.model == "without_session":
-        arm = f"the arm fitted without {session}, which {belongs} to this session"
+    unknown = f"{vague}, of a size that these data do not determine"
+    if delivery.kept:
+        arm = f"the arm fitted without {session}, which {belongs} to this session" if session else ""
+        arm += f"; nor {unknown}" if session and vague else f"the arm fitted without {unknown}" if vague else ""
         arm += f", nor {others}, which held-out rows do not need then" if others else ""
     else:
         arm = f"the calibrated arm: {session} {belongs} to this session" if session else "the calibrated arm"
         arm += f", and without {it} no other effect improves held-out rows" if session and others else ""
-        arm += "" if session else ": held-out rows are predicted no better with effects"
+        arm += f"; not delivered is {unknown}" if vague else ""
+        arm += "" if session or vague else ": held-out rows are predicted no better with effects"
     moved = any("time" in effects[i].needs for i in delivery.session)
     average = " Quantities that drifted are delivered at their average." if moved else ""
     return (
@@ -155,7 +160,7 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
     one = len(fitted_effects(found)) == 1
     which = "The effect is" if one else "The effects are"
     why = f"{'it belongs' if one else 'they belong'} to the first session"
-    why = "the arm is delivered without" if found.delivery.dropped else why
+    why = "the arm is delivered without" if found.delivery.dropped or found.delivery.vague else why
     untested = (f"{which} not tested on the other file: {why}.",) if fitted_effects(found) else ()
     return (*untested, calibration_words(test.file))
 

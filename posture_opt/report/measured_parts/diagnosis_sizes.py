@@ -35,8 +35,8 @@ def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
 
 
 def headline_of(found: Diagnosis, finding: Finding) -> str:
-    """The size of a finding that is shown with its words; empty where no single number says it."""
-    return finding.cause.headline(fitted_sizes(found, finding))
+    """The size of a finding that is shown with its words; empty where no single number says it, or no data."""
+    return "" if not finding.determined else finding.cause.headline(fitted_sizes(found, finding))
 
 
 def periodic_joints(found: Diagnosis) -> list[int]:
