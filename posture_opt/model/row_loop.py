@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import casadi
@@ -53,10 +54,15 @@ class RowLoop:
     """
 
     def __init__(self, functions: Mapping[str, casadi.Function], text: str, compiled: bool | None) -> None:
-        rows = [row_function(function, name) for name, function in functions.items()]
-        identity = "".join(row.serialize() for row in rows)
         whole = _MEMORY_C + text
-        self._library, _ = library_of(compiled, lambda: f"{whole}{identity}", lambda: c_text(rows) + whole)
+
+        @cache
+        def rows() -> list[casadi.Function]:  # written out where they are compiled: large ones take half a second
+            return [row_function(function, name) for name, function in functions.items()]
+
+        self._library, _ = library_of(
+            compiled, lambda: whole + "".join(row.serialize() for row in rows()), lambda: c_text(rows()) + whole
+        )
         self.compiled: bool = self._library is not None
 
     def __call__(self, *arguments: Array | int | float) -> int:
