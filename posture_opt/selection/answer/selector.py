@@ -36,6 +36,7 @@ from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
+from posture_opt.selection.search.screened_search import screened_search
 from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
 from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.tasks import Task
@@ -155,6 +156,20 @@ class PostureSelector:
             return found if known is None else found.with_known(engine, known), None
 
         return self._solved(seek, target, began, confirm)
+
+    def solve_to_compare(self, seed: int | None = None) -> Solution:
+        """The best posture for the task without the evidence that it is: for answers that are compared with others.
+
+        The solver is started at the best of many postures (`screened_search`); where that does not end at an optimum,
+        the search is that of `solve`.
+        """
+        began, first = time.perf_counter(), self._problem.solver.seed if seed is None else seed
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            found = screened_search(engine, self.target, np.random.default_rng(first))
+            return found or until_found_often(engine, self.target, np.random.default_rng(first)), None
+
+        return self._solved(seek, self.target, began, confirm=False)
 
     def feasible(self, starts: int) -> bool:
         """Whether so many starts find a posture that does the task; why there is none is not asked."""

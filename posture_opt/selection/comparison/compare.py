@@ -12,11 +12,12 @@ from posture_opt.interrupts import interruptible
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array, Progress
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
 from posture_opt.selection.comparison.predicted_error import judged_answer
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.select_posture import at_one_feature, planned_posture, select_posture
+from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.uncertainty.sources.sources import Sources
 
 Reasons = tuple[str, ...]
@@ -82,11 +83,11 @@ def compare_plans(
     except (NoSolutionError, InputError, SolverError) as error:
         reasons = tuple(str(error).splitlines())
         return Comparison(_compared(models, {**unanswered, reference: reasons}), reference)
-    chosen = _planned(models[reference], seed, workers, hint)
+    chosen = _planned(models[reference], seed, hint)
     if isinstance(chosen, tuple):
         return Comparison(_compared(models, {**unanswered, reference: chosen}), reference)
     asked = {name: _scattering(model, models[reference].sources) for name, model in models.items()}
-    found = {name: _planned(asked[name], seed, workers, hint) for name in others} | {reference: chosen}
+    found = {name: _planned(asked[name], seed, hint) for name in others} | {reference: chosen}
     return Comparison(_compared(asked, found, chosen.basis, measured), reference)
 
 
@@ -136,7 +137,7 @@ def _scattering(model: ProblemData, sources: Sources) -> ProblemData:
     return replace(model, sources=sources) if model.sources.empty else model
 
 
-def _planned(problem: ProblemData, seed: int | None, workers: int, hint: str) -> Solution | Reasons:
+def _planned(problem: ProblemData, seed: int | None, hint: str) -> Solution | Reasons:
     """The one posture that a model plans, or the reasons why it has none."""
     hints = (hint,) if hint else ()
     if far := _far_away(problem):
@@ -145,7 +146,7 @@ def _planned(problem: ProblemData, seed: int | None, workers: int, hint: str) ->
         if problem.task is not None and problem.task.on_path:
             advice = "plan one point of it: task: {kind: trace, position: [...]}"
             raise InputError(Issue("models are not compared along a path", ("task", "path"), hint=advice))
-        return planned_posture(problem, seed=seed, workers=workers)
+        return PostureSelector(problem, compiled=False).solve_to_compare(seed)
     except (NoSolutionError, InputError, SolverError) as error:
         return (*str(error).splitlines(), *hints)
 

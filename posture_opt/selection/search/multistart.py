@@ -191,7 +191,7 @@ def _multistart_once(
     Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
-    target, sampled = _screened(engine, target, Q)
+    target, sampled = screened(engine, target, Q)
     found = local_optima(engine, target, Q, every=every)
     return MultistartResult(target, found, sampled, len(Q), tried, len(Q))
 
@@ -236,7 +236,7 @@ def _promising(optima: LocalOptima) -> Codes:
     return np.asarray(order[(hope <= limit)[order]])
 
 
-def _screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
+def screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
     """The target with a scale, the postures' median variance where it has none, and those that meet every row."""
     _, violation, own, variance = (column[:, 0] for column in engine.screen(Q, target.parameters))
     if target.scale == 1.0:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def _split_correlations(R: Array) -> tuple[Array, Array]:
     if len(R) == 2:
         rho = max(-1.0, min(1.0, float(R[0, 1])))
         return np.full(2, 1 - abs(rho)), math.sqrt(abs(rho)) * np.array([[1.0], [math.copysign(1.0, rho)]])
-    own = _largest_diagonal(R)
+    own = np.frombuffer(_kept_diagonal(R.tobytes(), len(R)))
     values, vectors = np.linalg.eigh(R - np.diag(own))
     # Errors that nearly cancel, as after a calibration, leave a combination with little variance: what is left out
     # must be little compared with that too.
@@ -105,6 +106,12 @@ def _oriented_loadings(L: Array, turning: Mask) -> Array:
     still = np.arange(L.shape[1]) >= np.count_nonzero(sizes > _ROUNDING_EIGENVALUE * len(L) * sizes[0])
     oriented[np.ix_(turning, still)] = 0.0
     return oriented
+
+
+@lru_cache(maxsize=16)
+def _kept_diagonal(packed: bytes, count: int) -> bytes:
+    """`_largest_diagonal` of a matrix (``count``, ``count``): one arm is judged in many postures, each time anew."""
+    return _largest_diagonal(np.frombuffer(packed).reshape(count, count)).tobytes()
 
 
 def _largest_diagonal(R: Array) -> Array:
