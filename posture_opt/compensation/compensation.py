@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from posture_opt.collision.nearest import Clearance
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
+from posture_opt.csv_text import csv_line
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
@@ -110,9 +109,7 @@ class Compensation(Result):
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
             off, left = (fixed(1e3 * float(values[k]), _LENGTH_DECIMALS) for values in (self.off, self.left))
             rows.append([*([] if self._joints_given else joints), *texts, off, left])
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        return text.getvalue()
+        return "".join(csv_line(row, ",") + "\n" for row in rows)
 
     @property
     def _joints_given(self) -> bool:

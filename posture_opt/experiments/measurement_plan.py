@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
+from posture_opt.csv_text import csv_line
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
@@ -119,12 +120,12 @@ class MeasurementPlan(Result):
             f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
         ]
         headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
-        lines = [", ".join(headers)]
+        lines = [csv_line(headers)]
         values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
             for pose, row in enumerate(values + 0.0, start=1):
                 cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
-                lines += [", ".join([*cells, target]) for target in self.targets] or [", ".join(cells)]
+                lines += [csv_line([*cells, target]) for target in self.targets] or [csv_line(cells)]
         return "\n".join(lines) + "\n"
 
     def to_json(self) -> dict[str, Json]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Literal
 
+from posture_opt.csv_text import csv_line
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 
 _EFFECTS_NOTE = "the effects of the arm are no parameters of its geometry and are left out"
@@ -24,11 +25,12 @@ class DhTable(ExportFormat):
     def write(self, source: ExportSource) -> Exported:
         """``NAME.csv``; a note says where effects are left out."""
         problem = source.problem
-        corrections, lines = problem.corrections, ["parameter, unit, nominal, correction, sum"]
+        corrections = problem.corrections
+        lines = [csv_line(("parameter", "unit", "nominal", "correction", "sum"))]
         for name, factor in problem.nominal.parameters.items():
             unit, size = ("deg", math.degrees(1.0)) if factor.kind == "rotate" else ("mm", 1e3)
             added = corrections.get(name, 0.0)
             values = (factor.nominal, added, problem.robot.parameters[name].nominal)
-            lines.append(", ".join([name, unit, *(f"{value * size + 0.0:.15g}" for value in values)]))
+            lines.append(csv_line([name, unit, *(f"{value * size + 0.0:.15g}" for value in values)]))
         notes = (_EFFECTS_NOTE,) if problem.arm.effects else ()
         return Exported({f"{self.stem}.csv": "\n".join([*lines, ""])}, notes)

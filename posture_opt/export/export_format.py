@@ -70,6 +70,10 @@ class ExportFormat(Spec):
     """What it is, for lists."""
     default: ClassVar[str]
     """Name where none is given."""
+    reserved: ClassVar[frozenset[str]] = frozenset()
+    """Names that mean something else in the language."""
+    case_counts: ClassVar[bool] = True
+    """Whether the language tells names apart by upper and lower case."""
 
     name: str = ""
 
@@ -86,9 +90,12 @@ class ExportFormat(Spec):
         """The name, checked.
 
         Raises:
-            InputError: it is no identifier.
+            InputError: it is no identifier, or a word of the language.
         """
         name = self.name or self.default
         if not _NAME.fullmatch(name):
             raise InputError(Issue(f"{name!r} is no name", ("--name",), name, "use letters, digits and _"))
+        words = self.reserved if self.case_counts else {word.lower() for word in self.reserved}
+        if (name if self.case_counts else name.lower()) in words:
+            raise InputError(Issue(f"{name!r} is a word of the language itself", ("--name",), name, f"use {name}_1"))
         return name

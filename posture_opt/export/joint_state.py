@@ -6,7 +6,6 @@ Source: ROS, sensor_msgs/msg/JointState and trajectory_msgs/msg/JointTrajectory;
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from typing import ClassVar, Literal
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from posture_opt.export.program_format import ProgramFormat
 from posture_opt.export.robot_program import RobotProgram
+from posture_opt.problem.yaml_source import dump_texts
 
 _FULL_JOINT_SPEED = 1.0  # rad/s or m/s of the joint that moves most, at 100 % of the speed
 _MIN_INTERVAL_S = 0.1  # s between two points of a trajectory
@@ -30,13 +30,14 @@ class JointState(ProgramFormat):
 
     summary: ClassVar[str] = "ROS message as YAML: JointState, or JointTrajectory of several stops"
     most_joints: ClassVar[int] = 1000
+    comment_mark: ClassVar[str] = "#"
 
     kind: Literal["jointstate"] = "jointstate"
 
     def files(self, program: RobotProgram) -> dict[str, str]:
         """``NAME.yaml``; labels of stops are comments."""
-        names = json.dumps(list(program.robot.joint_names))
-        head = [f"# {line}" for line in program.head]
+        names = dump_texts(program.robot.joint_names)
+        head = self.comments(*program.head)
         frame = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
         if len(program) == 1:
             state = [f"name: {names}", f"position: [{', '.join(program.si[0])}]", "velocity: []", "effort: []"]
@@ -44,7 +45,7 @@ class JointState(ProgramFormat):
         points = []
         for values, label, times in zip(program.si, program.labels, self._times(program), strict=True):
             for time in times:
-                points += [f"# {label}"] if label and time == times[0] else []
+                points += self.comments(label if time == times[0] else "")
                 points += [f"- positions: [{', '.join(values)}]", f"  time_from_start: {duration(time)}"]
         return {f"{self.stem}.yaml": "\n".join([*head, *frame, f"joint_names: {names}", "points:", *points, ""])}
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.robot_program import RobotProgram
+from posture_opt.export.robot_program import RobotProgram, plain
 
 
 class ProgramFormat(ExportFormat):
@@ -20,6 +20,8 @@ class ProgramFormat(ExportFormat):
     default: ClassVar[str] = "posture"
     most_joints: ClassVar[int] = 12
     """That the language can move."""
+    comment_mark: ClassVar[str]
+    """What a comment begins with, to the end of its line."""
 
     def write(self, source: ExportSource) -> Exported:
         return self.written(source.program)
@@ -38,6 +40,10 @@ class ProgramFormat(ExportFormat):
     def files(self, program: RobotProgram) -> dict[str, str]:
         """File name -> text of a program, in the language of the controller."""
 
+    def comments(self, *texts: str) -> list[str]:
+        """A line of comment for each text that is not empty, in printable ASCII: nothing in it can end the line."""
+        return [f"{self.comment_mark} {plain(text)}" for text in texts if text]
+
     def _too_many(self, joints: int) -> Issue:
         """The issue of an arm with more joints than the language can move."""
         message = f"the arm has {joints} joints, and a program of this kind moves {self.most_joints}"
@@ -48,8 +54,3 @@ def seconds(value: float) -> str:
     """A time as a plain number with a decimal point: 2.0, 0.25."""
     text = f"{value:.3f}".rstrip("0")
     return text + "0" if text.endswith(".") else text
-
-
-def comment(label: str) -> str:
-    """A label in front of a move, or nothing."""
-    return label or "next stop"

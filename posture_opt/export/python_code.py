@@ -5,6 +5,7 @@ The functions take postures (…, n) [rad or m] and return (…, 3) [m], (…, 3
 
 from __future__ import annotations
 
+import keyword
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
@@ -12,6 +13,7 @@ from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.export.objective_note import objective_or_note
 from posture_opt.model.python_source import python_source
+from posture_opt.texts import one_line
 from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
 _MODULE_HEADER = '''"""{title}
@@ -78,6 +80,7 @@ class PythonCode(ExportFormat):
 
     summary: ClassVar[str] = "covariance of the tool point, objective, gradient and Hessian as Python, NumPy alone"
     default: ClassVar[str] = "tool_covariance"
+    reserved: ClassVar[frozenset[str]] = frozenset((*keyword.kwlist, "math", "numpy"))
 
     kind: Literal["python"] = "python"
 
@@ -106,4 +109,4 @@ class PythonCode(ExportFormat):
 
 def _safe(texts: Mapping[str, str]) -> dict[str, str]:
     """Texts as a docstring may hold them."""
-    return {key: text.replace("\\", "/").replace('"', "'") for key, text in texts.items()}
+    return {key: one_line(text).replace("\\", "/").replace('"', "'") for key, text in texts.items()}

@@ -16,12 +16,23 @@ from posture_opt.export.robot_program import RobotProgram
 
 _MAX_NAME_LENGTH = 32  # characters of a name in RAPID
 _ABSENT_AXIS = "9E9"
+_WORDS = """
+    ALIAS AND BACKWARD CASE CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC ENDIF ENDMODULE ENDPROC
+    ENDRECORD ENDTEST ENDTRAP ENDWHILE ERROR EXIT FALSE FOR FROM FUNC GOTO IF INOUT LOCAL MOD MODULE NOSTEPIN NOT
+    NOVIEW OR PERS PROC RAISE READONLY RECORD RETRY RETURN STEP SYSMODULE TASK TEST THEN TO TRAP TRUE TRYNEXT UNDO
+    VAR VIEWONLY WHILE WITH XOR BOOL DNUM JOINTTARGET NUM STRING FINE TOOL0 WOBJ0 V1000 MOVEABSJ VELSET WAITTIME
+"""
+"""Key words, then built-in types and what this program uses of the controller."""
 
 
 class Rapid(ProgramFormat):
     """A program module of an ABB controller: ``MoveAbsJ`` to joint targets [deg, mm] with ``fine`` stops."""
 
     summary: ClassVar[str] = "program module of an ABB controller (MoveAbsJ, degrees)"
+
+    comment_mark: ClassVar[str] = "!"
+    reserved: ClassVar[frozenset[str]] = frozenset(_WORDS.split())
+    case_counts: ClassVar[bool] = False
 
     kind: Literal["rapid"] = "rapid"
 
@@ -40,9 +51,9 @@ class Rapid(ProgramFormat):
             external = [*values[6:], *[_ABSENT_AXIS] * 6][:6]
             target = f"[[{', '.join(robot)}], [{', '.join(external)}]]"
             data.append(f"  CONST jointtarget {name}_p{k} := {target};")
-            moves += [f"    ! {label}"] if label else []
+            moves += [f"    {line}" for line in self.comments(label)]
             moves.append(f"    MoveAbsJ {name}_p{k}\\NoEOffs, v1000, fine, tool0;")
             moves += [f"    WaitTime\\InPos, {seconds(program.wait)};"] if program.wait else []
-        head = [f"  ! {line}" for line in program.head]
+        head = [f"  {line}" for line in self.comments(*program.head)]
         lines = [f"MODULE {name}", *head, *data, f"  PROC {name}_run()", *moves, "  ENDPROC", "ENDMODULE", ""]
         return {f"{name}.mod": "\n".join(lines)}

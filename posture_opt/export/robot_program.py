@@ -54,9 +54,9 @@ class RobotProgram:
 
     @cached_property
     def head(self) -> tuple[str, ...]:
-        """The first lines of the program, as plain ASCII: title, version, convention of the joints, notes."""
+        """The first lines of the program: title, version, convention of the joints, notes."""
         what = f"{self.title}: {self.what}" if self.title else self.what
-        return tuple(map(plain, (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)))
+        return (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)
 
     @property
     def degrees(self) -> list[list[str]]:

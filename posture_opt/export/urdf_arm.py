@@ -7,6 +7,7 @@ to the joint, whose axis is given in the joint frame; the child link's frame is 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import ClassVar, Literal
 from xml.sax.saxutils import quoteattr
@@ -20,6 +21,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 from posture_opt.robot.urdf_chain import xyz_rpy
+from posture_opt.texts import one_line
 
 _EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, and nobody stated these
 _PLACEHOLDERS = "effort and velocity limits of the joints are placeholders: the problem file has none"
@@ -63,7 +65,8 @@ def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
         joints.append(_moving(joint, links[k + 1], links[k + 2], origin, robot.factors[robot.driven[k]].axis))
     joints.append(_fixed(fixed[1], links[-3], links[-2], behind[-1]))
     joints.append(_fixed(fixed[2], links[-2], links[-1], robot.tool))
-    comment = "\n".join(f"  {line}".replace("--", "- -") for line in (f"Written by posture_opt {__version__}.", *notes))
+    lines = (f"Written by posture_opt {__version__}.", *notes)
+    comment = "\n".join("  " + re.sub("-(?=-)", "- ", one_line(line)) for line in lines)
     body = [*_links(robot, links, behind), *joints]
     head = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n<robot name={quoteattr(name)}>'
     return "\n".join([head, *body, "</robot>", ""])

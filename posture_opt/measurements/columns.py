@@ -9,12 +9,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RowBlock
 from posture_opt.numerics import Array, Codes
+from posture_opt.texts import text_fault
 
 AXES = ("x", "y", "z")
 """Columns of the measured tool point."""
@@ -141,10 +143,13 @@ def _label_codes(
     texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults
 ) -> Codes:
     """(N,) codes of the words of a column; an empty cell is a fault. ``names`` gains the words that are new."""
-    words = [_cell_text(text) for text in texts]
+    words = [unguarded(_cell_text(text)) for text in texts]
     for word, line in zip(words, lines, strict=True) if "" in words else ():
         if not word:
             faults.add("the cell is empty", column.name, hint="name it, or leave out the column", line=line)
+    for word in {*words} - {*names}:
+        if fault := text_fault(word):
+            faults.add(fault[0], column.name, word, fault[1], int(lines[words.index(word)]))
     return np.fromiter((names.setdefault(word, len(names)) for word in words), dtype=np.intp, count=len(words))
 
 

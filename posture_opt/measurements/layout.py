@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from posture_opt.csv_text import unguarded
 from posture_opt.measurements.text_lines import TextLine
 
 BLANKS = " "
@@ -64,7 +65,7 @@ def split_cells(text: str, separator: str) -> list[str]:
     """The cells of one line; between blanks, ``joint1 [deg]`` is one cell."""
     if separator == BLANKS:
         return re.sub(r"\s+\[", "[", text.strip()).split()
-    return next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+    return [*map(unguarded, next(csv.reader([text], delimiter=separator, skipinitialspace=True), []))]
 
 
 def name_of(title: str) -> str:

@@ -12,6 +12,7 @@ import casadi
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.c_rows import CFunction, one_text, preamble_text, rows_text
 from posture_opt.model.steps import Steps
+from posture_opt.texts import one_line
 
 
 def c_source(
@@ -81,7 +82,10 @@ _ROWS_COMMENT = """ * {name}_rows does the same for many: every array has that m
 _KEYWORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline int long main
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    and bool catch class delete explicit export false friend mutable namespace new not operator or private protected
+    public template this throw true try typename using virtual xor
 """
+"""Of C, then those of C++, which includes the header too."""
 
 
 def _check_names(function: casadi.Function, name: str) -> None:
@@ -135,7 +139,7 @@ def _c_comment(arguments: list[tuple[str, tuple[int, int]]], descriptions: Mappi
     lines = []
     for key, (rows, columns) in arguments:
         size = f"{rows * columns}" if 1 in (rows, columns) else f"{rows} x {columns}"
-        text = descriptions.get(key, "").replace("*/", "* /")
+        text = one_line(descriptions.get(key, "")).replace("*/", "* /")
         lines.append(f" *   {key} ({size}) {text}".rstrip())
     return "\n".join(lines)
 

@@ -20,6 +20,7 @@ from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
 from posture_opt.selection.fitted_arm import NEGLIGIBLE, FittedArm
+from posture_opt.texts import one_line
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.units import DIMENSIONS, parse_quantity
@@ -81,7 +82,7 @@ def sources_text(robot: Robot, effects: Sequence[Effect], sources: Sources) -> s
 
 def commented(header: Sequence[str], document: Mapping[str, Plain]) -> str:
     """The YAML text of a document, with lines of comment before it."""
-    return "".join(f"# {line}\n" for line in header) + dump_yaml(dict(document))
+    return "".join(f"# {one_line(line)}\n" for line in header) + dump_yaml(dict(document))
 
 
 def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, Robot]:

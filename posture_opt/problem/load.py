@@ -10,9 +10,10 @@ from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, 
 from posture_opt.files import builtin_names as builtin_names
 from posture_opt.files import is_there, nearest_file
 from posture_opt.files import problems_folder as problems_folder
-from posture_opt.problem.plain_data import Plain, plain, text_issues
+from posture_opt.problem.plain_data import Plain, plain
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
+from posture_opt.texts import one_line
 
 _DEFAULT_PROBLEM = "insert_planar_2r"
 _MAX_SUGGESTIONS = 4  # names that begin like what was written
@@ -33,7 +34,7 @@ def load_problem(path: str | PathLike[str]) -> Problem:
             file = problems_folder() / f"{name}.yaml"
         elif near := _near_builtin(name):
             raise InputError(Issue(f"no such file: {name}", hint=near))
-    return build_problem(read_yaml(file), file.parent, file.stem)
+    return build_problem(read_yaml(file), file.parent, one_line(file.stem))
 
 
 def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = ".") -> Problem:
@@ -44,8 +45,7 @@ def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = "
     """
     if not isinstance(data, Mapping):
         raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))
-    found = plain(data)
-    return build_problem(Document(found, issues=tuple(text_issues(found))), Path(folder), "problem")
+    return build_problem(Document(plain(data)), Path(folder), "problem")
 
 
 def _near_builtin(name: str) -> str:

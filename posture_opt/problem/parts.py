@@ -30,6 +30,7 @@ from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Repeatability, Robot
 from posture_opt.robot.urdf import pitched_rolls
+from posture_opt.texts import checked
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
@@ -51,8 +52,8 @@ def read_parts(
     Raises:
         InputError: everything wrong with the document, in the order of its lines.
     """
-    wrong = list(document.issues)
-    data = _given(document)
+    data, unreadable = checked(_given(document))
+    wrong = [*document.issues, *unreadable]
     found = schema_issues(data)
     readable = Readable.of(data, found)
     issues: list[Issue] = []
@@ -132,8 +133,8 @@ def parse_spec(document: Document) -> ProblemSpec:
     Raises:
         InputError: everything that does not fit the schema.
     """
-    data = _given(document)
-    _refuse([*document.issues, *schema_issues(data)], document)
+    data, unreadable = checked(_given(document))
+    _refuse([*document.issues, *unreadable, *schema_issues(data)], document)
     return read_sections(data)
 
 

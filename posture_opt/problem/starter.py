@@ -9,6 +9,7 @@ import string
 from dataclasses import dataclass
 
 from posture_opt.model.arm import Arm
+from posture_opt.problem.yaml_source import dump_scalar
 from posture_opt.robot import load_preset
 from posture_opt.robot.robot import Robot
 
@@ -20,7 +21,7 @@ _STARTER_TEMPLATE = string.Template("""\
 # Every number with a dimension carries its unit: 1 deg, 20 arcsec, 0.05 mm, 2.5 kg; only 0 needs none. A line behind
 # '#' is a suggestion; 'optimize-posture list' names tasks and terms, 'optimize-posture schema' every key.
 
-name: Insertion with the $title
+name: $title
 
 robot:
 $robot
@@ -123,7 +124,7 @@ def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
     x, y, z = target.position or (0.5, 0.2, 0.1)
     position = f"position: {_point([x, y, z])}"
     return _STARTER_TEMPLATE.substitute(
-        title=robot.name,
+        title=dump_scalar(f"Insertion with the {robot.name}"),
         robot=section,
         uncertainty=_uncertainty(robot),
         direction=target.direction,
@@ -141,15 +142,18 @@ def sensible_direction(robot: Robot) -> str:
 
 def _uncertainty(robot: Robot) -> str:
     """The section ``uncertainty``: the data sheet's repeatability with its source, else 0.02 deg or 0.01 mm a joint."""
-    values = [f"{j.name}.theta: 0.02 deg" if j.type == "revolute" else f"{j.name}.d: 0.01 mm" for j in robot.joints]
-    own = [value.split(":")[0] for value in values]
+    sigma_of = {"revolute": ("theta", "0.02 deg"), "prismatic": ("d", "0.01 mm")}
+    own = [f"{joint.name}.{sigma_of[joint.type][0]}" for joint in robot.joints]
+    values = [f"{dump_scalar(name)}: {sigma_of[joint.type][1]}" for name, joint in zip(own, robot.joints, strict=True)]
     first, second, *_ = dict.fromkeys([*own, *robot.parameters])  # a robot may have one joint
     if robot.repeatability is None:
         sigma = "\n".join(f"    {value}" for value in values)
-        return _SIGMA_TEMPLATE.substitute(sigma=sigma, first=first, second=second)
+        return _SIGMA_TEMPLATE.substitute(sigma=sigma, first=dump_scalar(first), second=dump_scalar(second))
     sigma = "\n".join(f"  #   {value}" for value in values)
     value, source = f"{robot.repeatability.value * 1e3:g} mm", " ".join(robot.repeatability.source.split())
-    return _REPEATABILITY_TEMPLATE.substitute(sigma=sigma, first=first, second=second, value=value, source=source)
+    return _REPEATABILITY_TEMPLATE.substitute(
+        sigma=sigma, first=dump_scalar(first), second=dump_scalar(second), value=value, source=source
+    )
 
 
 def _stretched(robot: Robot) -> float:

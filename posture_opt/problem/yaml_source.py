@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, naming
-from posture_opt.problem.plain_data import Plain, Section, text_issues
+from posture_opt.problem.plain_data import Plain, Section
 
 MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
 _MAX_PARAMETERS_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
@@ -118,7 +119,7 @@ def parse_yaml(text: str, file: str = "") -> Document:
         data = reader.value(node, ())
     except RecursionError:
         raise InputError(Issue("the file is nested too deeply", file=file)) from None
-    return Document(data, file, reader.lines, (*reader.issues, *text_issues(data)))
+    return Document(data, file, reader.lines, tuple(reader.issues))
 
 
 def _compose(text: str, file: str) -> yaml.Node | None:
@@ -287,3 +288,12 @@ def dump_yaml(data: Section) -> str:
 def dump_scalar(text: str) -> str:
     """A text as a YAML scalar in one line, in quotes where it needs them."""
     return yaml.dump(text, Dumper=_Dumper, allow_unicode=True, width=math.inf).removesuffix("\n").removesuffix("\n...")
+
+
+def dump_texts(texts: Sequence[str]) -> str:
+    """Texts as a YAML list in one line, each in double quotes.
+
+    >>> print(dump_texts(["joint1", "a: b"]))
+    ["joint1", "a: b"]
+    """
+    return yaml.dump(list(texts), default_style='"', default_flow_style=True, width=math.inf).removesuffix("\n")

@@ -19,6 +19,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
+from posture_opt.texts import one_line, text_fault
 from posture_opt.units import NEGLIGIBLE
 
 MAX_ELEMENTS = 100_000
@@ -169,7 +170,7 @@ def _tree_of(robot: Element, stem: str) -> UrdfTree:
     reader = _UrdfReader([])
     links = [(reader.name(element), element) for element in robot.each("link")]
     tree = UrdfTree(
-        robot.attributes.get("name") or stem,
+        reader.text(robot, "name", "the <robot>") if robot.attributes.get("name") else one_line(stem),
         tuple(name for name, _ in links),
         tuple(reader.joint(element) for element in robot.each("joint")),
         {name: reader.inertial(name, inside) for name, link in links for inside in link.each("inertial")},
@@ -188,7 +189,7 @@ class _UrdfReader:
 
     def name(self, element: Element) -> str:
         """The attribute ``name`` of a link or a joint."""
-        return self._required_text(element, "name", f"a <{element.tag}>")
+        return self.text(element, "name", f"a <{element.tag}>")
 
     def joint(self, element: Element) -> UrdfJoint:
         """One ``<joint>``; its axis is x where none is given, its origin the parent's frame."""
@@ -245,17 +246,21 @@ class _UrdfReader:
             return tuple(numbers) or (1.0, 1.0, 1.0)
         return tuple(numbers) if len(given) == len(_GEOMETRY_SIZES[geometry.tag]) else (0.0,)
 
-    def _required_text(self, element: Element, key: str, owner: str) -> str:
-        """An attribute that must not be empty; an issue where it is."""
-        if not element.attributes.get(key):
+    def text(self, element: Element, key: str, owner: str) -> str:
+        """An attribute that must be a text in one line and not empty; an issue where it is not."""
+        given = element.attributes.get(key, "")
+        if not given:
             message = f"{owner} lacks its {key}"
             self.issues.append(Issue(message, hint=f'write <{element.tag} {key}="…">', line=element.line))
-        return element.attributes.get(key, "")
+        elif fault := text_fault(given):
+            message, hint = f"{owner}: {key}: {fault[0]}", fault[1]
+            self.issues.append(Issue(message, value=given, hint=hint, line=element.line))
+        return one_line(given)
 
     def _end(self, joint: Element, tag: str, owner: str) -> str:
         """The link that ``<parent>`` or ``<child>`` of a joint names."""
         if element := joint.first(tag):
-            return self._required_text(element, "link", f"<{tag}> of {owner}")
+            return self.text(element, "link", f"<{tag}> of {owner}")
         self.issues.append(Issue(f"{owner} has no <{tag}>", hint=f'write <{tag} link="…"/>', line=joint.line))
         return ""
 

@@ -16,6 +16,8 @@ from typing import Literal
 
 ROOMS = [
     "errors",
+    "texts",
+    "csv_text",
     "units",
     "spec",
     "numerics",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.csv_text import csv_line
 from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable_causes
 from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
 from posture_opt.diagnosis.scores import levels
@@ -306,7 +307,7 @@ def split_csv(found: Diagnosis) -> str:
     load = ["payload [kg]"] if any(rows.payload is not None for _, rows, _, _ in parts) else []
     empty = _unmeasured(data)
     target = ["target"] if data.target_names else []
-    lines = [", ".join([*labels, *target, *headers, *sides, *load, *empty])]
+    lines = [csv_line([*labels, *target, *headers, *sides, *load, *empty])]
     factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
     for label, rows, times, digits in parts:
         for i in [*range(len(rows))] * times:
@@ -315,7 +316,7 @@ def split_csv(found: Diagnosis) -> str:
             here += [data.target_names[rows.target[i]]] if target else []
             here += [*values, *(f"{rows.approach[i, j]:.0f}" for j in sided)]
             here += ["" if rows.payload is None else f"{rows.payload[i]:g}"] if load else []
-            lines.append(", ".join([*here, *[""] * len(empty)]))
+            lines.append(csv_line([*here, *[""] * len(empty)]))
     return "\n".join(lines) + "\n"
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from posture_opt.csv_text import csv_line
+
 if TYPE_CHECKING:
     from posture_opt.report.page.presenter import Columns
 
@@ -19,7 +21,7 @@ def map_csv(columns: Columns, joints: int, decimals_of_joints: int = 6) -> str:
         **dict.fromkeys(headers[-joints:], decimals_of_joints),
     }
     cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in headers]
-    return "".join(", ".join(row) + "\n" for row in (headers, *zip(*cells, strict=True)))
+    return "".join(csv_line(row) + "\n" for row in (headers, *zip(*cells, strict=True)))
 
 
 def _cell(value: float, decimals: int | None) -> str:

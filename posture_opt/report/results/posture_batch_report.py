@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from posture_opt.csv_text import csv_line
 from posture_opt.report.figures.posture_batch import plot_posture_batch
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
@@ -77,7 +78,7 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         """``answers.csv``: the columns, with quotes where a text has a comma, a quote or a line break."""
         columns = self.columns()
         rows = [columns, *zip(*columns.values(), strict=True)]
-        return {"answers.csv": "".join(", ".join(map(_cell, row)) + "\n" for row in rows).encode()}
+        return {"answers.csv": "".join(csv_line(map(_cell, row)) + "\n" for row in rows).encode()}
 
 
 def solved_sentence(found: PostureBatch) -> str:
@@ -114,8 +115,7 @@ def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
 
 
 def _cell(value: object) -> str:
-    """A value of the file: six digits, empty for NaN, quoted text where it has to be."""
+    """A value of the file: six digits, empty for NaN."""
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.6g}"
-    text = str(value)
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n') else text
+    return str(value)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.csv_text import csv_line, unguarded
 from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.files import content, naming
 from posture_opt.numerics import Array
@@ -72,8 +73,8 @@ def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str
     """
     scale = [_scale_of(unit) for unit in units]
     rows = covariance / np.outer(scale, scale)
-    title = ", ".join(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
-    lines = [", ".join([name, *(f"{value:.15g}" for value in row)]) for name, row in zip(names, rows, strict=True)]
+    title = csv_line(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
+    lines = [csv_line([name, *(f"{value:.15g}" for value in row)]) for name, row in zip(names, rows, strict=True)]
     return "\n".join([title, *lines, ""])
 
 
@@ -106,7 +107,7 @@ def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list
     issues: list[Issue] = []
     for cell in cells:
         match = _HEADER_CELL.match(cell)
-        name, unit = (match["name"], match["unit"]) if match else (cell.strip(), None)
+        name, unit = (unguarded(match["name"]), match["unit"]) if match else (cell.strip(), None)
         issues += name_issues(name, dimensions)
         dimension = dimensions.get(name, "length" if unit == "m" else "angle")
         if name in names:
@@ -140,7 +141,7 @@ def _read_body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> t
     issues: list[Issue] = []
     for line, cells in rows:
         match = _HEADER_CELL.match(cells[0])
-        name = match["name"] if match else cells[0].strip()
+        name = unguarded(match["name"]) if match else cells[0].strip()
         if name not in names:
             issues.append(Issue("the row has no column of the same name", (name,), line=line))
         elif not np.isnan(matrix[names.index(name)]).all():
