@@ -15,7 +15,7 @@ from posture_opt.report.text.screen import SCREEN
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 
 JACOBI = DATA / "jacobi_ur5"
 LONGER = 3e-3  # m: what the second link has more than the problem file says
@@ -145,7 +145,7 @@ def test_the_answer_fits_on_one_screen(folder: Path, written: tuple[Path, Result
     assert "--full prints all details" in " ".join(text[-2:])
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize(
     ("data", "problem"),
     [
@@ -241,7 +241,7 @@ def test_how_far_the_task_is_from_what_was_measured_is_told(tmp_path: Path) -> N
     assert planned["spread"]["systematic"]["sigma_max"] <= planned["sigma_max"]
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_a_task_outside_what_was_measured_is_told_first() -> None:
     text = run(JACOBI / "grid.csv", "--problem", JACOBI / "problem.yaml").stdout
     lead = " ".join(text.split("\n\n")[0].split())
@@ -249,7 +249,7 @@ def test_a_task_outside_what_was_measured_is_told_first() -> None:
     assert "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure." in lead
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_a_real_arm_predicts_another_session() -> None:
     words = ["--problem", JACOBI / "problem.yaml", "--test", JACOBI / "random.csv"]
     result = run(JACOBI / "grid.csv", *words, "--json")

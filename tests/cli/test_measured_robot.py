@@ -17,7 +17,7 @@ from posture_opt.problem.load import problems_folder
 from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.robot.preset import load_preset
 from tests.helpers.command_line import invoke
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.variants import conformance
 
 LOADED = problems_folder() / "ur10_measured.csv"
@@ -157,7 +157,7 @@ def test_a_slip_between_repeats_is_no_noise() -> None:
     assert sigma < 1.3 * NOISE
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize(
     ("data", "robot", "problem"),
     [

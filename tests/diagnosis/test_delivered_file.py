@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.errors import InsufficientDataError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.variants import conformance
 from tests.hidden.draw import draw
 from tests.hidden.files import write
@@ -106,7 +106,7 @@ def test_of_several_targets_and_a_slip_between(free: bool, tmp_path: Path) -> No
     assert "Quantities that drifted are delivered at their average." in text
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize(
     ("folder", "data", "problem"),
     [("jacobi_wam", "grid", "problem"), ("mukca_sockets", "panda_4", "problem_panda_4")],

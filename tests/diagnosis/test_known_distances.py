@@ -6,10 +6,10 @@ import numpy as np
 
 import posture_opt as po
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_known_distances_count_in_the_search_as_in_the_fit() -> None:
     folder = DATA / "mukca_sockets"
     problem = po.load_problem(folder / "problem_panda_4.yaml")

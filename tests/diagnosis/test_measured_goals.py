@@ -14,7 +14,7 @@ from posture_opt.diagnosis.measured_goals import MeasuredGoals, goals_in_posture
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.planar_files import PLANAR
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 
 UR10 = DATA / "ipa_ur10"
 NOISE, SIGMA = 2e-5, (4e-4, 1e-4)  # m; rad, what the file states of joint1 and joint2
@@ -142,7 +142,7 @@ def test_a_goal_under_two_payloads_is_two_goals(tmp_path: Path) -> None:
     assert [[list(rows) for rows in postures] for postures in goals_in_postures(data)] == [[[2], [3]], [[4], [5]]]
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_the_measured_ur10_is_better_sent_and_better_chosen() -> None:
     problem = po.load_problem(UR10 / "problem.yaml")
     whole = po.read_measurements(UR10 / "series_b.csv", problem)

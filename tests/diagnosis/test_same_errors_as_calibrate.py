@@ -11,7 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.variants import conformance
 
 WRONG = 7  # the row that the instrument got wrong
@@ -48,7 +48,7 @@ def test_simulated_arms(problem: str, file: str, other: str) -> None:
     assert_same(asked, data, test)
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_a_real_arm_whose_estimate_leans_on_a_prior() -> None:
     problem = po.load_problem(DATA / "jacobi_wam" / "problem.yaml")
     data, test = (po.read_measurements(DATA / "jacobi_wam" / f"{name}.csv", problem) for name in ("grid", "test"))

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import posture_opt as po
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.variants import conformance
 from tests.hidden.draw import draw
 from tests.hidden.files import write
@@ -82,7 +82,7 @@ def test_a_joint_whose_repeats_scatter_is_named_with_their_size(index: int) -> N
     assert "repeat" not in found["unexplained"]
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize(
     ("data", "problem"),
     [("ipa_ur10/series_d.csv", "ipa_ur10/problem.yaml"), ("jacobi_wam/grid.csv", "jacobi_wam/problem.yaml")],

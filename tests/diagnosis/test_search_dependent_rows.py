@@ -13,7 +13,7 @@ from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.diagnosis.search.search import search_effects
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 
 NOISE = 2e-5  # m
 UR10 = DATA / "ipa_ur10"
@@ -76,7 +76,7 @@ def test_another_session_stands_in_another_frame(tmp_path: Path) -> None:
     assert found.test.models["calibrated"].rms > 10 * NOISE
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_ur10_lines_of_one_session_improve_another() -> None:
     problem = po.load_problem(UR10 / "problem.yaml")
     first, second = (po.read_measurements(UR10 / f"series_{name}.csv", problem) for name in "ab")
