@@ -22,8 +22,10 @@ Array = npt.NDArray[np.float64]
 """Real numbers, as of ``numerics``; also from lists and other types that NumPy converts."""
 
 _ROW_NAME = "posture_opt_row"
-_CHUNK_ROWS = 256
-"""Rows of one interpreted map: bounds its memory."""
+_WIDTHS = (256, 16, 1)
+"""Rows that are interpreted in one call, as many as there are: the first bounds the memory, a single row takes a call
+from Python of thrice its own time.
+"""
 _BATCH_LOOP_C = """
 #include <stdlib.h>
 
@@ -164,15 +166,22 @@ class BatchFunction:
         return rows, inputs
 
     def _fill_interpreted(self, rows: int, inputs: list[Array], outputs: list[Array]) -> None:
-        """Evaluate by CasADi's interpreter, `_CHUNK_ROWS` at a time; outputs (N, …) are written to."""
-        spread = [np.broadcast_to(array, (rows, array.shape[1])) for array in inputs]
-        whole = rows - rows % _CHUNK_ROWS
-        # Buffers of this call alone, so that batches may run in threads here too.
-        if whole:
-            _fill_buffered(
-                _Buffered(self._row.map(_CHUNK_ROWS)), range(0, whole, _CHUNK_ROWS), _CHUNK_ROWS, spread, outputs
-            )
-        _fill_buffered(_Buffered(self._row), range(whole, rows), 1, spread, outputs)
+        """Evaluate by CasADi's interpreter, rows at a time as `_WIDTHS` has them; outputs (N, …) are written to."""
+        spread, begin = [np.broadcast_to(array, (rows, array.shape[1])) for array in inputs], 0
+        for width in _WIDTHS:
+            end = rows - (rows - begin) % width
+            if end > begin:
+                _fill_buffered(self._thread_map(width), range(begin, end, width), width, spread, outputs)
+            begin = end
+
+    def _thread_map(self, width: int) -> _Buffered:
+        """The function of so many rows, with buffers that each thread keeps: a map and its buffers cost more than 16
+        rows.
+        """
+        maps: dict[int, _Buffered] = self._kept.__dict__.setdefault("maps", {})
+        if width not in maps:
+            maps[width] = _Buffered(self._row.map(width) if width > 1 else self._row)
+        return maps[width]
 
 
 class _Buffered:
@@ -226,13 +235,17 @@ def _assign_slots(slots: list[Array], arrays: Sequence[Any]) -> None:
 
 def _fill_buffered(buffered: _Buffered, starts: range, width: int, inputs: list[Array], outputs: list[Array]) -> None:
     """Evaluate blocks of ``width`` rows that begin at ``starts``."""
+    given = [(slot.reshape(width, array.shape[1]), array) for slot, array in zip(buffered.inputs, inputs, strict=True)]
+    taken = [
+        (slot.reshape(width, *array.shape[1:]), array) for slot, array in zip(buffered.outputs, outputs, strict=True)
+    ]
     for start in starts:
         rows = slice(start, start + width)
-        for slot, array in zip(buffered.inputs, inputs, strict=True):
-            slot.reshape(width, -1 if array.shape[1] else 0)[:] = array[rows]
+        for slot, array in given:
+            slot[:] = array[rows]
         buffered.evaluate()
-        for slot, array in zip(buffered.outputs, outputs, strict=True):
-            array[rows] = slot.reshape(array[rows].shape)
+        for slot, array in taken:
+            array[rows] = slot
 
 
 def _fill_compiled(library: Library, rows: int, inputs: list[Array], outputs: list[Array]) -> None:
