@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.frame_coordinates import Chart
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames, held_length
+from posture_opt.calibration.assumptions.instrument import rotation_sigma
 from posture_opt.calibration.assumptions.refuted_statements import consistent_problem
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted_errors
@@ -30,6 +31,7 @@ from posture_opt.calibration.estimation.fit_setup import (
     determine_directions,
     unseen_errors_of_fit,
 )
+from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.second_file import OtherFile, predict_other_file
@@ -44,6 +46,9 @@ MAX_FITTED_ROWS = 100_000
 _NOISE_ROUNDS = 3  # of fitting and judging the noise anew
 SIZE_NOTE = (
     "touched points alone do not determine the size of the arm: {} is held; state a distance under data.distances"
+)
+WEIGHED_NOTE = (
+    "orientations count as if their σ were {:.2g} times the stated one: beside positions, they scatter by so much"
 )
 RECOUNTED_NOTE = (
     "{} that the calibration leaves out as {} here, as effects explain it: RMS errors are of all rows that count "
@@ -102,13 +107,34 @@ def calibrate(
     thinning = thin(data, most_rows)
     data = data if thinning is None else thinning.used
     problem, refuted = consistent_problem(problem, data, priors)
-    given, notes = arm_and_data(problem, data)
-    chart = Chart.of(given)
+    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     by = by or default_by(data)
-    groups = groups_of(data, by, folds)
-    parts = folds_of(groups, folds, by)
-    report_step = _step_reporter(progress, 2 * len(parts) + 1 + (thinning is not None))
-    fitted = _fit_arm(problem, chart.fitted, len(np.unique(groups)), priors)
+    rounds = len(folds_of(groups_of(data, by, folds), folds, by))
+    report_step = _step_reporter(progress, 2 * rounds + 1 + (thinning is not None))
+    found, chart, fitted = _calibration_of(request, by, priors, report_step)
+    found = replace(found, contradictions=refuted.contradictions(found.fit))
+    if thinning is None:
+        return found
+    large = LargeFile.of(thinning, _models(chart, fitted), fitted.found)
+    report_step()
+    return replace(found, large=large)
+
+
+def reweighed(calibration: Calibration, ratio: float) -> Calibration:
+    """The same calibration with orientations that count as if their σ were ``ratio`` times what it was taken for."""
+    used = calibration.residuals.sigma_rotation / rotation_sigma(calibration.request.problem)
+    found, *_ = _calibration_of(calibration.request, calibration.by, True, lambda: None, used * ratio)
+    return replace(found, contradictions=calibration.contradictions, large=calibration.large)
+
+
+def _calibration_of(
+    request: FitRequest, by: By, priors: bool, report_step: Callable[[], None], turning: float | None = None
+) -> tuple[Calibration, Chart, _Fitted]:  # fmt: skip
+    """The calibration, and the arm as it was fitted; ``turning`` is as of `_weighed_arm`."""
+    problem, data, test, refit_frames = request.problem, request.data, request.test, request.refit_frames
+    groups = groups_of(data, by, request.folds)
+    parts = folds_of(groups, request.folds, by)
+    given, chart, fitted, notes = _weighed_arm(problem, data, len(np.unique(groups)), priors, turning)
     check_kept(chart.fitted, groups, fitted.found.kept)
     report_step()
     nominal = refitted_errors(chart.fitted, parts, fitted.found, report_step, frames=True)
@@ -116,17 +142,39 @@ def calibrate(
     again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     unconverged = _unconverged_note(calibrated.unsettled, len(parts))
     notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *unconverged)
-    models = {"nominal": (chart.fitted, fitted.x_nominal), "calibrated": (chart.fitted, fitted.found.x)}
-    seen = None if test is None else predict_other_file(models, data.take(fitted.found.kept), test, refit_frames)
-    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
+    kept = data.take(fitted.found.kept)
+    seen = None if test is None else predict_other_file(_models(chart, fitted), kept, test, refit_frames)
     found = _assemble_calibration(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
     left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
-    found = replace(found, contradictions=refuted.contradictions(found.fit), disagreement=left)
-    if thinning is None:
-        return found
-    large = LargeFile.of(thinning, models, fitted.found)
-    report_step()
-    return replace(found, large=large)
+    return replace(found, disagreement=left), chart, fitted
+
+
+def _models(chart: Chart, fitted: _Fitted) -> dict[str, tuple[Residuals, Array]]:
+    """The arm before and after calibration: residuals and deviations (k,)."""
+    return {"nominal": (chart.fitted, fitted.x_nominal), "calibrated": (chart.fitted, fitted.found.x)}
+
+
+def _weighed_arm(
+    problem: ProblemData, data: Measurements, groups: int, priors: bool, turning: float | None
+) -> tuple[Residuals, Chart, _Fitted, tuple[str, ...]]:
+    """The arm fitted to all rows, orientations weighed as they scatter beside positions, see `orientation_ratio`.
+
+    Args:
+        groups: how many groups of correlated rows there are.
+        turning: σ of orientations over the stated one where it is known; None where the fit is to show it.
+
+    Returns:
+        The residuals in the parameters of the file, the chart they were fitted in, the fit, and sentences.
+    """
+    given, notes = arm_and_data(problem, data)
+    given = replace(given, sigma_rotation=given.sigma_rotation * (turning or 1.0))
+    chart = Chart.of(given)
+    fitted = _fit_arm(problem, chart.fitted, groups, priors)
+    ratio = orientation_ratio(fitted.found) if turning is None else 1.0
+    if ratio != 1.0:
+        return _weighed_arm(problem, data, groups, priors, ratio)
+    notes += () if turning is None else (WEIGHED_NOTE.format(turning),)
+    return given, chart, fitted, notes
 
 
 def stated_errors(

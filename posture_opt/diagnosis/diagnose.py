@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.calibrate import calibrate, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest
+from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_preset import free_directions
@@ -152,7 +153,7 @@ def diagnose(
     problem = calibration.request.problem  # without what the data refute of it
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
-    found = _explain_residuals(problem, *_search_effects(calibration, draws, seed or 0, stages), seed or 0)
+    found = _explain_calibration(calibration, draws, seed or 0, stages)
     held = _held_out_errors(found)
     delivery = deliver_arm(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})
@@ -161,6 +162,21 @@ def diagnose(
     large = None if thinning is None else _left_out_rows(thinning, found)
     stages.end()
     return replace(_assemble_diagnosis(request, found, held, delivery, findings, other), large=large)
+
+
+def _explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> _Explained:
+    """What the residuals of a calibration hold.
+
+    It is searched for once more where that shows that orientations scatter otherwise, beside positions, than they were
+    weighed for: what hides in the calibrated arm's errors may have made it seem so, or a σ that is stated wrongly.
+    """
+    problem = calibration.request.problem
+    found = _explain_residuals(problem, *_search_effects(calibration, draws, seed, stages), seed)
+    ratio = orientation_ratio(found.model)
+    if ratio == 1.0:
+        return found
+    calibration = reweighed(calibration, ratio)
+    return _explain_residuals(problem, *_search_effects(calibration, draws, seed, Stages(None, 1, 1)), seed)
 
 
 def _explain_residuals(

@@ -122,15 +122,14 @@ def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEnt
 
 def measurement_issues(stated: MeasurementSpec | None, effects: Sequence[CatalogueEntry]) -> list[Issue]:
     """Effects that change an instrument's σ where none is stated."""
-    if stated is not None and stated.position:
-        return []
+    add = {"position": "{position: 0.05 mm}", "orientation": "{position: 0.05 mm, orientation: 0.1 mrad}"}
     return [
         Issue(
             f"{effect.name} changes the σ of the instrument, and none is stated", ("effects", index), effect.kind,
-            "add uncertainty: {measurement: {position: 0.05 mm}}",
+            f"add uncertainty: {{measurement: {add[effect.changed_sigma]}}}",
         )
         for index, effect in enumerate(effects)
-        if isinstance(effect, NoiseEffect) and effect.of_stated
+        if isinstance(effect, NoiseEffect) and effect.of_stated and not getattr(stated, effect.changed_sigma, None)
     ]  # fmt: skip
 
 

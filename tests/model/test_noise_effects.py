@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 import posture_opt as po
 from posture_opt.calibration.assumptions.frames import arm_and_data
-from posture_opt.calibration.assumptions.instrument import reading_sigmas
+from posture_opt.calibration.assumptions.instrument import reading_sigmas, rotation_sigma
 from posture_opt.diagnosis.noise.noise_candidates import score_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import InputError
@@ -193,6 +193,18 @@ def test_a_correlation_stands_once() -> None:
 def test_a_change_of_the_instruments_sigma_needs_one(entry: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="none is stated"):
         problem(entry, measurement=None)
+
+
+def test_a_factor_of_one_quantity_leaves_the_other() -> None:
+    stated = {"position": "0.02 mm", "orientation": "0.1 mrad"}
+    for quantity, of in (("position", (2.0, 1.0)), ("orientation", (1.0, 2.0)), (None, (2.0, 2.0))):
+        entry = {"kind": "stated_sigma", "factor": 2.0} | ({"quantity": quantity} if quantity else {})
+        found = problem(entry, measurement=stated)
+        assert found.effects[0].target == (quantity or "data")
+        assert reading_sigmas(found, np.ones((1, 3)))[0] == pytest.approx(2e-5 * of[0])
+        assert rotation_sigma(found) == pytest.approx(1e-4 * of[1])
+    with pytest.raises(InputError, match="none is stated"):
+        problem({"kind": "stated_sigma", "factor": 2.0, "quantity": "orientation"})
 
 
 def test_what_cannot_be_known_is_said_by_the_kinds_themselves() -> None:

@@ -36,6 +36,7 @@ class NoiseCandidate:
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
         of_arm: whether it is drawn anew at every repeat.
+        scale: (d,) of a quantity whose σ is wrong, by which its coordinates are too large; None of other noise.
     """
 
     kind: str
@@ -48,6 +49,7 @@ class NoiseCandidate:
     named: Callable[[], NoiseEffect]
     spread: Array | None = None
     of_arm: bool = False
+    scale: Array | None = None
 
     @property
     def who(self) -> tuple[str, str]:
@@ -162,7 +164,7 @@ class _Fit:
         """
         _, N, d = sets.shape
         total = np.einsum("fnd,fnd->fn", sets, sets)
-        along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
+        along = pattern.along(sets)
         null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
         best, first = np.full(len(sets), -np.inf), []
         for value in map(float, pattern.grid):
@@ -183,9 +185,8 @@ class _Fit:
         spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
         who = pattern.effect.kind_name(), pattern.target
         of_arm = pattern.effect.of_arm
-        return NoiseCandidate(
-            *who, self.ratio, p, pattern.quantity, pattern.size(value, s2), std, named, spread, of_arm
-        )
+        size, scale = pattern.size(value, s2), pattern.units(value)
+        return NoiseCandidate(*who, self.ratio, p, pattern.quantity, size, std, named, spread, of_arm, scale)
 
     def loss(self, pattern: Pattern, size: float) -> float:
         """Twice the log likelihood that a size loses against the likeliest."""
@@ -225,7 +226,7 @@ def _log_likelihood(pattern: Pattern, value: float, total: Array, along: Array |
         inflation = pattern.inflation(value)
         weighted, determinant = (
             weighted + along @ (weights / inflation - weights),
-            determinant + np.log(inflation).sum(),
+            determinant + pattern.rank * np.log(inflation).sum(),
         )
     s2 = weighted / count
     return -count / 2 * np.log(s2) - 0.5 * determinant, s2

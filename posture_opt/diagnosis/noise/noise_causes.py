@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.instrument import position_sigma, relative_sigma
+from posture_opt.calibration.assumptions.instrument import position_sigma, relative_sigma, rotation_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
@@ -22,7 +23,7 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, Un
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
-from posture_opt.model.effects import Outliers, Rows
+from posture_opt.model.effects import Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
@@ -59,16 +60,20 @@ def noise_causes(
     found += [] if adequacy < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
     if not position_sigma(problem, model.residuals.data) or found:
         return found, uneven
-    estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
-    repeated = samples.repeated
+    repeated, residuals = samples.repeated, model.residuals
+    quantities = _quantities(problem, residuals)
     if repeated is not None:
-        wrong = _wrong_sigma(repeated.e, repeated.e.size, estimated)
-        found += [] if wrong is None else [NoiseCause(wrong.named(), wrong.estimate, wrong.p_value)]
+        for quantity in quantities:
+            e = quantity.of(repeated.e)
+            wrong = quantity.wrong_sigma(e, e.size)
+            found += [] if wrong is None else [NoiseCause(wrong.named(), wrong.estimate, wrong.p_value)]
     elif not uneven and adequacy >= levels.LACK_OF_FIT_LEVEL:
-        left = model.whitened.reshape(-1, model.residuals.block)
-        wrong = _wrong_sigma(left, max(left.size - len(model.minimum.x), 1), estimated)
-        if wrong is not None and wrong.size > 1:
-            uneven.append(UnevenErrors(wrong.named(), wrong.p_value, False, np.zeros(0)))
+        left = model.whitened.reshape(-1, residuals.block)
+        for quantity in quantities:
+            e = quantity.of(left)
+            wrong = quantity.wrong_sigma(e, max(e.size - len(model.minimum.x) * e.shape[1] // left.shape[1], 1))
+            if wrong is not None and wrong.size > 1:
+                uneven.append(UnevenErrors(wrong.named(), wrong.p_value, False, np.zeros(0)))
     return found, uneven
 
 
@@ -79,19 +84,52 @@ def sided_joints(model: Fit) -> Codes:
     return np.array([i for i, name in enumerate(names) if name in sided], dtype=np.intp)
 
 
-def _wrong_sigma(e: Array, freedom: int, estimated: int | None) -> NoiseCandidate | None:
-    """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated; None: as
-    stated.
+@dataclass(frozen=True)
+class _Quantity:
+    """What has a stated σ of its own: positions, or orientations.
 
     Args:
+        name: as in `StatedSigma`; None where only one is measured.
+        part: its coordinates in a row.
+        used: its σ, by which residuals are whitened, over the stated one.
+        level: of its test.
         estimated: degrees of freedom of the stated σ where it is itself an estimate.
     """
-    squares = e**2
-    # Of few residuals the kurtosis is often far below zero by chance: only long tails count.
-    kurtosis = max(float(np.mean(squares**2) / np.mean(squares) ** 2 - 3), 0.0)
-    found = score_stated_sigma(float(squares.sum()) / freedom, freedom, kurtosis, estimated)
-    wrong = found.p_value < levels.NOISE_LEVEL and abs(np.log(found.size)) > np.log(levels.STATED_SIGMA_RATIO)
-    return found if wrong else None
+
+    name: Literal["position", "orientation"] | None
+    part: slice
+    used: float
+    level: float
+    estimated: int | None
+
+    def of(self, e: Array) -> Array:
+        """Its part (N, d) of whitened residuals (N, block), in units of what is stated."""
+        return e[:, self.part] * self.used
+
+    def wrong_sigma(self, e: Array, freedom: int) -> NoiseCandidate | None:
+        """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated.
+
+        None: as stated.
+        """
+        squares = e**2
+        # Of few residuals the kurtosis is often far below zero by chance: only long tails count.
+        kurtosis = max(float(np.mean(squares**2) / np.mean(squares) ** 2 - 3), 0.0)
+        found = score_stated_sigma(float(squares.sum()) / freedom, freedom, kurtosis, self.estimated)
+        wrong = found.p_value < self.level and abs(np.log(found.size)) > np.log(levels.STATED_SIGMA_RATIO)
+        effect = StatedSigma(quantity=self.name, factor=found.size)
+        return replace(found, target=effect.target, named=lambda: effect) if wrong else None
+
+
+def _quantities(problem: ProblemData, residuals: Residuals) -> tuple[_Quantity, ...]:
+    """What is measured and has a stated σ: position, and orientation; where it is both, they share the level."""
+    estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
+    if not residuals.oriented:
+        return (_Quantity(None, slice(None), 1.0, levels.NOISE_LEVEL, estimated),)
+    axes, used = len(residuals.axes), residuals.sigma_rotation / rotation_sigma(problem)
+    return (
+        _Quantity("position", slice(axes), 1.0, levels.FURTHER_NOISE_LEVEL, estimated),
+        _Quantity("orientation", slice(axes, None), used, levels.FURTHER_NOISE_LEVEL, estimated),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +177,8 @@ def noise_samples(
     raw = baseline.e[:m].reshape(-1, block)
     e, levers = in_stated_units(problem, residuals, standardised_residuals(raw, Q @ np.swapaxes(Q, 1, 2)), columns)
     ranges = _instrument_ranges(residuals)
-    rows = Rows(residuals.robot, levers, ranges, residuals.sigma, repeat_of_row(data))
+    turned = block - len(residuals.axes)
+    rows = Rows(residuals.robot, levers, ranges, residuals.sigma, repeat_of_row(data), turned)
     plain = NoiseSample(in_stated_units(problem, residuals, raw, columns)[0], rows)
     repeats = plain.between(Contrasts.of(data, prismatic_joints(residuals), sided))
     still = plain.between(Contrasts.of_readings(data))

@@ -80,6 +80,10 @@ class NoiseSample:
         )
         return NoiseSample(self.e[:count], few)
 
+    def scaled(self, scale: Array) -> NoiseSample:
+        """With each coordinate of a row over its ``scale`` (d,)."""
+        return NoiseSample(self.e / scale, replace(self.rows, levers=self.rows.levers / scale))
+
     def without(self, spread: Array | None) -> NoiseSample:
         """In units of a covariance that a noisy joint, ``spread`` (N, d), is part of; as it is without one."""
         if spread is None or not len(self.e):
@@ -159,10 +163,11 @@ def find_uneven_noise(
             its absence says nothing, as the arm may not have left the posture.
     """
     readings = everything.take(0) if readings is None else readings
+    repeats, readings = _in_equal_units(repeats, seed), _in_equal_units(readings, seed)
     named: list[tuple[_Examined, list[NoiseCandidate]]] = []
     uneven: list[UnevenErrors] = []
     taken: set[tuple[str, str]] = set()
-    candidates = score_uneven_noise(everything.e, everything.rows, seed)
+    everything, candidates = _scored(everything, seed)
     while candidates and candidates[0].p_value < (levels.FURTHER_NOISE_LEVEL if taken else level):
         first, rivals = candidates[0], _close_rivals(candidates)
         examined = [_examined(s, repeats, readings, seed) for s in (first, *rivals)]
@@ -176,15 +181,33 @@ def find_uneven_noise(
         else:
             first = chosen.candidate
             named.append((chosen, [s.candidate for s in examined if s is not chosen]))
-            repeats = repeats.without(_spread_by(chosen.sized, repeats))
-            readings = readings.without(_spread_by(chosen.sized, readings))
+            repeats = _in_equal_units(repeats.without(_spread_by(chosen.sized, repeats)), seed)
+            readings = _in_equal_units(readings.without(_spread_by(chosen.sized, readings)), seed)
         taken.add(first.who)
         if first.spread is None or len(taken) == len(everything.rows.levers):
             break
-        everything = everything.without(first.spread)
-        scores = score_uneven_noise(everything.e, everything.rows, seed)
+        everything, scores = _scored(everything.without(first.spread), seed)
         candidates = [s for s in scores if s.who not in taken]
     return [_noise_cause(one, rivals, taken) for one, rivals in named], uneven
+
+
+def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCandidate]]:
+    """A sample in units in which its quantities scatter alike, and the candidates there.
+
+    An orientation whose σ is stated too small looks like noise of every joint that turns it. Where that explains more
+    than any joint does, it is taken away first; whether the stated σ is wrong is judged elsewhere.
+    """
+    found = score_uneven_noise(sample.e, sample.rows, seed)
+    if found and found[0].scale is not None and found[0].p_value < levels.NOISE_LEVEL:
+        sample = sample.scaled(found[0].scale)
+        found = score_uneven_noise(sample.e, sample.rows, seed)
+    return sample, [candidate for candidate in found if candidate.scale is None]
+
+
+def _in_equal_units(sample: NoiseSample, seed: int) -> NoiseSample:
+    """A sample of contrasts in units in which its quantities scatter alike."""
+    few = not sample.rows.turned or sample.e.size < levels.MIN_REPEAT_FREEDOM
+    return sample if few else _scored(sample, seed)[0]
 
 
 def _examined(candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:

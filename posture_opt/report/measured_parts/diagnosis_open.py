@@ -93,7 +93,7 @@ def uneven_words(errors: UnevenErrors) -> str:
     Refuted: repeats of one posture do not scatter so, the errors are systematic. Otherwise too few postures were
     repeated.
     """
-    text = f"{errors.effect.uneven_words.format(target=errors.effect.target)} ({p_words(errors.p_value)})"
+    text = f"{errors.effect.uneven_clause} ({p_words(errors.p_value)})"
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
     if errors.still:

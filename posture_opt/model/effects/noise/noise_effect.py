@@ -26,6 +26,7 @@ class Rows:
         sigma: the instrument's σ of a coordinate as stated [m].
         visits: (N,) which rows were measured at one visit, so that they share the joints' scatter; ``None`` if
             each row is a visit of its own.
+        turned: how many of the d coordinates, the last ones, are of the orientation.
     """
 
     robot: Robot
@@ -33,12 +34,14 @@ class Rows:
     ranges: Array | None
     sigma: float
     visits: Codes | None = None
+    turned: int = 0
 
 
 class Pattern(ABC):
     """How one kind of noise would spread the rows, for every size of it on a grid:
 
-    ``Σ_i = s² exp(l_i) (I + (k_i − 1) u_i u_iᵀ)``, s² common to all rows and unknown.
+    ``Σ_i = s² exp(l_i) (I + (k_i − 1) u_i u_iᵀ)``, s² common to all rows and unknown. Where more than one direction is
+    spread alike, u_i are its ``rank`` columns.
     """
 
     effect: type[NoiseEffect]
@@ -47,7 +50,13 @@ class Pattern(ABC):
     quantity: tuple[str, str]
     """Name and SI unit of its size."""
     unit: Array | None = None
-    """(N, d) the directions u_i; ``None`` where all directions spread alike."""
+    """(N, d) the directions u_i; ``None`` where all directions spread alike, or where they are no single ones."""
+    rank: int = 1
+    """How many directions of a row u_i spans."""
+
+    def along(self, sets: Array) -> Array | None:
+        """(F, N) squared parts of residuals (F, N, d) along u_i; ``None`` where all directions spread alike."""
+        return None if self.unit is None else np.asarray(np.einsum("fnd,nd->fn", sets, self.unit) ** 2)
 
     def inflation(self, value: float) -> Array:
         """(N,) k_i: variance along u_i over that across it; 1 where no direction is another than the rest."""
@@ -55,6 +64,10 @@ class Pattern(ABC):
 
     def level(self, value: float) -> Array | None:
         """(N,) l_i: logarithm of the variance over s²; ``None`` for none."""
+        return None
+
+    def units(self, value: float) -> Array | None:
+        """(d,) σ of each coordinate of all rows in units of s, where it only says that units are wrong; else None."""
         return None
 
     @abstractmethod
@@ -88,6 +101,16 @@ class NoiseEffect(CatalogueEntry):
 
     uneven_words: ClassVar[str] = "The errors grow with {target}, as if it scattered"
     """What errors look like that repeats do not show to be this noise."""
+
+    @property
+    def changed_sigma(self) -> str:
+        """Which σ of the instrument it changes, if `of_stated`: ``position`` or ``orientation``."""
+        return "position"
+
+    @property
+    def uneven_clause(self) -> str:
+        """What errors look like that repeats do not show to be this noise, of this target."""
+        return self.uneven_words.format(target=self.target)
 
     @property
     @abstractmethod
