@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -209,5 +210,10 @@ def _evaluation_of(calibration: Calibration) -> Any:
     return import_module("posture_opt.validation.evaluation").Evaluation(calibration)
 
 
+def _explorer_of(problem: Problem) -> Any:
+    return partial(import_module("posture_opt.explore.explorer").explore, problem)
+
+
+register("explorer", _explorer_of)
 register("presenter", _presenter_of)
 register("evaluation", _evaluation_of)

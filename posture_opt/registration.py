@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal
 
-Role = Literal["presenter", "evaluation"]
+Role = Literal["presenter", "evaluation", "explorer"]
 """``presenter``: what has the summary, the report, the figures and the files of a result; ``evaluation``: what the
-predictions of a calibration are held against.
+predictions of a calibration are held against; ``explorer``: what starts the live page of a problem.
 """
 
 _registered: dict[Role, Callable[[Any], Any]] = {}

@@ -26,6 +26,7 @@ HEAVY = {
     "pandas",
     "distributed",
     "plotly",
+    "viser",
     "trimesh",
     "jupyterlab",
     "sphinx",
@@ -39,7 +40,7 @@ MOST_PACKAGES = 30  # that a bare installation brings; 25 on the day this was wr
 
 WITHOUT = """
 import sys
-for name in ("pandas", "plotly", "trimesh", "distributed", "IPython", "selenium", "pinocchio"):
+for name in ("pandas", "plotly", "viser", "trimesh", "distributed", "IPython", "selenium", "pinocchio"):
     sys.modules[name] = None  # importing it fails, as where it is not installed
 import posture_opt as po
 from tempfile import TemporaryDirectory
@@ -120,9 +121,10 @@ MODULES = {
     "viewer": ("plotly",),
     "mesh": ("trimesh",),
     "notebook": ("jupyterlab", "pandas"),
+    "explore": ("viser",),  # tests/explore
     "cluster": ("distributed",),  # tests/workers
     "docs": ("sphinx", "furo", "myst_nb", "sphinx_gallery"),  # the site, and the notebooks in it: `.ci/run`
-    "test": ("pytest", "xdist", "pinocchio", "coal", "selenium", "pandas", "plotly", "distributed"),
+    "test": ("pytest", "xdist", "pinocchio", "coal", "selenium", "pandas", "plotly", "distributed", "viser"),
     "bench": ("roboticstoolbox", "pydrake", "eaik", "pinocchio"),  # benchmarks/README.md
 }
 

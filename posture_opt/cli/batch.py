@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 import posture_opt as po
-from posture_opt.cli.named_values import PROBLEM
-from posture_opt.cli.options import Common, common_options
+from posture_opt.cli.asked.named_values import PROBLEM
+from posture_opt.cli.asked.options import Common, common_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import print_rate, progress_bar
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working

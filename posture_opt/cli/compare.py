@@ -10,8 +10,8 @@ import click
 
 import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.named_values import PROBLEM
-from posture_opt.cli.options import Common, common_options, task_options
+from posture_opt.cli.asked.named_values import PROBLEM
+from posture_opt.cli.asked.options import Common, common_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.files import is_there, preset_names

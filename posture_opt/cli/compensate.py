@@ -12,8 +12,8 @@ import click
 
 import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.named_values import PATH
-from posture_opt.cli.options import Common, common_options, problem_options
+from posture_opt.cli.asked.named_values import PATH
+from posture_opt.cli.asked.options import Common, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.robot_programs import ProgramRequest, program_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class, get_completion_class
 
-from posture_opt.cli.named_values import FILE
+from posture_opt.cli.asked.named_values import FILE
 
 if TYPE_CHECKING:
     from typing import Any

@@ -10,18 +10,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from posture_opt.cli.asked.quantities import columns_of as columns_of
+    from posture_opt.cli.asked.quantities import corner as corner
+    from posture_opt.cli.asked.quantities import height_of as height_of
+    from posture_opt.cli.asked.quantities import requested_posture as requested_posture
+    from posture_opt.cli.asked.request import placed as placed
+    from posture_opt.cli.asked.request import problem_of_data as problem_of_data
+    from posture_opt.cli.asked.request import requested_problem as requested_problem
+    from posture_opt.cli.asked.request import with_columns as with_columns
+    from posture_opt.cli.asked.robot_options import names_problem_file as names_problem_file
     from posture_opt.cli.problem_texts import listing as listing
     from posture_opt.cli.problem_texts import schema_text as schema_text
     from posture_opt.cli.problem_texts import starter as starter
-    from posture_opt.cli.quantities import columns_of as columns_of
-    from posture_opt.cli.quantities import corner as corner
-    from posture_opt.cli.quantities import height_of as height_of
-    from posture_opt.cli.quantities import requested_posture as requested_posture
-    from posture_opt.cli.request import placed as placed
-    from posture_opt.cli.request import problem_of_data as problem_of_data
-    from posture_opt.cli.request import requested_problem as requested_problem
-    from posture_opt.cli.request import with_columns as with_columns
-    from posture_opt.cli.robot_options import names_problem_file as names_problem_file
     from posture_opt.export.export_files import export_kinds as export_kinds
     from posture_opt.export.export_files import program_files as program_files
     from posture_opt.export.known_programs import compensated_program as compensated_program
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "MAX_BYTES": "problem.yaml_source",
-    "columns_of": "cli.quantities",
+    "columns_of": "cli.asked.quantities",
     "compensated_program": "export.known_programs",
-    "corner": "cli.quantities",
+    "corner": "cli.asked.quantities",
     "export_kinds": "export.export_files",
-    "height_of": "cli.quantities",
+    "height_of": "cli.asked.quantities",
     "listing": "cli.problem_texts",
     "measuring_program": "export.known_programs",
-    "names_problem_file": "cli.robot_options",
-    "placed": "cli.request",
-    "problem_of_data": "cli.request",
+    "names_problem_file": "cli.asked.robot_options",
+    "placed": "cli.asked.request",
+    "problem_of_data": "cli.asked.request",
     "program_files": "export.export_files",
-    "requested_posture": "cli.quantities",
-    "requested_problem": "cli.request",
+    "requested_posture": "cli.asked.quantities",
+    "requested_problem": "cli.asked.request",
     "schema_text": "cli.problem_texts",
     "starter": "cli.problem_texts",
-    "with_columns": "cli.request",
+    "with_columns": "cli.asked.request",
 }
 
 

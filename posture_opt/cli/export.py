@@ -12,7 +12,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.options import Common, common_options, problem_options, task_options
+from posture_opt.cli.asked.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import OUT, output, show
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.robot_programs import motion_options

@@ -20,8 +20,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from posture_opt import __version__
+from posture_opt.cli.asked.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.completion import VARIABLE, complete
-from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.streams import discard, ended_by_signals, exit_code_of, open_standard_streams, output_fault
 from posture_opt.errors import PostureOptError, nearest
 from posture_opt.interrupts import interruptible
@@ -34,6 +34,7 @@ COMMANDS = {
     "completion": "Print a script that completes words in bash, zsh or fish.",
     "compare": "The same task with two arms, or with two models of one arm.",
     "diagnose": "Identify the causes of the remaining errors from measurements.",
+    "explore": "Drag the target on a live page, and the best posture follows.",
     "export": "The arm, its covariance as code, or its posture as a robot program.",
     "list": "List tasks, effects, presets, solvers, terms, exports and built-in problems.",
     "map": "The best posture and its spread over a grid of targets.",
@@ -53,6 +54,7 @@ _FILES = {
     "problem_file": ("list", "new", "schema"),
     "map": ("map",),
     "compensate": ("compensate",),
+    "explore": ("explore",),
     "export": ("export",),
     "plan_measurements": ("plan-measurements",),
 }

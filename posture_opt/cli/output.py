@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from posture_opt.cli.options import Common
+from posture_opt.cli.asked.options import Common
 from posture_opt.cli.progress import progress_bar
 from posture_opt.output import json_text, writable_folder, write_file
 

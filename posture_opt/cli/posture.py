@@ -11,7 +11,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli import deferred
-from posture_opt.cli.options import Common, common_options, posture_option, problem_options
+from posture_opt.cli.asked.options import Common, common_options, posture_option, problem_options
 from posture_opt.cli.output import output, save_result, show, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.errors import NoSolutionError

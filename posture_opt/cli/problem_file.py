@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from posture_opt.cli import deferred
-from posture_opt.cli.named_values import PATH, ROBOT
+from posture_opt.cli.asked.named_values import PATH, ROBOT
 from posture_opt.cli.output import write_text
 from posture_opt.files import preset_names
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from posture_opt.cli import deferred
-from posture_opt.cli.options import Command, Common, add_options
+from posture_opt.cli.asked.options import Command, Common, add_options
 from posture_opt.export import PROGRAM_FORMATS
 
 if TYPE_CHECKING:

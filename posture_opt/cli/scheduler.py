@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from posture_opt.cli.named_values import PATH
-from posture_opt.cli.options import Command, Common, add_options
+from posture_opt.cli.asked.named_values import PATH
+from posture_opt.cli.asked.options import Command, Common, add_options
 from posture_opt.files import located
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint

@@ -23,12 +23,14 @@ from posture_opt.problem.fitting import (
     sources_text,
     with_workpiece,
 )
+from posture_opt.problem.live_page import LivePage
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.path_file import with_path
 from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document
+from posture_opt.registration import registered
 from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
@@ -227,6 +229,20 @@ class Problem(ProblemData):
         entries = zip(self.to_dict()["effects"], kept, strict=True)
         document = {**self.document, "effects": [entry for entry, keep in entries if keep]}
         return replace(self, effects=moving_effects(self.effects), sources=self.stated, document=document)
+
+    def explore(self, port: int = 8080, browser: bool = False) -> LivePage:
+        """A live page on which the best posture follows the target; it returns at once, its ``close`` ends it.
+
+        Args:
+            port: the next free one is taken.
+            browser: whether a browser is opened.
+
+        Raises:
+            InputError: the task has several targets, or viser is missing (``pip install 'posture_opt[explore]'``).
+            NoSolutionError: there is no posture to begin with.
+        """
+        page: LivePage = registered("explorer", self)(port=port, browser=browser)
+        return page
 
     def to_dict(self) -> Section:
         """The plain data of the problem file; ``problem_from_dict`` takes it back."""

@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 import posture_opt
+from posture_opt.cli.asked.named_values import TASK, completed_files
 from posture_opt.cli.main import COMMANDS, main
-from posture_opt.cli.named_values import TASK, completed_files
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.export.export_files import export_kinds, program_kinds
 from posture_opt.problem.load import builtin_names

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from posture_opt.cli.options import Common
+from posture_opt.cli.asked.options import Common
 from posture_opt.cli.progress import DELAY, ProgressBar, progress_bar
 
 

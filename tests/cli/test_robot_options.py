@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.cli.request import requested_problem
+from posture_opt.cli.asked.request import requested_problem
 from tests.helpers.command_line import invoke
 from tests.helpers.same_problem import written
 
@@ -48,7 +48,7 @@ def test_corrections_of_a_tool_go_with_it() -> None:
         "corrections": {"tool.x": "1 mm", "joint1.a": "2 mm"},
     }  # fmt: skip
     problem = po.problem_from_dict({"robot": robot})
-    from posture_opt.cli.robot_options import RobotOptions, with_robot_options
+    from posture_opt.cli.asked.robot_options import RobotOptions, with_robot_options
 
     found = with_robot_options(problem, RobotOptions(tool="0.2 m, 0, 0"))
     assert found.robot.parameters["tool.x"].nominal == 0.2

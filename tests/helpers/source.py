@@ -32,7 +32,7 @@ ROOMS = [
 ]
 ROOMS += ["robot", "model", "collision", "uncertainty", "measurements", "selection"]
 ROOMS += ["calibration", "validation", "experiments", "diagnosis", "batch", "compensation"]
-ROOMS += ["problem", "export", "report", "cli"]
+ROOMS += ["problem", "export", "report", "explore", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 
 SUBROOMS: dict[str, list[str]] = {

@@ -64,6 +64,7 @@ class PostureSelector:
         keeps_mounting: whether what cannot be done above an assumed mounting plane has no solution; else that plane is
             dropped for it.
         offers: whether changes that would help are tried where there is no solution.
+        explains: whether the reasons are looked for where there is none, which takes longer than the search.
 
     Raises:
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
@@ -76,9 +77,10 @@ class PostureSelector:
         compiled: bool | None = None,
         keeps_mounting: bool = False,
         offers: bool = True,
+        explains: bool = True,
     ) -> None:
         self._problem, self._compiled, self._keeps_mounting = problem, compiled, keeps_mounting
-        self._offers = offers
+        self._offers, self._explains = offers, explains
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
         arm = arm.within_measured() if problem.within_measured else arm
@@ -235,12 +237,14 @@ class PostureSelector:
     def _anywhere(self) -> PostureSelector:
         """The selection beyond the ranges that effects were measured in."""
         problem = self._problem.anywhere()
-        return PostureSelector(problem, compiled=self._compiled, keeps_mounting=self._keeps_mounting)
+        kept = self._keeps_mounting
+        return PostureSelector(problem, compiled=self._compiled, keeps_mounting=kept, explains=self._explains)
 
     @cached_property
     def _below_mounting(self) -> PostureSelector:
         """The selection without the mounting plane that is assumed."""
-        return PostureSelector(self._problem.mounting_dropped(), compiled=self._compiled)
+        problem = self._problem.mounting_dropped()
+        return PostureSelector(problem, compiled=self._compiled, explains=self._explains)
 
     def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
         """The search without rows against collisions, and again with them where the answer collides.
@@ -319,6 +323,8 @@ class PostureSelector:
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
+        if not self._explains:
+            raise NoSolutionError("no posture was found that does the task")
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
         if self._keeps_mounting and self._problem.above_assumed_mounting:  # which is dropped, and asked again
             met = met_after_all(engine, found)

@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 import click
 
-from posture_opt.cli.quantities import entries, exact_note, height_of, joint_sigmas
-from posture_opt.cli.robot_options import RobotOptions, robot_of_problem_file, with_robot_options
+from posture_opt.cli.asked.quantities import entries, exact_note, height_of, joint_sigmas
+from posture_opt.cli.asked.robot_options import RobotOptions, robot_of_problem_file, with_robot_options
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.problem.load import builtin_problem, load_problem, problem_from_dict
 from posture_opt.problem.measured_robot import problem_of_measured_robot

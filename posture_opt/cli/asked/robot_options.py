@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from posture_opt.cli.quantities import frame_of, payload_of
+from posture_opt.cli.asked.quantities import frame_of, payload_of
 from posture_opt.errors import InputError, Issue, did_you_mean
 from posture_opt.files import is_file
 from posture_opt.problem.load import builtin_names, load_problem

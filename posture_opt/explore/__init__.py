@@ -1,0 +1,13 @@
+"""The live page: the target follows the mouse, the best posture follows the target.
+
+::
+
+    explorer.py ── Explorer     the handle: page, target, answer
+    answers.py ─── Answers      the loop of solving: one thread, the newest request wins
+    whole_search.py             the full search, in a process of its own that can be stopped
+    live_scene.py  LiveScene    the arm, its error region and the cell on the page
+    panel.py ───── Panel        numbers, joints, and what is taken away
+    server.py ──── a viser server on this machine alone
+
+A thin client of the public interface: nothing here has a formula of its own. viser is an optional extra.
+"""

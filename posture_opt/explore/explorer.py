@@ -1,0 +1,208 @@
+"""``Explorer``: the handle of a live page; ``explore`` starts one."""
+
+from __future__ import annotations
+
+import shlex
+import threading
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.explore.answers import Answer, Answers, Request
+from posture_opt.explore.live_scene import LiveScene
+from posture_opt.explore.panel import Panel
+from posture_opt.explore.server import server, stop
+from posture_opt.numerics import Array
+from posture_opt.output import write_file
+from posture_opt.problem.problem import Problem
+from posture_opt.report.scene.arm_geometry import ArmGeometry
+from posture_opt.report.scene.arm_solids import ArmSolids
+from posture_opt.robot.posture import Posture
+from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.answer.solution import Solution
+
+DEFAULT_PORT = 8080
+
+
+class Explorer:
+    """A live page, and what it shows.
+
+    ``target`` can be set, and the page follows; ``solution`` is the latest answer.
+
+    Args:
+        problem: with a task of one target.
+        host, port: where the page is served; the next free port is taken.
+        folder: where "Save problem" writes to.
+
+    Raises:
+        InputError: the task has several targets, viser is missing, or the page cannot be served.
+        NoSolutionError: there is no posture to begin with.
+    """
+
+    def __init__(self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None):
+        first = PostureSelector(problem, compiled=False, offers=False).solve()
+        self._problem, self._folder = problem, folder or Path()
+        self._guard = threading.RLock()
+        self._closed = threading.Event()
+        self._solution: Solution | None = first
+        self._shown: Answer | None = None
+        self._server = server(host, port, f"posture_opt: {problem.name}")
+        arm = ArmSolids(first.spread.tool_point.robot)
+        self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged)
+        self._panel = Panel(
+            self._server, problem.name, self._typed, self._turned, self._save, self.command, problem.robot.joints
+        )  # fmt: skip
+        stated = _position(problem)
+        self._target = np.array(first.spread.position if stated is None else stated)
+        self._scene.place_handle(self._target)
+        self._panel.place(self._target)
+        self._scene.show(first)
+        self._answers = Answers(self._answered)
+        self._request = Request(problem)
+        self._answers.ask(self._request)
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+
+    @property
+    def problem(self) -> Problem:
+        """What is asked at the moment."""
+        with self._guard:
+            return self._problem
+
+    @property
+    def target(self) -> tuple[float, float, float]:
+        """Where the tool point is asked for, x, y, z [m], world; the page follows what is set."""
+        with self._guard:
+            x, y, z = (float(v) for v in self._target)
+        return x, y, z
+
+    @target.setter
+    def target(self, position: Sequence[float]) -> None:
+        place = np.asarray(position, dtype=float)
+        if place.shape != (3,) or not np.all(np.isfinite(place)):
+            raise InputError(Issue("the target is not three finite numbers", ("target",), position))
+        self._ask(place)
+        self._scene.place_handle(place)
+        self._panel.place(place)
+
+    @property
+    def solution(self) -> Solution | None:
+        """The latest answer; None while none is feasible."""
+        with self._guard:
+            return self._solution
+
+    @property
+    def posture(self) -> Posture | None:
+        """The posture of the latest answer; None while none is feasible."""
+        found = self.solution
+        return None if found is None else found.posture
+
+    def command(self) -> str:
+        """The command line that gives the answer to what is asked."""
+        problem = self.problem
+        words = ["optimize-posture", "--problem", problem.origin.file or problem.name]
+        if _position(problem) is not None:
+            words += ["--position", ", ".join(_millimetres(self.target))]
+        return shlex.join(words)
+
+    def wait(self) -> None:
+        """Return when the page was closed."""
+        while not self._closed.wait(timeout=0.2):
+            pass
+
+    def close(self) -> None:
+        """End the page, and everything that it computes."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._answers.end()
+            stop(self._server)
+
+    def __enter__(self) -> Explorer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _dragged(self, place: Array, _let_go: bool) -> None:
+        self._ask(place)
+        self._panel.place(place)
+
+    def _typed(self, place: Array) -> None:
+        self._ask(place)
+        self._scene.place_handle(place)
+
+    def _ask(self, place: Array) -> None:
+        """Have the target solved, in tenths of a millimetre: what a file says of it is what was solved."""
+        problem = self._problem.replace(task__position=_millimetres(place))
+        with self._guard:
+            self._problem, self._target = problem, np.array(_position(problem))
+        self._put(Request(problem))
+
+    def _turned(self, q: tuple[float, ...] | None) -> None:
+        """Show a posture of the user's own; None: go back to the best one."""
+        self._put(Request(self.problem, q))
+
+    def _put(self, request: Request) -> None:
+        with self._guard:
+            self._request = request
+        self._answers.ask(request)
+
+    def _answered(self, answer: Answer) -> None:
+        """Show an answer, unless something else is asked by now."""
+        with self._guard:
+            if answer.request is not self._request or self._closed.is_set():
+                return
+            self._shown, self._solution = answer, answer.solution
+        if answer.own is not None:
+            self._scene.show_own(answer.own)
+        elif answer.solution is None:
+            self._scene.fade()
+        else:
+            self._scene.show(answer.solution)
+        self._panel.show(answer)
+
+    def _save(self) -> str:
+        """Write the problem with what it needs into the folder that the program was started in."""
+        stem = f"{_stem(self._problem)}_explored"
+        for name, content in self.problem.files(stem).items():
+            write_file(self._folder / name, content)
+        return f"{stem}.yaml written to {self._folder.resolve()}"
+
+
+def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True) -> Explorer:
+    """A live page of a problem: drag the target, and the best posture follows.
+
+    Args:
+        problem: with a task of one target.
+        host: an address of this machine.
+        port: the next free one is taken.
+        browser: whether a browser is opened.
+
+    Raises:
+        InputError, NoSolutionError: as `Explorer`.
+    """
+    page = Explorer(problem, host, port)
+    if browser:
+        webbrowser.open_new_tab(page.url)
+    return page
+
+
+def _position(problem: Problem) -> tuple[float, ...] | None:
+    """Where the task asks the tool point for [m]; None where it may be anywhere."""
+    return None if problem.task is None or problem.task.position is None else tuple(problem.task.position)
+
+
+def _millimetres(place: Sequence[float] | Array) -> list[str]:
+    """A place [m] in tenths of a millimetre, as files write it."""
+    return [f"{1e3 * v + 0.0:.1f} mm" for v in np.round(np.asarray(place, dtype=float), 4) + 0.0]
+
+
+def _stem(problem: Problem) -> str:
+    """The name of the file of a problem, or a plain word."""
+    return Path(problem.origin.file).stem if problem.origin.file else "problem"

@@ -1,0 +1,193 @@
+"""``LiveScene``: the arm at the answer, its error region, the target with its play, and the cell, on the page.
+
+The solids move with their frames: a new posture sends one pose a frame. What has another shape in every posture, the
+error region, is sent again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from posture_opt.numerics import Array
+from posture_opt.report.interactive.triangles import Triangles, arrow
+from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, LIGHT, ORANGE, VERMILLION
+from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry
+from posture_opt.report.scene.arm_solids import ArmSolids, Role, Solid
+
+if TYPE_CHECKING:
+    import viser
+
+    from posture_opt.selection.answer.solution import Solution
+    from posture_opt.uncertainty.spread.spread import Spread
+
+_COLOURS: dict[Role, str] = {
+    "base": GREY, "link": LIGHT, "joint": BLUE, "tool": ORANGE, "obstacle": GREY, "floor": LIGHT, "region": ORANGE,
+}  # fmt: skip
+_OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
+_PALE = 0.25  # opacity of the last posture where there is none for the target
+_HANDLE_SHARE = 0.22  # of the arm's extent: the handle that is dragged
+_ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
+_RIM_POINTS = 64
+_VIEW = np.array([0.75, -1.15, 0.75])  # from the middle of the arm to the viewer, in extents
+
+Moved = Callable[[Array, bool], None]
+"""Called with the place (3,) [m] that a handle was dragged to, and whether it was let go."""
+
+
+class LiveScene:
+    """What a page shows of one arm and its cell.
+
+    Args:
+        server: of the page.
+        geometry: of the first answer; what stands still is drawn from it.
+        arm: its solids.
+        moved: called while the target is dragged.
+    """
+
+    def __init__(self, server: viser.ViserServer, geometry: ArmGeometry, arm: ArmSolids, moved: Moved) -> None:
+        self._server, self._arm, self._extent = server, arm, geometry.extent
+        self._frames = [server.scene.add_frame(f"/arm/{k}", show_axes=False) for k in range(arm.robot.n + 2)]
+        kept = {solid.role for solid in geometry.solids} | {"link", "joint", "tool"}
+        self._bodies = [
+            _drawn(server, f"/arm/{solid.frame}/{k}", solid) for k, solid in enumerate(arm.solids) if solid.role in kept
+        ]
+        for k, solid in enumerate((*geometry.obstacles, *([geometry.floor] if geometry.floor else []))):
+            _drawn(server, f"/cell/{k}", solid)
+        self.handle = self._handle(geometry.planar, moved)
+        self._label: Any = None
+        self._look(geometry)
+
+    def show(self, solution: Solution) -> None:
+        """The posture of a solution with its error region, and its target with the play on the same scale."""
+        self._show(ArmGeometry.of_solution(solution))
+
+    def show_own(self, spread: Spread) -> None:
+        """A posture of the user's own with its error region."""
+        self._show(ArmGeometry.of_spread(spread))
+
+    def _show(self, geometry: ArmGeometry) -> None:
+        with self._server.atomic():
+            self._pose(geometry.frames)
+            self._region(geometry.region)
+            if geometry.target is not None:
+                self._target(geometry.target, geometry.region, geometry.tool_point)
+            self._fade(1.0)
+        self._server.flush()
+
+    def place_handle(self, position: Array) -> None:
+        """The handle at a place [m], as nobody drags it."""
+        self.handle.position = tuple(position)
+
+    def fade(self) -> None:
+        """The last posture pale: it is no answer to what is asked."""
+        self._fade(_PALE)
+        self._server.flush()
+
+    def _fade(self, opacity: float) -> None:
+        for body in self._bodies:
+            body.opacity = None if opacity == 1.0 else opacity
+
+    def _pose(self, frames: Array) -> None:
+        """The solids where their frames (n + 2, 4, 4) are."""
+        for node, T in zip(self._frames, frames, strict=True):
+            node.wxyz, node.position = _wxyz(T[:3, :3]), T[:3, 3]
+
+    def _region(self, region: ErrorRegion) -> None:
+        """The error region, and how much it is enlarged."""
+        mesh = Triangles.of([region.faces()])
+        _add(self._server, "/answer/region", mesh, ORANGE, _OPACITY["region"])
+        text, place = region.label, region.center + np.array([0.0, 0.0, -0.1 * self._extent])
+        if self._label is None:
+            self._label = self._server.scene.add_label(
+                "/answer/label", text, position=tuple(place), anchor="center-left"
+            )
+        self._label.text, self._label.position = text, tuple(place)
+
+    def _target(self, target: TargetGeometry, region: ErrorRegion, tool_point: Array) -> None:
+        """The direction of the task and the play of the hole, enlarged as the region is."""
+        place = tool_point if target.kind != "point" else target.lower
+        shaft = arrow()
+        corners = place + self._extent * _ARROW_SHARE * (shaft.corners - [0, 0, 1.0]) @ _frame_along(target.direction).T
+        _add(self._server, "/answer/direction", Triangles(corners, shaft.faces, shaft.owner), VERMILLION, 1.0)
+        if target.clearance is None:
+            return
+        angle = np.linspace(0.0, 2 * np.pi, _RIM_POINTS + 1)
+        ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) @ _frame_along(target.direction).T
+        points = place + region.factor * target.clearance * ring
+        self._server.scene.add_line_segments(
+            "/answer/clearance",
+            np.stack([points[:-1], points[1:]], axis=1),
+            rgb(CLEARANCE_COLOUR),
+            thickness=3.0,
+            thickness_units="screen",
+        )
+
+    def _handle(self, planar: bool, moved: Moved) -> Any:
+        """What is dragged: along axes and in planes, of a planar arm in its plane alone."""
+        handle = self._server.scene.add_transform_controls(
+            "/target", scale=self._extent * _HANDLE_SHARE, disable_rotations=True,
+            active_axes=(True, True, not planar), depth_test=False,
+        )  # fmt: skip
+
+        @handle.on_update
+        async def _(event: Any) -> None:
+            moved(np.array(event.target.position, dtype=float), event.phase == "end")
+
+        return handle
+
+    def _look(self, geometry: ArmGeometry) -> None:
+        """The camera from where the whole arm is seen, from above where it moves in a plane."""
+        low, high = geometry.points.min(axis=0), geometry.points.max(axis=0)
+        middle = (low + high) / 2
+        offset = np.array([0.0, -1e-3, 1.7]) if geometry.planar else _VIEW
+        self._server.scene.set_up_direction("+y" if geometry.planar else "+z")
+        self._server.initial_camera.look_at = middle
+        self._server.initial_camera.position = middle + 1.2 * self._extent * offset
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """``#RRGGBB`` as three numbers.
+
+    Example:
+        >>> rgb("#0072B2")
+        (0, 114, 178)
+    """
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return red, green, blue
+
+
+def _drawn(server: viser.ViserServer, name: str, solid: Solid) -> Any:
+    """A solid on the page; obstacles let through what is behind them."""
+    flat = solid.role in ("obstacle", "floor", "base")
+    return _add(server, name, Triangles.of([solid.faces]), _COLOURS[solid.role], _OPACITY.get(solid.role, 1.0), flat)
+
+
+def _add(server: viser.ViserServer, name: str, mesh: Triangles, colour: str, opacity: float, flat: bool = False) -> Any:
+    return server.scene.add_mesh_simple(
+        name,
+        mesh.corners,
+        mesh.faces,
+        color=rgb(colour),
+        opacity=None if opacity == 1.0 else opacity,
+        side="double",
+        flat_shading=flat,
+        cast_shadow=False,
+        receive_shadow=False,
+    )
+
+
+def _frame_along(axis: Array) -> Array:
+    """(3, 3) a right-handed frame whose z axis is the given one."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _wxyz(R: Array) -> Array:
+    """(4,) quaternion of a rotation (3, 3)."""
+    return np.asarray(Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]])

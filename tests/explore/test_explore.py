@@ -1,0 +1,139 @@
+"""The live page without a browser: what its handle says is what the command line says of the saved file."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.explore.answers import Answer, Answers, Request
+
+pytest.importorskip("viser", reason="viser is not installed")
+PLANAR = "insert_planar_2r_fixed_hole"
+
+
+def until(met: Any, seconds: float = 30.0) -> None:
+    """Waits until something is so."""
+    end = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < end, "it never was"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def page() -> Iterator[Any]:
+    explorer = po.load_problem(PLANAR).explore(port=18080)
+    yield explorer
+    explorer.close()
+
+
+def test_the_page_answers_what_the_command_line_answers(page: Any, tmp_path: Path, capsys: Any) -> None:
+    """To the last digit, for the saved file, once the target rests; and the server is gone at the end."""
+    assert urllib.request.urlopen(page.url, timeout=10).status == 200
+    page.target = (0.8, 0.52349, 0.0)
+    assert page.target == pytest.approx((0.8, 0.5235, 0.0), abs=1e-12)
+    until(lambda: page._shown is not None and page._shown.whole and page.solution.problem.task.position[0] == 0.8)
+    page._folder = tmp_path
+    assert "_explored.yaml" in page._save()
+    (file,) = tmp_path.glob("*.yaml")
+    with pytest.raises(SystemExit) as ended:
+        main(["--problem", str(file), "--json"])
+    assert ended.value.code == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["critical"]["sigma_max"] == page.solution.sigma_max
+    assert told["posture"] == dict(page.posture)
+    address = page.url.removeprefix("http://").split(":")
+    page.close()
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection((address[0], int(address[1])), timeout=5)
+
+
+def test_a_target_out_of_reach_has_a_reason_and_no_solution(page: Any) -> None:
+    page.target = (5.0, 0.0, 0.0)
+    until(lambda: page.solution is None and "out of reach" in page._shown.reason)
+    assert page.posture is None
+    page.target = (0.9, 0.4, 0.0)
+    until(lambda: page.solution is not None)
+
+
+def test_the_newest_request_wins() -> None:
+    """Of many targets that come faster than they are solved, the last one is answered, and is the last answer."""
+    shown: list[Answer] = []
+    answers, problem = Answers(shown.append), po.load_problem(PLANAR)
+    requests = [Request(problem.replace(task__position=[f"{900 - k} mm", "400 mm", "0 mm"])) for k in range(40)]
+    try:
+        for request in requests:
+            answers.ask(request)
+        until(lambda: shown and shown[-1].whole)
+    finally:
+        answers.end()
+    assert shown[-1].request is requests[-1]
+    assert len(shown) < 40
+    asked = [requests.index(answer.request) for answer in shown]
+    assert asked == sorted(asked)
+
+
+def test_a_posture_of_ones_own_has_its_spread() -> None:
+    shown: list[Answer] = []
+    answers, problem = Answers(shown.append), po.load_problem(PLANAR)
+    try:
+        answers.ask(Request(problem, (0.3, 0.4)))
+        until(lambda: bool(shown))
+    finally:
+        answers.end()
+    assert shown[0].own is not None
+    np.testing.assert_array_equal(shown[0].own.covariance, po.propagate(problem, (0.3, 0.4)).covariance)
+
+
+def test_a_target_of_numbers_only(page: Any) -> None:
+    with pytest.raises(po.errors.InputError, match="three finite numbers"):
+        page.target = (0.5, float("nan"), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--host", "0.0.0.0"], "other machines could reach it"),
+        (["--problem", "insert_scara_tray"], "has features"),
+        ([], "Name a --problem or a --robot"),
+    ],
+)
+def test_what_is_refused(options: list[str], says: str, capsys: Any) -> None:
+    given = options if "--problem" in options or not options else ["--problem", PLANAR, *options]
+    with pytest.raises(SystemExit) as ended:
+        main(["explore", "--no-browser", *given])
+    assert ended.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_without_viser_the_command_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(SystemExit) as ended:
+        main(["explore", "--no-browser", "--problem", PLANAR])
+    assert ended.value.code == 2
+    assert "pip install 'posture_opt[explore]'" in capsys.readouterr().err
+
+
+@pytest.mark.interrupts
+def test_the_command_prints_its_address_and_ends_by_a_signal() -> None:
+    command = [sys.executable, "-m", "posture_opt", "explore", "--problem", PLANAR, "--no-browser", "--port", "18090"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith("Listening on http://127.0.0.1:18")
+        assert urllib.request.urlopen(line.split()[-1], timeout=10).status == 200
+        process.terminate()
+        out, _ = process.communicate(timeout=20)
+        assert out == ""
+        assert process.returncode == 128 + 15
