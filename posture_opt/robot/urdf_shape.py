@@ -145,10 +145,16 @@ def _axial_capsule(collision: Collision, radius: float, length: float) -> Capsul
 def _fitted_body(collision: Collision, file: Path) -> tuple[Capsule, ...]:
     """Capsules about a box, a cylinder or a mesh in its own frame."""
     if collision.kind != "mesh":
-        return tuple(fitted_capsules(_body_edges(collision), BASE))
+        return _fitted_solid(collision.kind, collision.size)
     path = located_mesh(collision.file, file)
     status = path.stat()
     return _fitted_mesh(path, collision.size, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=256)
+def _fitted_solid(kind: str, size: tuple[float, ...]) -> tuple[Capsule, ...]:
+    """Capsules about a box or a cylinder; fitted once for all problems of an arm."""
+    return tuple(fitted_capsules(_body_edges(kind, size), BASE))
 
 
 @lru_cache(maxsize=256)
@@ -157,14 +163,14 @@ def _fitted_mesh(path: Path, scale: tuple[float, ...], _changed: int, _size: int
     return tuple(fitted_capsules(read_mesh(path, scale), BASE))
 
 
-def _body_edges(collision: Collision) -> Edges:
+def _body_edges(kind: str, size: tuple[float, ...]) -> Edges:
     """The edges [m] of a box or a cylinder in its own frame; the cylinder as a prism about its rim."""
-    if collision.kind == "box":
-        x, y = collision.size[0] / 2, collision.size[1] / 2
-        rim, height = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), collision.size[2]
+    if kind == "box":
+        x, y = size[0] / 2, size[1] / 2
+        rim, height = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), size[2]
     else:
         turn = TURN * np.arange(_RIM_CORNERS) / _RIM_CORNERS
-        rim, height = np.column_stack([np.cos(turn), np.sin(turn)]) * collision.size[0], collision.size[1]
+        rim, height = np.column_stack([np.cos(turn), np.sin(turn)]) * size[0], size[1]
         rim /= math.cos(math.pi / _RIM_CORNERS)
     low, high = (np.column_stack([rim, np.full(len(rim), z)]) for z in (-height / 2, height / 2))
     tails = np.vstack([low, high, low])

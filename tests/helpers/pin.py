@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 
+from posture_opt.robot.shape_section import ShapeSection
+
+BARE = ShapeSection(replace=())
+"""The key ``shape`` of an arm whose meshes are not read: capsules about them take most of the time."""
+
 
 def robots_folder():
     """The folder of example-robot-data that holds one folder a robot."""

@@ -15,7 +15,7 @@ from posture_opt.model.chain import factor_values, position_column, rotation_col
 from posture_opt.robot import UrdfRobot
 from posture_opt.robot.preset import load_preset, preset_names
 from tests.helpers.factors import pose, random_postures
-from tests.helpers.pin import PinArm, robots_folder
+from tests.helpers.pin import BARE, PinArm, robots_folder
 
 ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
 URDFS = [
@@ -27,7 +27,7 @@ URDFS = [
 
 
 def read(file, base, tip):
-    return UrdfRobot(file=str(robots_folder() / file), base_link=base, tip_link=tip).build(Path())
+    return UrdfRobot(file=str(robots_folder() / file), base_link=base, tip_link=tip, shape=BARE).build(Path())
 
 
 @pytest.mark.parametrize(("file", "base", "tip"), URDFS)

@@ -13,7 +13,7 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.robot import FORMATS, DhRobot, MdhRobot, RobotFormat, RobotSpec, UrdfRobot
 from tests.helpers.factors import frame, parameter_jacobian, pose
-from tests.helpers.pin import PinArm, robots_folder
+from tests.helpers.pin import BARE, PinArm, robots_folder
 from tests.helpers.urdfs import urdf_text
 
 ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
@@ -161,7 +161,7 @@ ARMS = [
 
 
 # Capsules about meshes take most of the time, and have tests of their own.
-@pytest.mark.parametrize("shape", [(), pytest.param(None, marks=pytest.mark.conformance)], ids=["bare", "meshes"])
+@pytest.mark.parametrize("shape", [BARE, pytest.param(None, marks=pytest.mark.conformance)], ids=["bare", "meshes"])
 @pytest.mark.parametrize(("file", "base", "tip", "joints"), ARMS)
 def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints, shape):
     path = robots_folder() / file
@@ -181,7 +181,7 @@ def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints, shape):
 ])  # fmt: skip
 def test_urdf_masses_agree_with_pinocchio(file, tip):
     path = robots_folder() / file
-    robot = UrdfRobot(file=str(path), tip_link=tip, shape=()).build(Path())
+    robot = UrdfRobot(file=str(path), tip_link=tip, shape=BARE).build(Path())
     base = dict(robot.sources)["base_link"]
     arm, q = PinArm(path), np.random.default_rng(2).uniform(robot.lower, robot.upper)
     for index, joint in enumerate(robot.joints):

@@ -14,7 +14,7 @@ from posture_opt.robot import Capsule, DhRobot, UrdfRobot, load_preset
 from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, along_links, stand_in
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import elementary, frame, random_postures
-from tests.helpers.pin import robots_folder
+from tests.helpers.pin import BARE, robots_folder
 from tests.helpers.same_problem import written
 
 ELBOW = {"joint": "elbow", "from": ["0 m", "0 m", "0 m"], "to": ["0.5 m", "0 m", "0 m"], "radius": "60 mm"}
@@ -83,11 +83,12 @@ def test_volume():
     assert Capsule("base", (0, 0, 0), (0, 3, 4), 2.0).volume == pytest.approx(math.pi * 4 * 5 + 4 / 3 * math.pi * 8)
 
 
+UR5_URDF = robots_folder() / "ur_description/urdf/ur5_robot.urdf"
 ARMS = {
     "dh": load_preset("ur10"),
     "mdh": load_preset("panda"),
     "slide": load_preset("scara"),
-    "urdf": UrdfRobot(file=str(robots_folder() / "ur_description/urdf/ur5_robot.urdf"), tip_link="tool0").build(Path()),
+    "urdf": UrdfRobot(file=str(UR5_URDF), tip_link="tool0", shape=BARE).build(Path()),
 }  # fmt: skip
 
 
