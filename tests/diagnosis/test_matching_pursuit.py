@@ -11,9 +11,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.diagnosis.scores.candidates import list_candidates
-from posture_opt.diagnosis.search.dictionary import Dictionary
+from posture_opt.diagnosis.search.dictionary import Dictionary, LineAtoms
 from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
+from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates, pursue_in_folds
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection, clearly_less
 from posture_opt.diagnosis.search.search import search_effects
 from posture_opt.model.effects.cyclic_error import CyclicError
@@ -69,6 +69,29 @@ def test_rows_that_are_held_out_teach_nothing(two_errors: LinearisedData) -> Non
     first, second = (pursue_candidates(d, 3, rows).chosen for d in (words, other))
     assert [str(c.what) for c in first] == [str(c.what) for c in second]
     assert [str(c.what) for c in pursue_candidates(other, 1).chosen] != [str(c.what) for c in first[:1]]
+
+
+def test_pursuits_side_by_side_choose_what_each_chooses_alone(two_errors: LinearisedData) -> None:
+    words, folds = dictionary(two_errors), [np.arange(k, 160, 4) for k in range(4)]
+    together = pursue_in_folds(words, 4, folds)
+    alone = [pursue_candidates(words, 4, rows) for rows in folds]
+    assert [[str(c.what) for c in one.chosen] for one in together] == [[str(c.what) for c in o.chosen] for o in alone]
+
+
+def test_a_line_is_taken_where_least_squares_has_it(two_errors: LinearisedData) -> None:
+    (atoms,) = (a for a in dictionary(two_errors).atoms if isinstance(a, LineAtoms) and a.lines.form.joint == "joint1")
+    learn = np.arange(len(two_errors.r)) % 10 > 1  # whole rows of x and y
+    baseline = np.linalg.qr(two_errors.G * learn[:, None] / np.linalg.norm(two_errors.G, axis=0))[0]
+    rest = two_errors.r * learn
+    rest = rest - baseline @ (baseline.T @ rest)
+    near = int(np.argmin(np.abs(atoms.lines.cycles - LINE)))
+    found = atoms.finest(near, baseline, rest, learn)
+    assert isinstance(found.what, CyclicError)
+    step = float(np.diff(atoms.lines.cycles[:2])[0])
+    grid = atoms.lines.cycles[near] + step * np.linspace(-0.5, 0.5, 129)
+    columns = (atoms.lines.candidate(k, two_errors.sensitivities).Z * learn[:, None] for k in grid)
+    losses = [left(np.concatenate([baseline, Z], axis=1), two_errors.r * learn) for Z in columns]
+    assert found.what.cycles == pytest.approx(grid[int(np.argmin(losses))], abs=step / 32)
 
 
 def test_subsets_are_those_of_least_loss_and_their_fits_those_of_least_squares() -> None:

@@ -224,7 +224,20 @@ def fitted_sizes(gram: Array, scores: Array, variance: Array | float) -> tuple[A
     return -inverse @ scores, np.sqrt(own[:, None] * variance)
 
 
-def beyond_limits(sizes: Array, errors: Array, low: float, high: float) -> Mask:
+def stacked_sizes(gram: Array, scores: Array, variance: Array) -> tuple[Array, Array]:
+    """As `fitted_sizes`, of many groups of k > 1 columns at once: sizes and errors (f, n, k).
+
+    Args:
+        gram: (f, n, k, k); scores: (f, n, k); variance: (f, 1).
+    """
+    norms = np.sqrt(np.maximum(np.einsum("fikk->fik", gram), 1e-300))
+    lengths = norms[:, :, :, None] * norms[:, :, None, :]
+    inverse = np.linalg.pinv(gram / lengths, rcond=1e-10, hermitian=True) / lengths
+    own = np.maximum(np.einsum("fikk->fik", inverse), 0.0)
+    return -(inverse @ scores[..., None])[..., 0], np.sqrt(own * variance[:, :, None])
+
+
+def beyond_limits(sizes: Array, errors: Array, low: float | Array, high: float | Array) -> Mask:
     """Which sizes are physically impossible; of several together, by more than two standard errors of each.
 
     One mass of several may come out a little below zero where it is hardly there.

@@ -7,7 +7,7 @@ that a matching pursuit asks.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,10 +18,11 @@ from posture_opt.diagnosis.scores.candidates import Candidate, Lines
 from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks
 from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
+from posture_opt.diagnosis.search.projected_scores import projected_gains
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError, Effect
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Mask
 
 _STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half way to the next
 
@@ -55,13 +56,13 @@ class Atoms(ABC):
     def excluded(self, chosen: Candidate) -> Codes:
         """Indices of those that no model holds together with a chosen candidate."""
 
-    def finer(self, index: int) -> Iterator[Candidate]:
-        """Candidates between this one and its neighbours on the grid."""
-        yield self.candidate(index)
+    @abstractmethod
+    def finest(self, index: int, Q: Array, e: Array, learn: Mask) -> Candidate:
+        """The candidate between this one and its neighbours on the grid that explains most.
 
-    def closer(self, found: Candidate) -> Iterator[Candidate]:
-        """Candidates between one of those and its neighbours."""
-        yield found
+        Args:
+            Q: (m, p) basis of what was chosen, and e (m,) what it leaves, both zero but in the rows ``learn`` (m,).
+        """
 
 
 class WrittenAtoms(Atoms):
@@ -100,9 +101,16 @@ class WrittenAtoms(Atoms):
         """The candidate at an index, as it was listed."""
         return self.members[index]
 
-    def finer(self, index: int) -> Iterator[Candidate]:
-        """Shapes between this candidate and its neighbours on the grid."""
-        yield from finer_shapes(self._sensitivities, self.members[index])
+    def finest(self, index: int, Q: Array, e: Array, learn: Mask) -> Candidate:
+        """The best of some shapes between this candidate and its neighbours on the grid."""
+        finer = list(finer_shapes(self._sensitivities, self.members[index]))
+        if len(finer) == 1:
+            return finer[0]
+        Z = np.concatenate([c.Z for c in finer], axis=1) * learn[:, None]
+        own = Z.reshape(len(Z), -1, self.width)
+        gram = np.einsum("mik,mil->ikl", own, own, optimize=True)
+        inner, score = (Z.T @ Q).reshape(-1, self.width, Q.shape[1]), (Z.T @ e).reshape(-1, self.width)
+        return finer[int(np.argmax(projected_gains(gram, inner, score)))]
 
     def excluded(self, chosen: Candidate) -> Codes:
         """Indices of other shapes of the same effect."""
@@ -156,19 +164,24 @@ class LineAtoms(Atoms):
         apart = np.abs(self.lines.cycles - chosen.what.cycles)
         return np.flatnonzero(apart <= self.lines.least_distance)
 
-    def finer(self, index: int) -> Iterator[Candidate]:
-        """Lines up to half way to the neighbours on the grid."""
-        yield from self._lines_about(self.lines.cycles[index], self._step / (2 * _STEPS_TO_HALF_WAY))
+    def finest(self, index: int, Q: Array, e: Array, learn: Mask) -> Candidate:
+        """The best line up to half way to the neighbours on the grid, and then to those of a finer one."""
+        N, block = self.lever.shape
+        lever = self.lever * learn[: N * block].reshape(N, block)
+        weights = np.einsum("nb,nb->n", lever, lever)
+        along = np.column_stack([np.einsum("nb,nbp->np", lever, Q[: N * block].reshape(N, block, -1)), self._of(e)])
+        cycles = float(self.lines.cycles[index])
+        for step in (self._step / (2 * _STEPS_TO_HALF_WAY), self._step / (2 * _STEPS_TO_HALF_WAY) ** 2):
+            near = cycles + step * np.arange(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1)
+            waves = np.stack([wave(self.q[:, None] * near) for wave in (np.sin, np.cos)], axis=2)
+            gram = np.einsum("nik,nil->ikl", waves * weights[:, None, None], waves, optimize=True)
+            inner = np.tensordot(waves, along, axes=(0, 0))
+            cycles = float(near[int(np.argmax(projected_gains(gram, inner[:, :, :-1], inner[:, :, -1])))])
+        return self.lines.candidate(cycles, self._sensitivities)
 
-    def closer(self, found: Candidate) -> Iterator[Candidate]:
-        """Lines up to half way between two of the finer ones."""
-        assert isinstance(found.what, CyclicError)
-        yield from self._lines_about(found.what.cycles, self._step / (2 * _STEPS_TO_HALF_WAY) ** 2)
-
-    def _lines_about(self, cycles: float, step: float) -> Iterator[Candidate]:
-        """Lines at some frequency and at ``_STEPS_TO_HALF_WAY`` steps [cycles per revolution] to either side."""
-        for k in range(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1):
-            yield self.lines.candidate(cycles + k * step, self._sensitivities)
+    def _of(self, e: Array) -> Array:
+        """(N,) residuals e (m,) along what one unit of the joint does to each row."""
+        return np.asarray(np.einsum("nb,nb->n", self.lever, e[: self.lever.size].reshape(self.lever.shape)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,23 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import beyond_limits, fitted_sizes, orthonormal_basis
-from posture_opt.diagnosis.search.dictionary import Atoms, Dictionary
+from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
+from posture_opt.diagnosis.search.atom_states import AtomStates, Step
+from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
 from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
 _RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
-_MAX_EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
-_RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a grid say the same
+_MAX_BASIS_NUMBERS = 20_000_000  # of the bases of pursuits side by side: 160 MB
+_BASIS_COLUMNS = 100  # of one basis: geometry, and some forty effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,42 +48,99 @@ def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None 
         most: candidates at which it ends.
         held_out: rows that teach nothing.
     """
+    return _pursue_together(dictionary, most, [held_out])[0]
+
+
+def pursue_in_folds(dictionary: Dictionary, most: int, folds: Sequence[Codes]) -> list[Pursued]:
+    """`pursue_candidates` without the rows of each fold, as many side by side as memory allows."""
+    rows = len(dictionary.linearised.r)
+    together = max(1, _MAX_BASIS_NUMBERS // (rows * _BASIS_COLUMNS))
+    found = list[Pursued]()
+    for first in range(0, len(folds), together):
+        found += _pursue_together(dictionary, most, folds[first : first + together])
+    return found
+
+
+def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes | None]) -> list[Pursued]:
+    """Pursuits side by side: the columns, which are by far the most numbers, are walked through once a step."""
     linearised = dictionary.linearised
-    residuals = linearised.sensitivities.residuals
-    learn = np.ones(len(linearised.r), dtype=bool)
-    if held_out is not None:
-        learn[(held_out[:, None] * residuals.block + np.arange(residuals.block)).ravel()] = False
-    Q, e = _projected_residuals(linearised, (), learn)
-    freedom = float(learn.sum() - Q.shape[1])
-    states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
-    chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
-    together = levels.MAX_EXCHANGED_EFFECTS if len(learn) <= levels.MAX_LINE_FIT_RESIDUALS else 0
-    while len(chosen) < most and freedom >= 1 and rss > 0:  # else there is nothing left to explain
-        drops = [state.drops(rss, freedom) for state in states]
+    pursuits = [_Pursuit(linearised, place, rows) for place, rows in enumerate(held_out)]
+    states = [AtomStates(atoms, held_out) for atoms in dictionary.atoms]
+    for one, state in product(pursuits, states):
+        state.begin(one.place, one.Q, one.e)
+    while going := [one for one in pursuits if one.goes_on and len(one.chosen) < most]:
+        places, rss, freedom = ([getattr(one, name) for one in going] for name in ("place", "rss", "freedom"))
+        drops = [state.drops(places, np.array(rss), np.array(freedom)) for state in states]
+        steps = [step for i, one in enumerate(going) if (step := one.take_best(states, [d[i] for d in drops]))]
+        for state in states if steps else ():
+            state.project(steps)
+    return [Pursued(tuple(one.chosen), tuple(one.runners_up)) for one in pursuits]
+
+
+class _Pursuit:
+    """One of the pursuits that run side by side.
+
+    Args:
+        place: among them; held_out: rows that teach it nothing.
+    """
+
+    def __init__(self, linearised: LinearisedData, place: int, held_out: Codes | None) -> None:
+        block = linearised.sensitivities.residuals.block
+        self.place = place
+        self._linearised, self._whole = linearised, held_out is None
+        self.learn: Mask = np.ones(len(linearised.r), dtype=bool)
+        if held_out is not None:
+            self.learn[(held_out[:, None] * block + np.arange(block)).ravel()] = False
+        self.Q, self.e = _projected_residuals(linearised, (), self.learn)
+        self.freedom = float(self.learn.sum() - self.Q.shape[1])
+        self.chosen, self.runners_up = list[Candidate](), list[Candidate]()
+        self._ended = False
+        self._together = levels.MAX_EXCHANGED_EFFECTS if len(self.learn) <= levels.MAX_LINE_FIT_RESIDUALS else 0
+
+    @property
+    def rss(self) -> float:
+        """The sum of squares that is left."""
+        return float(self.e @ self.e)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether there is anything left to explain, and anything that would."""
+        return not self._ended and self.freedom >= 1 and self.rss > 0
+
+    def take_best(self, states: Sequence[AtomStates], drops: Sequence[Array]) -> Step | None:
+        """Takes the candidate that lowers the criterion most; the states are told by the caller of what it returns.
+
+        Args:
+            drops: (n,) of the atoms of each state.
+        """
         most_of_all = max((float(d.max(initial=0.0)) for d in drops), default=0.0)
-        if most_of_all <= 0.0:
-            break
+        self._ended = most_of_all <= 0.0
+        if self._ended:
+            return None
         best = next(b for b, d in enumerate(drops) if d.max(initial=0.0) == most_of_all)
-        within = most_of_all - levels.RIVAL_CRITERION
-        if held_out is None:
-            runners_up += [c for s, d in zip(states, drops, strict=True) for c in s.leading(d, max(within, 0.0))]
-        candidate = _finest_shape(states[best].atoms, int(np.argmax(drops[best])), Q, e, learn)
-        q = _new_directions(candidate, Q, learn)
+        index = int(np.argmax(drops[best]))
+        if self._whole:
+            within = max(most_of_all - levels.RIVAL_CRITERION, 0.0)
+            self.runners_up += [c for s, d in zip(states, drops, strict=True) for c in s.leading(d, within)]
+        candidate = states[best].atoms.finest(index, self.Q, self.e, self.learn)
+        q = _new_directions(candidate, self.Q, self.learn)
         if not q.shape[1]:
-            states[best].closed[int(np.argmax(drops[best]))] = True
-            continue
-        chosen.append(candidate)
-        if isinstance(candidate.what, CyclicError) and together >= len(chosen):
-            chosen = sharpen_lines(linearised, chosen, learn)
-            Q, e = _projected_residuals(linearised, chosen, learn)
-            states = [_State(atoms, Q, e, held_out, chosen) for atoms in dictionary.atoms]
-        else:
-            explained = q.T @ e
-            e, Q = e - q @ explained, np.concatenate([Q, q], axis=1)
-            for state in states:
-                state.project(q, explained, candidate)
-        rss = float(e @ e)
-    return Pursued(tuple(chosen), tuple(runners_up))
+            states[best].closed[self.place, index] = True
+            return None
+        self.chosen.append(candidate)
+        if isinstance(candidate.what, CyclicError) and self._together >= len(self.chosen):
+            self._sharpen(states)
+            return None
+        explained = q.T @ self.e
+        self.e, self.Q = self.e - q @ explained, np.concatenate([self.Q, q], axis=1)
+        return Step(self.place, candidate, q, explained)
+
+    def _sharpen(self, states: Sequence[AtomStates]) -> None:
+        """Fits the lines together, and begins anew with what was chosen."""
+        self.chosen = sharpen_lines(self._linearised, self.chosen, self.learn)
+        self.Q, self.e = _projected_residuals(self._linearised, self.chosen, self.learn)
+        for state in states:
+            state.begin(self.place, self.Q, self.e, self.chosen)
 
 
 def _projected_residuals(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
@@ -98,117 +155,7 @@ def _projected_residuals(linearised: LinearisedData, chosen: Sequence[Candidate]
     return Q, e - Q @ (Q.T @ e)
 
 
-class _State:
-    """Atoms given what was chosen: Gram matrices and scores of their columns, projected off it, of length one.
-
-    Args:
-        atoms: n candidates of k columns; Q: (m, p) basis of what was chosen; e: (m,) what it leaves.
-        held_out: rows that are left out; chosen: the candidates, of which other shapes are closed.
-    """
-
-    def __init__(
-        self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None, chosen: Sequence[Candidate] = ()
-    ) -> None:
-        self.atoms = atoms
-        gram = atoms.grams() if held_out is None else atoms.grams() - atoms.grams(held_out)
-        norms = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
-        self.scale = np.where(norms > 1e-12 * norms.max(initial=0.0), 1 / norms, 0.0)
-        self.gram = gram * self.scale[:, :, None] * self.scale[:, None, :]
-        self.score = atoms.products(e[:, None])[:, :, 0] * self.scale
-        self.closed = np.zeros(len(gram), dtype=bool)
-        for candidate in chosen:
-            self.closed[atoms.excluded(candidate)] = True
-        self._subtract(Q)
-
-    def project(self, q: Array, explained: Array, chosen: Candidate) -> None:
-        """Takes the new directions q (m, p) and what they explain off the columns."""
-        self.score = self.score - self._subtract(q) @ explained
-        self.closed[self.atoms.excluded(chosen)] = True
-
-    def _subtract(self, q: Array) -> Array:
-        """Takes directions q (m, p) off the Gram matrices; returns the inner products (n, k, p) with the columns."""
-        inner = self.atoms.products(q) * self.scale[:, :, None]
-        self.gram = self.gram - inner @ np.swapaxes(inner, 1, 2)
-        return np.asarray(inner)
-
-    def drops(self, rss: float, freedom: float) -> Array:
-        """(n,) by how much each candidate would lower the criterion; minus infinity for one that cannot be."""
-        gain, count = _explained_squares(*_principal_scores(self.gram, self.score))
-        gain = np.minimum(gain, _MAX_EXPLAINED * rss)
-        prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
-        drop = -freedom * np.log1p(-gain / rss) - prices
-        impossible = self._impossible(rss / freedom) | (gain > self.atoms.most)
-        return np.asarray(np.where(self.closed | (gain <= 0) | impossible, -np.inf, drop))
-
-    def _impossible(self, variance: float) -> Mask:
-        """(n,) whether the estimate of a parameter is beyond its physical limits."""
-        if self.score.shape[1] == 1:
-            size = -self.score[:, 0] / np.maximum(self.gram[:, 0, 0], 1e-300) * self.scale[:, 0]
-            out: Mask = (size < self.atoms.limits[:, 0]) | (size > self.atoms.limits[:, 1])
-            return out
-        out = np.zeros(len(self.score), dtype=bool)
-        for i in np.flatnonzero(np.any(np.isfinite(self.atoms.limits), axis=1)):
-            scale = self.scale[i][:, None]
-            sizes, errors = fitted_sizes(self.gram[i], self.score[i][:, None], variance)
-            out[i] = bool(np.any(beyond_limits(sizes * scale, errors * scale, *self.atoms.limits[i])))
-        return out
-
-    def leading(self, drops: Array, least: float) -> list[Candidate]:
-        """The few best candidates that are local maxima of the drop, at ``least`` or better."""
-        before, behind = np.r_[-np.inf, drops[:-1]], np.r_[drops[1:], -np.inf]
-        peaks = np.flatnonzero((drops >= least) & (drops >= before) & (drops >= behind))
-        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP_PER_KIND]]
-
-
-def _principal_scores(gram: Array, score: Array) -> tuple[Array, Array]:
-    """Eigenvalues (n, k) of Gram matrices (n, k, k), and squares of the scores (n, k) along their eigenvectors.
-
-    In closed form up to two columns, of which there are thousands.
-    """
-    if gram.shape[1] == 1:
-        return gram[:, 0], score**2
-    if gram.shape[1] > 2:
-        values, vectors = np.linalg.eigh(gram)
-        return values, np.einsum("ikl,ik->il", vectors, score) ** 2
-    a, b, c = gram[:, 0, 0], gram[:, 0, 1], gram[:, 1, 1]
-    half = np.hypot((a - c) / 2, b)
-    angle = np.arctan2(2 * b, a - c) / 2
-    x, y = np.cos(angle), np.sin(angle)
-    values = np.stack([(a + c) / 2 + half, (a + c) / 2 - half], axis=1)
-    along = np.stack([x * score[:, 0] + y * score[:, 1], x * score[:, 1] - y * score[:, 0]], axis=1)
-    return values, along**2
-
-
-def _finest_shape(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
-    """The candidate between two neighbours on the grid that explains most."""
-    best = _strongest_candidate(list(atoms.finer(index)), Q, e, learn)
-    return _strongest_candidate(list(atoms.closer(best)), Q, e, learn)
-
-
-def _strongest_candidate(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> Candidate:
-    """That of some candidates of one width that explains most."""
-    if len(finer) == 1:
-        return finer[0]
-    width = finer[0].Z.shape[1]
-    Z = np.concatenate([c.Z for c in finer], axis=1) * learn[:, None]
-    own = Z.reshape(len(Z), -1, width)
-    gram = np.einsum("mik,mil->ikl", own, own, optimize=True)
-    scale = 1 / np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
-    inner = (Z.T @ Q).reshape(-1, width, Q.shape[1])
-    gram = (gram - inner @ np.swapaxes(inner, 1, 2)) * scale[:, :, None] * scale[:, None, :]
-    gains = _explained_squares(*_principal_scores(gram, (Z.T @ e).reshape(-1, width) * scale))[0]
-    return finer[int(np.argmax(gains))]
-
-
-def _explained_squares(values: Array, parts: Array) -> tuple[Array, Array]:
-    """(n,) what candidates explain along the eigenvectors that are new, and how many these are."""
-    clear = values > levels.MIN_DISTINCT_SHARE
-    return np.sum(np.where(clear, parts / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1), clear.sum(
-        axis=1
-    )
-
-
-def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
+def _new_directions(candidate: Candidate, Q: Array, learn: Mask) -> Array:
     """Orthonormal directions (m, p) that a candidate's columns add to Q on the rows that are fitted.
 
     Directions of which less than `levels.MIN_DISTINCT_SHARE` is new are left out.

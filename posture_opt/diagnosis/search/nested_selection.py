@@ -20,7 +20,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
+from posture_opt.diagnosis.search.matching_pursuit import Pursued, nested_subsets, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
@@ -46,12 +46,16 @@ class NestedSelection:
     @classmethod
     def of(cls, dictionary: Dictionary, most: int, groups: Codes, folds: Folds) -> NestedSelection:
         """Every fold by itself, with sets of at most so many effects."""
-        losses, sets = np.zeros((most + 1, len(groups))), []
-        for left_out in folds:
-            chosen = pursue_candidates(dictionary, most + levels.FURTHER_FOLD_EFFECTS, left_out).chosen
-            own, losses[:, left_out] = _fold_path(dictionary, chosen, left_out, most)
+        return NestedSelections.of(dictionary, most, [Folding(groups, folds)]).each[0]
+
+    @classmethod
+    def of_pursued(cls, dictionary: Dictionary, most: int, way: Folding, pursued: Sequence[Pursued]) -> NestedSelection:
+        """From what each fold has pursued."""
+        losses, sets = np.zeros((most + 1, len(way.groups))), []
+        for left_out, found in zip(way.folds, pursued, strict=True):
+            own, losses[:, left_out] = _fold_path(dictionary, found.chosen, left_out, most)
             sets.append(own)
-        return cls(dictionary.linearised, folds, groups, tuple(sets), losses)
+        return cls(dictionary.linearised, way.folds, way.groups, tuple(sets), losses)
 
     @cached_property
     def totals(self) -> Array:
@@ -154,8 +158,11 @@ class NestedSelections:
 
     @classmethod
     def of(cls, dictionary: Dictionary, most: int, foldings: Sequence[Folding]) -> NestedSelections:
-        """One for each way to leave rows out."""
-        return cls(tuple(NestedSelection.of(dictionary, most, way.groups, way.folds) for way in foldings))
+        """One for each way to leave rows out; the folds of all of them are pursued side by side."""
+        folds = [left_out for way in foldings for left_out in way.folds]
+        pursued = iter(pursue_in_folds(dictionary, most + levels.FURTHER_FOLD_EFFECTS, folds))
+        parts = ((way, [next(pursued) for _ in way.folds]) for way in foldings)
+        return cls(tuple(NestedSelection.of_pursued(dictionary, most, way, own) for way, own in parts))
 
     @property
     def size(self) -> int:

@@ -60,7 +60,7 @@ def _price_of_unlikely(candidate: Candidate) -> float:
     return levels.UNLIKELY_PENALTY if unlikely else 0.0
 
 
-def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
+def price_of_parameters(count: Array, evidence: Array, freedom: float | Array) -> Array:
     """What the criterion charges for so many parameters, which explain ``evidence`` in units of the noise variance.
 
     A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the

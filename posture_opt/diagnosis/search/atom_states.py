@@ -1,0 +1,119 @@
+"""``AtomStates``: what candidates are still worth to several pursuits that run side by side.
+
+Pursuits that leave different rows out share all columns: one product of the columns serves every one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.score_tests import beyond_limits, stacked_sizes
+from posture_opt.diagnosis.search.dictionary import Atoms
+from posture_opt.diagnosis.search.projected_scores import explained_squares
+from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
+from posture_opt.numerics import Array, Codes, Mask
+
+_MAX_EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
+_RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a grid say the same
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one pursuit took: a candidate, its new directions q (m, p), and what they explain (p,) of the residuals.
+
+    Args:
+        place: of the pursuit among those side by side.
+    """
+
+    place: int
+    candidate: Candidate
+    q: Array
+    explained: Array
+
+
+class AtomStates:
+    """Gram matrices and scores of n candidates of k columns, projected off what each of F pursuits chose.
+
+    Columns have length one in the rows that a pursuit learns from.
+
+    Args:
+        atoms: the candidates; held_out: rows that each pursuit leaves out, None for none.
+    """
+
+    def __init__(self, atoms: Atoms, held_out: Sequence[Codes | None]) -> None:
+        self.atoms = atoms
+        whole = atoms.grams()
+        gram = np.stack([whole if rows is None else whole - atoms.grams(rows) for rows in held_out])
+        norms = np.sqrt(np.maximum(np.einsum("fikk->fik", gram), 1e-300))
+        longest = norms.max(axis=(1, 2), keepdims=True, initial=0.0)
+        self.scale = np.where(norms > 1e-12 * longest, 1 / norms, 0.0)
+        self._whole = gram * self.scale[:, :, :, None] * self.scale[:, :, None, :]
+        self.gram = self._whole.copy()
+        self.score = np.zeros(self.scale.shape)
+        self.closed = np.zeros(self.scale.shape[:2], dtype=bool)
+
+    def begin(self, place: int, Q: Array, e: Array, chosen: Sequence[Candidate] = ()) -> None:
+        """The state of one pursuit from the basis Q (m, p) of what it chose, and what that leaves, e (m,)."""
+        inner = self.atoms.products(np.concatenate([Q, e[:, None]], axis=1)) * self.scale[place][:, :, None]
+        self.score[place], inner = inner[:, :, -1], inner[:, :, :-1]
+        self.gram[place] = self._whole[place] - inner @ np.swapaxes(inner, 1, 2)
+        self.closed[place] = False
+        for candidate in chosen:
+            self.closed[place, self.atoms.excluded(candidate)] = True
+
+    def project(self, steps: Sequence[Step]) -> None:
+        """Takes the new directions of some pursuits, and what they explain, off the columns."""
+        places = [step.place for step in steps]
+        width = max(step.q.shape[1] for step in steps)
+        q, explained = np.zeros((len(steps[0].q), len(steps), width)), np.zeros((len(steps), width))
+        for i, step in enumerate(steps):
+            q[:, i, : step.q.shape[1]], explained[i, : step.q.shape[1]] = step.q, step.explained
+        products = self.atoms.products(q.reshape(len(q), -1))
+        inner = np.moveaxis(products.reshape(*products.shape[:2], *explained.shape), 2, 0)
+        inner = inner * self.scale[places][:, :, :, None]
+        self.gram[places] -= inner @ np.swapaxes(inner, 2, 3)
+        self.score[places] -= (inner @ explained[:, None, :, None])[:, :, :, 0]
+        for step in steps:
+            self.closed[step.place, self.atoms.excluded(step.candidate)] = True
+
+    def drops(self, places: Sequence[int], rss: Array, freedom: Array) -> Array:
+        """(f, n) by how much each candidate would lower the criterion; minus infinity for one that cannot be.
+
+        Args:
+            places: of f pursuits; rss, freedom: (f,) what they leave, and its degrees of freedom.
+        """
+        gram, score = self.gram[places], self.score[places]
+        flat = explained_squares(gram.reshape(-1, *gram.shape[2:]), score.reshape(-1, score.shape[2]))
+        gain, count = (part.reshape(score.shape[:2]) for part in flat)
+        rss, freedom = rss[:, None], freedom[:, None]
+        gain = np.minimum(gain, _MAX_EXPLAINED * rss)
+        prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
+        drop = -freedom * np.log1p(-gain / rss) - prices
+        impossible = self._impossible(places, gram, score, rss / freedom) | (gain > self.atoms.most)
+        return np.asarray(np.where(self.closed[places] | (gain <= 0) | impossible, -np.inf, drop))
+
+    def _impossible(self, places: Sequence[int], gram: Array, score: Array, variance: Array) -> Mask:
+        """(f, n) whether the estimate of a parameter is beyond its physical limits; variance: (f, 1)."""
+        limits, scale = self.atoms.limits, self.scale[places]
+        if score.shape[2] == 1:
+            size = -score[:, :, 0] / np.maximum(gram[:, :, 0, 0], 1e-300) * scale[:, :, 0]
+            out: Mask = (size < limits[:, 0]) | (size > limits[:, 1])
+            return out
+        out = np.zeros(score.shape[:2], dtype=bool)
+        limited = np.flatnonzero(np.any(np.isfinite(limits), axis=1))
+        if len(limited):
+            sizes, errors = stacked_sizes(gram[:, limited], score[:, limited], variance)
+            low, high = (limits[limited, end][None, :, None] for end in (0, 1))
+            own = scale[:, limited]
+            out[:, limited] = np.any(beyond_limits(sizes * own, errors * own, low, high), axis=2)
+        return out
+
+    def leading(self, drops: Array, least: float) -> list[Candidate]:
+        """The few best candidates that are local maxima of the drop (n,), at ``least`` or better."""
+        before, behind = np.r_[-np.inf, drops[:-1]], np.r_[drops[1:], -np.inf]
+        peaks = np.flatnonzero((drops >= least) & (drops >= before) & (drops >= behind))
+        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP_PER_KIND]]
