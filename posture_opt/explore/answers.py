@@ -141,8 +141,10 @@ class Answers:
         """The selector of a problem: that of the last one, where they differ by the place of the target alone."""
         key = _all_but_position(problem)
         if self._selector is None or self._selector[0] != key:
-            self._q = None
-            self._selector = key, PostureSelector(problem, offers=False, explains=False)
+            # Compiling takes seconds: it pays for the problem that was opened, not for every position of a slider.
+            first = self._selector is None
+            selector = PostureSelector(problem, compiled=None if first else False, offers=False, explains=False)
+            self._selector = key, selector
         return self._selector[1]
 
     def _whole(self, quick: Answer) -> Answer | None:

@@ -15,8 +15,10 @@ from posture_opt.explore.answers import Answer, Answers, Request
 from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import server, stop
+from posture_opt.explore.settings import settings_of
 from posture_opt.numerics import Array
 from posture_opt.output import write_file
+from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
@@ -25,6 +27,8 @@ from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 
 DEFAULT_PORT = 8080
+_EXPLORED = "_explored"
+"""What the name of a saved problem ends in."""
 
 
 class Explorer:
@@ -44,7 +48,9 @@ class Explorer:
 
     def __init__(self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None):
         first = PostureSelector(problem, compiled=False, offers=False).solve()
-        self._problem, self._folder = problem, folder or Path()
+        self._stated = self._problem = problem
+        self._changes: dict[str, Plain] = {}
+        self._folder = folder or Path()
         self._guard = threading.RLock()
         self._closed = threading.Event()
         self._solution: Solution | None = first
@@ -53,7 +59,8 @@ class Explorer:
         arm = ArmSolids(first.spread.tool_point.robot)
         self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged)
         self._panel = Panel(
-            self._server, problem.name, self._typed, self._turned, self._save, self.command, problem.robot.joints
+            self._server, problem.name, self._typed, self._changed, self._turned, self._save, self.command,
+            problem.robot.joints, settings_of(problem),
         )  # fmt: skip
         stated = _position(problem)
         self._target = np.array(first.spread.position if stated is None else stated)
@@ -106,10 +113,12 @@ class Explorer:
     def command(self) -> str:
         """The command line that gives the answer to what is asked."""
         problem = self.problem
-        words = ["optimize-posture", "--problem", problem.origin.file or problem.name]
-        if _position(problem) is not None:
+        saved = set(self._changes) - {"task__position"}  # what no option states
+        file = f"{_stem(problem)}{_EXPLORED}.yaml" if saved else problem.origin.file or problem.name
+        words = ["optimize-posture", "--problem", file]
+        if _position(problem) is not None and not saved:
             words += ["--position", ", ".join(_millimetres(self.target))]
-        return shlex.join(words)
+        return shlex.join(words) + ("   # once the problem is saved" if saved else "")
 
     def wait(self) -> None:
         """Return when the page was closed."""
@@ -139,9 +148,19 @@ class Explorer:
 
     def _ask(self, place: Array) -> None:
         """Have the target solved, in tenths of a millimetre: what a file says of it is what was solved."""
-        problem = self._problem.replace(task__position=_millimetres(place))
+        self._changes = {**self._changes, "task__position": _millimetres(place)}
+        problem = self._stated.replace(**self._changes)
         with self._guard:
             self._problem, self._target = problem, np.array(_position(problem))
+        self._put(Request(problem))
+
+    def _changed(self, changes: dict[str, Plain]) -> None:
+        """Have the same target solved with other errors, or another task."""
+        kept = {key: value for key, value in self._changes.items() if key == "task__position"}
+        self._changes = {**kept, **changes}
+        problem = self._stated.replace(**self._changes) if self._changes else self._stated
+        with self._guard:
+            self._problem = problem
         self._put(Request(problem))
 
     def _turned(self, q: tuple[float, ...] | None) -> None:
@@ -169,7 +188,7 @@ class Explorer:
 
     def _save(self) -> str:
         """Write the problem with what it needs into the folder that the program was started in."""
-        stem = f"{_stem(self._problem)}_explored"
+        stem = f"{_stem(self._problem)}{_EXPLORED}"
         for name, content in self.problem.files(stem).items():
             write_file(self._folder / name, content)
         return f"{stem}.yaml written to {self._folder.resolve()}"

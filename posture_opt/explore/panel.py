@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.explore.answers import Answer
+from posture_opt.explore.settings import Setting
 from posture_opt.numerics import Array
+from posture_opt.problem.plain_data import Plain
 from posture_opt.report.page.colours import BLUE, LIGHT
 
 if TYPE_CHECKING:
@@ -30,10 +32,11 @@ class Panel:
     Args:
         server: of the page.
         moved: called with the place (3,) [m] that was typed.
+        changed: called with key -> value of the problem file when a setting is changed.
         turned: called with the posture (n,) [rad or m] that the joints were set to; with None, to go back to the best.
         save: writes the problem, returns what to say of it.
         command: the command line that gives the answer.
-        joints: those of the arm.
+        joints: those of the arm; ``settings`` what else has a slider.
     """
 
     def __init__(
@@ -41,10 +44,12 @@ class Panel:
         server: viser.ViserServer,
         title: str,
         moved: Callable[[Array], None],
+        changed: Callable[[dict[str, Plain]], None],
         turned: Callable[[tuple[float, ...] | None], None],
         save: Callable[[], str],
         command: Callable[[], str],
         joints: Sequence[Joint],
+        settings: Sequence[Setting],
     ) -> None:
         gui, self._command = server.gui, command
         gui.set_panel_label(title)
@@ -52,6 +57,10 @@ class Panel:
         self._numbers = gui.add_html("")
         self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
         self._budget = gui.add_html("")
+        with gui.add_folder("Errors and task", expand_by_default=False):
+            self._settings = [(setting, _setting_slider(gui, setting)) for setting in settings]
+            self._stated = gui.add_html("")
+            as_stated = gui.add_button("As stated")
         with gui.add_folder("Joints", expand_by_default=False):
             self._joints = [_slider(gui, joint) for joint in joints]
             back = gui.add_button("Back to the best posture")
@@ -68,6 +77,15 @@ class Panel:
         def _(_event: Any) -> None:
             turned(None)
 
+        for _setting, slider in self._settings:
+            slider.on_update(lambda event: changed(self._changes()) if event.client is not None else None)
+
+        @as_stated.on_click
+        def _(_event: Any) -> None:
+            for setting, slider in self._settings:
+                slider.value = setting.range[2]
+            changed({})
+
         for _scale, slider in self._joints:
             slider.on_update(lambda event: turned(self._posture()) if event.client is not None else None)
 
@@ -78,6 +96,7 @@ class Panel:
     def show(self, answer: Answer) -> None:
         """An answer in numbers; of none, the reason."""
         self._text.value = self._command()
+        self._stated.content = _settings_table([(s, slider.value) for s, slider in self._settings])
         if answer.solution is None:
             self._numbers.content = self._budget.content = ""
             self._state.content = _line(answer.reason or "No posture found here; looking for the reason …", alarm=True)
@@ -91,6 +110,10 @@ class Panel:
         self._budget.content = _bars(answer.solution)
         for (factor, slider), value in zip(self._joints, answer.solution.q, strict=True):
             slider.value = round(float(value) * factor, _DIGITS)
+
+    def _changes(self) -> dict[str, Plain]:
+        """Key -> value of all that is not as stated."""
+        return {key: value for s, slider in self._settings for key, value in s.change(slider.value).items()}
 
     def _posture(self) -> tuple[float, ...]:
         """(n,) what the joints are set to [rad or m]."""
@@ -124,6 +147,23 @@ def _slider(gui: viser.GuiApi, joint: Joint) -> tuple[float, Any]:
     low, high = scale * joint.lower, scale * joint.upper
     step = 10.0**-_DIGITS
     return scale, gui.add_slider(f"{joint.name} [{unit}]", low, high, step, min(max(0.0, low), high))
+
+
+def _setting_slider(gui: viser.GuiApi, setting: Setting) -> Any:
+    """A slider of a setting; of a logarithmic one it shows the decades from what is stated."""
+    low, high, first = setting.range
+    label = f"{setting.label}, log10 of the factor" if setting.logarithmic else f"{setting.label} [deg]"
+    return gui.add_slider(label, low, high, 0.01, first)
+
+
+def _settings_table(settings: Sequence[tuple[Setting, float]]) -> str:
+    """What each setting is now, and what the file states where that is something else."""
+    rows = "".join(
+        f"<tr><td>{escape(s.label)}</td><td>{escape(s.words(at))}</td><td>"
+        f"{escape('stated ' + s.words(s.range[2])) if at != s.range[2] else ''}</td></tr>"
+        for s, at in settings
+    )
+    return f'<table style="margin:4px 14px;font-size:12px">{rows}</table>'
 
 
 def _small(html: str) -> str:

@@ -18,6 +18,7 @@ import pytest
 import posture_opt as po
 from posture_opt.cli.main import main
 from posture_opt.explore.answers import Answer, Answers, Request
+from posture_opt.explore.settings import settings_of
 
 pytest.importorskip("viser", reason="viser is not installed")
 PLANAR = "insert_planar_2r_fixed_hole"
@@ -94,6 +95,21 @@ def test_a_posture_of_ones_own_has_its_spread() -> None:
         answers.end()
     assert shown[0].own is not None
     np.testing.assert_array_equal(shown[0].own.covariance, po.propagate(problem, (0.3, 0.4)).covariance)
+
+
+def test_errors_on_a_slider_are_those_of_the_file(page: Any) -> None:
+    """Ten times smaller errors of every parameter scatter ten times less: at first order, and these are small."""
+    settings = {setting.label: setting for setting in settings_of(po.load_problem(PLANAR))}
+    assert [settings["σ joint2.theta"].words(at) for at in (-1.0, 0.0)] == ["0.300 deg", "3.00 deg"]
+    until(lambda: page._shown is not None and page._shown.whole)
+    before = page.solution.sigma_max
+    small = [setting for label, setting in settings.items() if label.startswith("σ")]
+    page._changed({key: value for setting in small for key, value in setting.change(-1.0).items()})
+    until(lambda: page._shown.whole and page.solution.sigma_max < 0.5 * before)
+    assert page.solution.sigma_max == pytest.approx(0.1 * before, rel=0.02)  # the full model is not linear at 3 deg
+    assert "once the problem is saved" in page.command()
+    page._changed({})
+    until(lambda: page._shown.whole and page.solution.sigma_max == before)
 
 
 def test_a_target_of_numbers_only(page: Any) -> None:
