@@ -21,10 +21,11 @@ from posture_opt.robot.robot import Robot
 
 _LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
 """Units of length -> [m], in which coordinates may have been written."""
-_POOR_MISFIT = (
-    0.03  # unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave it
-)
+_POOR_MISFIT = 0.03
 """Unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave as much."""
+_POOR_ERROR = 0.012
+"""What is left over the reach of the arm, from which on columns may be exchanged or reversed: `_POOR_MISFIT` of the
+motion through a whole workspace. In a small volume joint errors of 2 deg leave up to 0.19 of the motion, and 0.007."""
 _GOOD_MISFIT = 0.05
 """Unexplained share that a guess must leave at most."""
 _IMPROVEMENT_FACTOR = 5.0
@@ -46,12 +47,14 @@ class Guess:
         message: what is assumed.
         hint: how to correct the file.
         column: the key of the message.
+        unit: whether it is the unit, by which a value is many times another one; else joints are exchanged or reversed.
     """
 
     q: Array
     message: str
     hint: str
     column: str
+    unit: bool = False
 
 
 def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Column], faults: Faults) -> list[str]:
@@ -68,14 +71,15 @@ def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Col
     if data.position is None:
         point = data.point[rows]
         misfit = touch_misfit(robot, q, point)
-        guessed = _guess_columns(lambda other: touch_misfit(robot, other, point), misfit, q, robot, columns, faults)
+        guessed = _guess_columns(lambda q: touch_misfit(robot, q, point), (misfit, misfit), q, robot, columns, faults)
         return [] if guessed else _unlike_note(misfit, None, "how far the touches of one point lie apart")
     if _far_off(data, data.position[:, data.measured_axes], robot, faults):
         return []
     measured = data.position[rows][:, data.measured_axes]
     found = affine_fit(robot, q, measured)
     named = [axis for axis in AXES if axis in columns]
-    if _guess_columns(lambda other: affine_fit(robot, other, measured).misfit, found.misfit, q, robot, columns, faults):
+    left = found.misfit, found.misfit * float(np.sqrt(np.sum(np.var(measured, axis=0)))) / reach(robot)
+    if _guess_columns(lambda q: affine_fit(robot, q, measured).misfit, left, q, robot, columns, faults):
         return []
     if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
         return []
@@ -150,17 +154,22 @@ def _likely_unit(scale: float, column: Column) -> str:
 
 
 def _guess_columns(
-    misfit_of: Misfit, misfit: float, q: Array, robot: Robot, columns: dict[str, Column], faults: Faults
+    misfit_of: Misfit, left: tuple[float, float], q: Array, robot: Robot, columns: dict[str, Column], faults: Faults
 ) -> bool:
     """Whether the joints are only plausible when read in another way; the best guess is then a fault.
 
+    Within a small volume other columns may explain data better by chance, so joints are taken for exchanged or reversed
+    only where what is left of the data as given is far more than an arm can be off by.
+
     Args:
         misfit_of: unexplained share of joint values (m, n).
-        misfit: that of ``q`` (m, n) as given.
+        left: that of ``q`` (m, n) as given, and what is unexplained over the reach of the arm.
     """
+    misfit, error = left
     if not misfit > _POOR_MISFIT:
         return False
-    tried = [(misfit_of(guess.q), guess) for guess in _possible_guesses(q, robot, columns)]
+    bad = misfit > _TRUSTED_MISFIT or error > _POOR_ERROR
+    tried = [(misfit_of(guess.q), guess) for guess in _possible_guesses(q, robot, columns) if guess.unit or bad]
     best, guess = min(tried, key=lambda pair: pair[0], default=(math.inf, None))
     if guess is None or not best < min(_GOOD_MISFIT, misfit / _IMPROVEMENT_FACTOR):
         return False
@@ -190,7 +199,7 @@ def _possible_guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Ite
                 other[:, some] *= factor
                 which = ", ".join(names[j] for j in some)
                 hint = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
-                yield Guess(other, f"the numbers of {which} are {meant}", hint, names[some[0]])
+                yield Guess(other, f"the numbers of {which} are {meant}", hint, names[some[0]], unit=True)
     for i, name in enumerate(names):
         other = q.copy()
         other[:, i] *= -1

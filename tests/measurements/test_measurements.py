@@ -551,3 +551,29 @@ def test_a_hundred_thousand_rows(tmp_path: Path) -> None:
     print(f"100 000 rows read in {time.perf_counter() - start:.2f} s")
     assert len(data) == 100_000
     assert data.pose.max() == 1999
+
+
+def small_volume(seed: int, volume: float) -> np.ndarray:
+    """(60, 6) joint values of ``SIX`` whose tool stays within a cube of this size [m], about in one orientation."""
+    rng, arm = np.random.default_rng(seed), po.Arm.from_problem(po.problem_from_dict(SIX))
+    q0, step = rng.uniform(-1.5, 1.5, 6), 1e-6
+    T0 = np.asarray(arm.pose(q0), dtype=float)
+    J = np.empty((6, 6))
+    for k in range(6):
+        dT = (np.asarray(arm.pose(q0 + step * np.eye(6)[k]), dtype=float) - T0) / step
+        W = dT[:3, :3] @ T0[:3, :3].T
+        J[:, k] = [*dT[:3, 3], W[2, 1], W[0, 2], W[1, 0]]
+    moved = np.c_[rng.uniform(-volume / 2, volume / 2, (60, 3)), np.zeros((60, 3))]
+    return q0 + moved @ np.linalg.pinv(J, rcond=1e-3).T
+
+
+@pytest.mark.parametrize("seed", [6, 9, 24])
+def test_a_small_volume_in_one_orientation_is_not_refused(seed: int) -> None:
+    """Zeros that are off by 1 deg: with two wrist joints exchanged, the tool's path is explained 14 times as well."""
+    q, rng = small_volume(seed, 0.15), np.random.default_rng(seed)
+    x = six_points(q + rng.normal(0, DEG, 6)) + rng.normal(0, 5e-5, (60, 3))
+    table = {**{f"j{k + 1} [rad]": q[:, k] for k in range(6)}, **{f"{w} [m]": x[:, k] for k, w in enumerate("xyz")}}
+    assert po.read_measurements(table, po.problem_from_dict(SIX)).warnings == ()
+    # Columns that are exchanged leave far more than that in the same volume.
+    (line,) = refused(renamed(table, j2="j3 [rad]", j3="j2 [rad]"), SIX)
+    assert "the columns j2 and j3 are exchanged" in line
