@@ -15,6 +15,7 @@
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
     problem, data ─ calibrate_batch ──> batch        several robots of a type, and how they differ
+    problem, data ─ recheck ──────────> recheck      what changed on a calibrated arm since
     calibration ── assess ────────────> assessment   what the model gets wrong, and whether the rest is scatter
     calibration ── check_spread ──────> check        is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from posture_opt.batch.batch_diagnosis import BatchDiagnosis, diagnose_batch
     from posture_opt.calibration.calibrate import calibrate
     from posture_opt.calibration.calibration import Calibration
+    from posture_opt.changes.check_again import recheck
+    from posture_opt.changes.what_changed import Recheck
     from posture_opt.compensation.compensate import compensate
     from posture_opt.compensation.compensation import Compensation
     from posture_opt.diagnosis.diagnose import diagnose
@@ -95,6 +98,7 @@ __all__ = [
     "PostureBatch",
     "PostureSelector",
     "Problem",
+    "Recheck",
     "Robot",
     "Solution",
     "Spread",
@@ -123,6 +127,7 @@ __all__ = [
     "problem_from_dict",
     "propagate",
     "read_measurements",
+    "recheck",
     "select_posture",
     "select_postures",
     "simulate",
@@ -146,6 +151,7 @@ _HOMES = {
     "PostureBatch": "selection.posture_batch",
     "PostureSelector": "selection.answer.selector",
     "Problem": "problem.problem",
+    "Recheck": "changes.what_changed",
     "Robot": "robot.robot",
     "Solution": "selection.answer.solution",
     "Spread": "uncertainty.spread.spread",
@@ -172,6 +178,7 @@ _HOMES = {
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread.spread",
     "read_measurements": "measurements.reading",
+    "recheck": "changes.check_again",
     "select_posture": "selection.select_posture",
     "select_postures": "selection.posture_batch",
     "simulate": "uncertainty.simulation.cloud",

@@ -40,6 +40,7 @@ COMMANDS = {
     "map": "The best posture and its spread over a grid of targets.",
     "new": "Print a commented problem file to start from.",
     "plan-measurements": "Select the most informative postures to measure next.",
+    "recheck": "What changed on a calibrated arm, from a few new measurements.",
     "schema": "Print the JSON Schema of the problem file.",
     "simulate": "Monte Carlo simulation of the tool point at one posture, against the closed form.",
     "uncertainty": "Covariance, ellipse, coverage regions and error budget at one posture.",
@@ -55,6 +56,7 @@ _FILES = {
     "map": ("map",),
     "compensate": ("compensate",),
     "explore": ("explore",),
+    "recheck": ("recheck",),
     "export": ("export",),
     "plan_measurements": ("plan-measurements",),
 }

@@ -78,3 +78,12 @@ def write_text(path: Path | None, text: str) -> None:
         click.echo(text.rstrip("\n"))
         return
     write_file(path, text.encode(), OUT)
+
+
+def write_content(path: Path, content: bytes) -> None:
+    """Write one file in one go; one of this name is replaced.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_file(path, content, OUT)

@@ -25,6 +25,7 @@ PLACES = {
     "--test": ("diagnose DATA --problem insert_planar_2r_measured --test NAME", ""),
     "--given": ("plan-measurements --problem insert_planar_2r_measured --count 5 --given NAME", ""),
     "compensate": ("compensate NAME --problem insert_planar_2r", ""),
+    "recheck": ("recheck NAME --problem insert_planar_2r_calibrated", ""),
     "robot.file": ("--problem HERE", "robot: {kind: urdf, file: NAME}\ntask: {kind: insert}"),
     "uncertainty.covariance": ("--problem HERE", "robot: {kind: preset, name: scara}\nuncertainty: {covariance: NAME}"),
     "effects[0].covariance": (

@@ -56,6 +56,7 @@ OF_DATA = {
     "diagnose in two": "diagnose DATA --problem NAME --folds 2",
     "plan": "plan-measurements --problem NAME --given DATA --count 10 --candidates 300",
     "compensate": "compensate DATA --problem NAME",
+    "recheck": "recheck DATA --problem NAME",
 }
 
 
@@ -112,7 +113,9 @@ def check_data(server: CommandServer, file: str, folder: Path, further: str, wha
 
 @pytest.mark.parametrize("file", ["planar_2r_measured.csv"])
 def test_shipped_data_are_answered(file: str, server: CommandServer, tmp_path: Path) -> None:
-    check_data(server, file, tmp_path, "--no-plots", ("calibrate", "diagnose", "diagnose by block", "compensate"))
+    check_data(
+        server, file, tmp_path, "--no-plots", ("calibrate", "diagnose", "diagnose by block", "compensate", "recheck")
+    )
 
 
 @pytest.mark.exhaustive

@@ -24,7 +24,8 @@ PRELOADED = (
     "casadi", "matplotlib.figure", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "numpy",
     "pint", "scipy.optimize", "scipy.special", "yaml", "posture_opt.cli.posture", "posture_opt.cli.measured",
     "posture_opt.cli.compensate", "posture_opt.cli.map", "posture_opt.cli.compare", "posture_opt.cli.export",
-    "posture_opt.cli.main", "posture_opt.cli.plan_measurements", "posture_opt.report.page.save",
+    "posture_opt.cli.main", "posture_opt.cli.plan_measurements", "posture_opt.cli.recheck",
+    "posture_opt.report.page.save",
 )  # fmt: skip
 CPU = 20  # s, of a call
 SECONDS = 60  # on the wall: what waits for ever uses no processor

@@ -41,6 +41,11 @@ def arms_compared() -> po.Comparison:
     return po.compare({name: po.load_problem(name) for name in names})
 
 
+def rechecked() -> po.Recheck:
+    problem = po.load_problem("insert_planar_2r_calibrated")
+    return po.recheck(problem, po.read_measurements(PROBLEMS / "planar_2r_measured.csv", problem))
+
+
 MADE: dict[str, Callable[[], Result]] = {name: cache(make) for name, make in {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
     "PostureBatch": lambda: po.select_postures(
@@ -62,6 +67,7 @@ MADE: dict[str, Callable[[], Result]] = {name: cache(make) for name, make in {
     "Assessment": lambda: po.assess(*calibrated()),
     "SpreadCheck": lambda: po.check_spread(*calibrated()),
     "Diagnosis": lambda: po.diagnose(*measured()),
+    "Recheck": rechecked,
     "Batch": lambda: po.calibrate_batch(*measured("planar_2r_batch.csv")),
     "BatchDiagnosis": lambda: po.diagnose_batch(*measured("planar_2r_batch.csv")),
 }.items()}  # fmt: skip

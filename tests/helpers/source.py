@@ -31,7 +31,7 @@ ROOMS = [
     "workers",
 ]
 ROOMS += ["robot", "model", "collision", "uncertainty", "measurements", "selection"]
-ROOMS += ["calibration", "validation", "experiments", "diagnosis", "batch", "compensation"]
+ROOMS += ["calibration", "validation", "experiments", "diagnosis", "changes", "batch", "compensation"]
 ROOMS += ["problem", "export", "report", "explore", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 

@@ -42,6 +42,8 @@ CAPTIONS = {
     "truth_coverage": "Coverage of the predicted regions: on the diagonal, the predicted spread is correct.",
     "truth_joints": "Scatter of each joint: estimates with 95 % intervals, and the stated values.",
     "batch": "Variation of two parameters between robots, with the 95 % ellipse of the type.",
+    "recheck_changes": "Probability of each possible change, and how far it would move the tool.",
+    "recheck_rows": "Position error of every row, with the arm of the file and with what changed.",
     "diagnosis_curves": "Each identified effect (line) and the partial residuals of the data.",
     "diagnosis_errors": "Errors on held-out rows, by row and sorted.",
     "diagnosis_periodogram": "Periodogram over cycles per revolution; above the dashed threshold is significant.",
@@ -53,7 +55,7 @@ Files = dict[str, bytes]
 
 _JSON = (
     *("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check"),
-    *("comparison", "compensation", "answers"),
+    *("comparison", "compensation", "answers", "recheck"),
 )
 ALWAYS = frozenset(("report.txt", "report.html"))
 """What every report writes."""
@@ -61,7 +63,11 @@ ALWAYS = frozenset(("report.txt", "report.html"))
 OWN_FILES = ALWAYS | frozenset(
     (
         *(f"{name}.json" for name in _JSON),
-        *(f"{name}{end}" for name in ("calibrated", "extended") for end in (".yaml", "_covariance.csv", ".urdf")),
+        *(
+            f"{name}{end}"
+            for name in ("calibrated", "extended", "rechecked")
+            for end in (".yaml", "_covariance.csv", ".urdf")
+        ),
         *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
         *("compensated.csv", "answers.csv"),
         *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),

@@ -1,0 +1,107 @@
+"""Whether a calibrated arm is still the one that was calibrated, from a few new rows, and if not, what changed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posture_opt.changes.changed_arm import changed_problem
+from posture_opt.changes.distinct import distinct_rows
+from posture_opt.changes.gaussian_evidence import Estimate
+from posture_opt.changes.hypotheses import Hypotheses, Probabilities
+from posture_opt.changes.new_rows import NewRows
+from posture_opt.changes.visibility import visibilities
+from posture_opt.changes.what_changed import LikelyChange, Recheck, Verdict
+from posture_opt.errors import InsufficientDataError
+from posture_opt.interrupts import interruptible
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array
+from posture_opt.selection.problem_data import ProblemData
+
+LEAST_POSTURES = 4
+"""Fewer cannot tell a frame from a joint: a shift and a turn of a frame alone have six coordinates."""
+_LEAST_PROBABILITY = 0.5  # of a verdict, and of the one change that is named
+
+
+@interruptible()
+def recheck(problem: ProblemData, data: Measurements) -> Recheck:
+    """What changed on a calibrated arm since its file was made: nothing, one thing, or more than one.
+
+    The new rows are ``r = J u − A θ + ε`` at the arm of the file, u ~ N(0, C) what the file leaves uncertain of it,
+    ε of instrument and scatter. Each change has the prior ``θ ~ N(0, s² M⁻¹)``, M the mean square motion of the tool
+    over the rows and s on a grid; models are compared by their exact evidence, ``Bayes factor = p(r | θ) / p(r | 0)``,
+    with a sparse prior: one change is likelier than two.
+
+    Args:
+        problem: the calibrated arm, with its covariance under ``uncertainty``.
+        data: new measurements; 5 to 30 postures are enough, `plan_measurements` for ``recheck`` chooses them.
+
+    Raises:
+        InputError: measurements of several robots.
+        InsufficientDataError: fewer than four postures.
+
+    Source: Kass, Raftery (1995), Bayes factors; Liang et al. (2008), mixtures of g priors.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_calibrated")
+        >>> q = np.radians([[-60, 30], [-20, 60], [0, 90], [40, 120], [60, 150]])
+        >>> x = po.Arm.from_problem(problem).position(q)
+        >>> table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": x[:, 0] + 0.02, "y [m]": x[:, 1]}
+        >>> found = po.recheck(problem, po.read_measurements(table, problem))
+        >>> found.verdict, found.changes[0].target
+        ('changed', 'base')
+    """
+    postures = len(np.unique(data.q, axis=0))
+    if postures < LEAST_POSTURES:
+        counted = "1 posture is" if postures == 1 else f"{postures} postures are"
+        raise InsufficientDataError(
+            f"{counted} too few to tell what changed: measure ten; "
+            "'optimize-posture plan-measurements --for recheck --count 10' chooses them"
+        )
+    rows = distinct_rows(NewRows.of(problem, data))
+    models = Hypotheses.of(rows)
+    found = models.probabilities
+    verdict, named = _verdict(found)
+    estimates = models.estimates(named)
+    shares = found.involved
+    order = [*named, *(i for i in np.argsort(-shares, kind="stable").tolist() if i not in named)]
+    changes = tuple(_change(models, i, estimates[i], float(shares[i])) for i in order)
+    updated = changed_problem(problem, changes[0].possible, changes[0].deviations) if verdict == "changed" else None
+    return Recheck(
+        problem=problem, data=data, verdict=verdict, changes=changes, probabilities=found,
+        visible=visibilities(models), errors_before=_errors(rows, ()),
+        errors_after=_errors(rows, changes[: len(named)]), updated=updated, notes=rows.notes,
+    )  # fmt: skip
+
+
+def _verdict(found: Probabilities) -> tuple[Verdict, tuple[int, ...]]:
+    """The verdict, and the changes that it names: one, two, or none."""
+    if found.unchanged >= _LEAST_PROBABILITY:
+        return "unchanged", ()
+    if found.several > found.one:
+        pair = max(found.pairs, key=lambda pair: found.pairs[pair], default=())
+        return "several", pair if sum(found.pairs.values()) > found.unexplained else ()
+    best = int(np.argmax(found.singles))
+    return ("changed", (best,)) if found.singles[best] >= _LEAST_PROBABILITY else ("unclear", ())
+
+
+def _change(models: Hypotheses, index: int, estimate: Estimate, probability: float) -> LikelyChange:
+    """One change with what it does to the tool."""
+    possible = models.changes[index]
+    motion = models.rows.motion(possible)
+    square = float(estimate.mean @ motion @ estimate.mean)
+    shift = math.sqrt(max(square, 0.0))
+    return LikelyChange(possible, estimate, probability, shift)
+
+
+def _errors(rows: NewRows, changes: tuple[LikelyChange, ...]) -> Array:
+    """(N, 3) position errors of the arm with some changes [m]; 0 where a coordinate was not measured."""
+    x = rows.x.copy()
+    for change in changes:
+        x[rows.columns(change.possible)] += change.estimate.mean
+    error = np.zeros((len(rows.residuals.data), 3))
+    axes = rows.residuals.axes
+    error[:, axes] = rows.residuals.error(x)[:, axes]
+    return rows.residuals.data.about_points(error)

@@ -1,0 +1,280 @@
+"""Unchanged, one change, two, or nothing of this sort: how probable new rows make each, and how large a change.
+
+Each model is Gaussian and linear; sizes and the noise level have grids, over which its evidence is a sum. The prior
+is sparse: one change is likelier than two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.changes.gaussian_evidence import Estimate, GaussianRows, SizedChange, log_gains, log_sum
+from posture_opt.changes.new_rows import NewRows
+from posture_opt.experiments.possible_changes import PossibleChange
+from posture_opt.numerics import Array, Codes
+
+PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03}
+"""Before the new rows: an arm is checked after an incident, and is most often found as it was."""
+SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
+"""Root mean square motion of the tool by a change: 0.06 to 64 mm, all alike probable."""
+_PAIR_SIZES_M = SIZES_M[::2]
+_NOISE_SPREAD = 0.2
+NOISE_LEVELS = np.exp(_NOISE_SPREAD * np.linspace(-2, 2, 7))
+"""Noise over what instrument and scatter are stated as: known to 20 %."""
+_LOG_LEVELS = -0.5 * (np.log(NOISE_LEVELS) / _NOISE_SPREAD) ** 2
+LOG_LEVELS = _LOG_LEVELS - log_sum(_LOG_LEVELS)
+_UNEXPLAINED_LEVELS = 2.0 ** np.arange(1, 9)
+"""Noise over what is stated where the rows err in a way that no change makes."""
+_MIN_MOTION_SHARE = 1e-9  # of the largest mean square motion of a change: less is none
+_PAIRED = 6  # likeliest single changes that are tried with every other one
+_MIN_WEIGHT = 1e-6  # of a part of an estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A change by the first parameters of it, ``θ = W t``, in units of 1 m of root mean square motion of the tool.
+
+    Args:
+        columns: (p,) places of the parameters among those of the rows.
+        W: (p, q).
+    """
+
+    change: PossibleChange
+    columns: Codes
+    W: Array
+
+    @classmethod
+    def of(cls, rows: NewRows, change: PossibleChange) -> list[Form]:
+        """The forms of a change that move the tool at all."""
+        found: list[Form] = []
+        motion = rows.motion(change)
+        for count in change.forms:
+            values, vectors = np.linalg.eigh(motion[:count, :count])
+            kept = values > _MIN_MOTION_SHARE * np.trace(motion)
+            if kept.sum() > (found[-1].W.shape[1] if found else 0):
+                W = vectors[:, kept] / np.sqrt(values[kept])
+                found.append(cls(change, np.array(rows.columns(change)[:count]), W))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Every model of what happened, with its log evidence on the new rows.
+
+    Args:
+        rows: linearised; ``gaussian`` the same in coordinates in which their covariance is diagonal.
+        forms: of each change that moves the tool.
+    """
+
+    rows: NewRows
+    gaussian: GaussianRows
+    forms: tuple[tuple[Form, ...], ...]
+
+    @classmethod
+    def of(cls, rows: NewRows) -> Hypotheses:
+        """From rows and what may have changed on them."""
+        forms = [tuple(Form.of(rows, change)) for change in rows.changes]
+        return cls(rows, GaussianRows.of(rows.r, rows.P, rows.A), tuple(form for form in forms if form))
+
+    @property
+    def changes(self) -> tuple[PossibleChange, ...]:
+        """(C,) what may have changed."""
+        return tuple(forms[0].change for forms in self.forms)
+
+    @cached_property
+    def weights(self) -> Array:
+        """(C,) probability of each change where one thing changed: that of its kind, shared by all of the kind."""
+        kinds = [change.kind for change in self.changes]
+        shares = np.array([change.share / kinds.count(change.kind) for change in self.changes])
+        return np.asarray(shares / shares.sum())
+
+    @cached_property
+    def _densities(self) -> Array:
+        """(L,) log density of the rows with nothing changed, at each noise level."""
+        return np.array([self.gaussian.log_density(level) for level in NOISE_LEVELS])
+
+    @cached_property
+    def _normal(self) -> list[tuple[Array, Array]]:
+        """Normal equations at each noise level."""
+        return [self.gaussian.normal_equations(level) for level in NOISE_LEVELS]
+
+    def sized(self, form: Form, level: int) -> SizedChange:
+        """One form of a change at the noise level of an index."""
+        G, b = self._normal[level]
+        return SizedChange(form.W.T @ G[np.ix_(form.columns, form.columns)] @ form.W, form.W.T @ b[form.columns])
+
+    @cached_property
+    def tables(self) -> list[Array]:
+        """Of each change (F, L, S) its log evidence by form, noise level and size, their prior included."""
+        found = []
+        for forms in self.forms:
+            gains = [[self.sized(f, k).log_gains(SIZES_M) for k in range(len(NOISE_LEVELS))] for f in forms]
+            prior = self._densities + LOG_LEVELS - np.log(len(forms) * len(SIZES_M))
+            found.append(np.array(gains) + prior[None, :, None])
+        return found
+
+    @cached_property
+    def log_singles(self) -> Array:
+        """(C,) log evidence of each change."""
+        return np.array([log_sum(table) for table in self.tables])
+
+    @cached_property
+    def _likeliest(self) -> tuple[int, int]:
+        """The likeliest single change, and the noise level at which it is."""
+        best = int(np.argmax(self.log_singles + np.log(self.weights)))
+        return best, int(np.argmax([log_sum(self.tables[best][:, k]) for k in range(len(NOISE_LEVELS))]))
+
+    @cached_property
+    def log_pairs(self) -> dict[tuple[int, int], float]:
+        """Log evidence of two changes together: the likeliest ones with every other one."""
+        if not self.forms:
+            return {}
+        order = np.argsort(-(self.log_singles + np.log(self.weights)), kind="stable")[:_PAIRED].tolist()
+        pairs = {(min(a, b), max(a, b)) for a in order for b in range(len(self.forms)) if a != b}
+        return {pair: self._log_pair(*pair) for pair in sorted(pairs)}
+
+    def _log_pair(self, a: int, b: int) -> float:
+        """Log evidence of two changes by the widest form of each, at one noise level, as that of all levels."""
+        first, second = self.forms[a][-1], self.forms[b][-1]
+        _, gains = _pair_gains(*self._pair_equations(first, second), first.W.shape[1])
+        best, level = self._likeliest
+        ratio = self.log_singles[best] - log_sum(self.tables[best][:, level])
+        density = self._densities[level] + LOG_LEVELS[level] + ratio
+        return log_sum(gains) - float(np.log(len(gains))) + float(density)
+
+    def _pair_equations(self, first: Form, second: Form) -> tuple[Array, Array]:
+        """The normal equations of both forms together at the likeliest noise level."""
+        G, b = self._normal[self._likeliest[1]]
+        at = np.concatenate([first.columns, second.columns])
+        W = np.zeros((len(at), first.W.shape[1] + second.W.shape[1]))
+        W[: len(first.columns), : first.W.shape[1]] = first.W
+        W[len(first.columns) :, first.W.shape[1] :] = second.W
+        return W.T @ G[np.ix_(at, at)] @ W, W.T @ b[at]
+
+    @cached_property
+    def probabilities(self) -> Probabilities:
+        """Of all models after the rows, by Bayes' rule."""
+        pairs = self.log_pairs
+        shares = {pair: 2 * self.weights[pair[0]] * self.weights[pair[1]] for pair in pairs}
+        unexplained = [self.gaussian.log_density(level) for level in _UNEXPLAINED_LEVELS]
+        logs = np.concatenate([
+            [np.log(PRIOR["unchanged"]) + log_sum(self._densities + LOG_LEVELS)],
+            [np.log(PRIOR["unexplained"]) + log_sum(np.array(unexplained)) - np.log(len(unexplained))],
+            np.log(PRIOR["one"]) + np.log(self.weights) + self.log_singles,
+            [np.log(PRIOR["two"]) + np.log(shares[pair]) + pairs[pair] for pair in pairs],
+        ])  # fmt: skip
+        p = np.exp(logs - log_sum(logs))
+        count = len(self.forms)
+        two = dict(zip(pairs, p[2 + count :].tolist(), strict=True))
+        return Probabilities(float(p[0]), float(p[1]), p[2 : 2 + count], two)
+
+    def estimates(self, together: Sequence[int] = ()) -> list[Estimate]:
+        """(C,) what the parameters of each change deviate by: alone, or two with one another where two are named."""
+        found = [self._estimate(index) for index in range(len(self.forms))]
+        if len(together) == 2:
+            a, b = together
+            found[a], found[b] = self._pair_estimate(a, b)
+        return found
+
+    def _estimate(self, index: int) -> Estimate:
+        """The estimate of one change alone, over all forms, noise levels and sizes."""
+        table = self.tables[index]
+        weights = np.exp(table - log_sum(table))
+        parts, shares = [], []
+        for f, k, s in np.argwhere(weights > _MIN_WEIGHT):
+            form = self.forms[index][f]
+            parts.append(self._of_parameters(form, self.sized(form, int(k)).estimate(float(SIZES_M[s]))))
+            shares.append(weights[f, k, s])
+        return Estimate.mixture(parts, np.array(shares) / np.sum(shares))
+
+    @staticmethod
+    def _of_parameters(form: Form, t: Estimate) -> Estimate:
+        """An estimate of t as one of all parameters of the change."""
+        W = np.zeros((len(form.change.parameters), form.W.shape[1]))
+        W[: len(form.W)] = form.W
+        return Estimate(W @ t.mean, W @ t.covariance @ W.T)
+
+    def _pair_estimate(self, a: int, b: int) -> tuple[Estimate, Estimate]:
+        """The estimates of two changes with one another, at the likeliest noise level and the likeliest sizes."""
+        first, second = self.forms[a][-1], self.forms[b][-1]
+        H, h = self._pair_equations(first, second)
+        sizes, gains = _pair_gains(H, h, first.W.shape[1])
+        d = sizes[int(np.argmax(gains))]
+        covariance = np.asarray(np.linalg.inv(H + np.diag(d**-2)), dtype=float)
+        mean, p = covariance @ h, first.W.shape[1]
+        return (
+            self._of_parameters(first, Estimate(mean[:p], covariance[:p, :p])),
+            self._of_parameters(second, Estimate(mean[p:], covariance[p:, p:])),
+        )
+
+    def power(self, index: int, shift: float, draws: Array) -> float:
+        """Probability that a change of this root mean square motion [m] is detected, in its least visible direction.
+
+        It is detected where it becomes likelier than no change.
+
+        Args:
+            draws: (n, 6) of standard normal numbers.
+        """
+        form = self.forms[index][0]
+        values = self.sized(form, len(NOISE_LEVELS) // 2).spectrum[0]
+        z = draws[:, : len(values)] * np.sqrt(values)
+        z[:, 0] += values[0] * shift
+        gains = log_gains(values, z, SIZES_M)
+        top = gains.max(axis=1)
+        log_factor = top + np.log(np.mean(np.exp(gains - top[:, None]), axis=1)) - np.log(len(self.forms[index]))
+        odds = np.log(PRIOR["one"] * self.weights[index] / PRIOR["unchanged"])
+        return float(np.mean(log_factor + odds > 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Probabilities:
+    """Of every model after the new rows; they sum to one.
+
+    Args:
+        unchanged: nothing changed; ``unexplained`` the rows err in a way that no change makes.
+        singles: (C,) of each change alone; ``pairs`` of two together.
+    """
+
+    unchanged: float
+    unexplained: float
+    singles: Array
+    pairs: dict[tuple[int, int], float]
+
+    @property
+    def one(self) -> float:
+        """Exactly one thing changed."""
+        return float(np.sum(self.singles))
+
+    @property
+    def several(self) -> float:
+        """More than one thing changed, or something that is no change of those that are listed."""
+        return float(sum(self.pairs.values())) + self.unexplained
+
+    @property
+    def involved(self) -> Array:
+        """(C,) share of each change in the probability that something changed, two together with half of it each."""
+        found = self.singles.copy()
+        for (a, b), p in self.pairs.items():
+            found[[a, b]] += p / 2
+        total = float(np.sum(found))
+        return found * (1 - self.unchanged) / total if total else found
+
+
+def _pair_gains(H: Array, h: Array, first: int) -> tuple[Array, Array]:
+    """Prior standard deviations (S, p) of two changes on the grid of their sizes, and the gain (S,) of each pair of
+    sizes.
+
+    Args:
+        H: (p, p) and h (p,) normal equations, the ``first`` ones of them of one change.
+    """
+    p = len(h)
+    grid = np.array([(s / first**0.5, t / (p - first) ** 0.5) for s in _PAIR_SIZES_M for t in _PAIR_SIZES_M])
+    d = np.repeat(grid, (first, p - first), axis=1)
+    M = np.eye(p) + d[:, :, None] * H * d[:, None, :]
+    u = d * h
+    fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
+    return d, 0.5 * (fit - np.linalg.slogdet(M)[1])

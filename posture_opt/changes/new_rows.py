@@ -1,0 +1,140 @@
+"""New rows against a calibrated arm, to first order: what its covariance, and what every change would make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
+from posture_opt.calibration.assumptions.instrument import relative_sigma
+from posture_opt.calibration.estimation.parameters import Parameter
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.experiments.possible_changes import PossibleChange, effects_of, possible_changes
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, stacked_rows
+from posture_opt.selection.problem_data import ProblemData
+from posture_opt.uncertainty.sources.sources import Sources
+
+TURN_LEVER_M = 0.1
+"""A turn of the tool counts as what it shifts a point so far from the tool point by: the size of a tool."""
+_FREE_SIGMA = 1e4  # of what is free, in standard deviations of the rows: next to nothing is known of it
+_RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class NewRows:
+    """Whitened residuals ``r = P u + A θ + ε`` of new rows, ε ~ N(0, k² I), u ~ N(0, I), θ what changed.
+
+    Args:
+        residuals: the arm against the rows, in all parameters; ``x`` (K,) where it is linearised [rad, m].
+        r: (m,) model minus measurement at the calibrated arm, in units of instrument and scatter of the arm.
+        P: (m, p) what is uncertain of the calibrated arm, a standard deviation a column, and what is free.
+        A: (m, K) derivatives by all parameters of ``residuals``.
+        changes: what may have changed.
+        notes: sentences on what was assumed.
+    """
+
+    residuals: Residuals
+    x: Array
+    r: Array
+    P: Array
+    A: Array
+    changes: tuple[PossibleChange, ...]
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, problem: ProblemData, data: Measurements) -> NewRows:
+        """The rows of ``data`` against the arm of a problem; free frames and touched points are fitted first."""
+        residuals, notes = arm_and_data(problem, data)
+        x0 = fit_frames(residuals)
+        changes = possible_changes(residuals.robot, data, oriented=residuals.oriented)
+        free = {residuals.parameters[i].name: float(x0[i]) for i in residuals.free}
+        wide = _in_all_parameters(residuals, x0, changes, problem.sources)
+        x = np.array([free.get(p.name, 0.0) for p in wide.parameters])
+        r, A = wide.residuals_and_jacobian(x)
+        L = _noise_factors(problem, wide, x)
+        r, A = _whitened(L, r), _whitened(L, A)
+        P = np.concatenate([_known_columns(problem.sources, wide, A), _free_columns(wide, free, A)], axis=1)
+        return cls(wide, x, r, P, A, changes, notes)
+
+    def columns(self, change: PossibleChange) -> list[int]:
+        """Places of the parameters of a change in ``A``."""
+        place = {p.name: i for i, p in enumerate(self.residuals.parameters)}
+        return [place[p.name] for p in change.parameters]
+
+    def motion(self, change: PossibleChange) -> Array:
+        """(p, p) mean square motion of the tool over the rows, ``θᵀ M θ`` [m²], by the parameters of a change."""
+        moved = self.twists(change.names)
+        return moved @ moved.T / len(self.residuals.data)
+
+    def twists(self, names: Sequence[str]) -> Array:
+        """(p, 6 N) motion of the tool per unit of each parameter: its shift and, where turns are measured, their shift.
+
+        World axes; a turn counts by `TURN_LEVER_M` [m], as nothing where orientations are not measured.
+        """
+        R = self.residuals
+        found = R.arm.twists(names, R.q, R.walk(self.x), R.deviations(self.x))
+        levers = [1.0] * 3 + [TURN_LEVER_M * R.oriented] * 3
+        rows = [stacked_rows([f * v for f, v in zip(levers, (*s, *w), strict=True)], len(R.data)) for s, w in found]
+        return np.array(rows).reshape(len(names), -1)
+
+
+def _in_all_parameters(
+    residuals: Residuals, x0: Array, changes: Sequence[PossibleChange], sources: Sources
+) -> Residuals:
+    """The residuals with what is free, what is uncertain and what may have changed as parameters, each once."""
+    wide = residuals.with_effects(effects_of(changes), x0)
+    free = [residuals.parameters[i] for i in residuals.free]
+    factors = residuals.robot.parameters
+    of_effects = {*wide.arm.effect_parameters}
+    known = [
+        Parameter(n, n.split(".")[0] if n in factors else "effect", "", 0.0, n)
+        for n in sources.names
+        if n in factors or n in of_effects
+    ]
+    taken: dict[str, Parameter] = {}
+    for p in (*free, *(p for change in changes for p in change.parameters), *known):
+        taken.setdefault(p.name, p)
+    return replace(wide, parameters=tuple(taken.values()))
+
+
+def _noise_factors(problem: ProblemData, residuals: Residuals, x: Array) -> Array:
+    """(N, b, b) Cholesky factors of the covariance of each row: of the instrument, and of the arm's own scatter."""
+    data, block = residuals.data, residuals.block
+    covariance = np.zeros((len(data), block, block))
+    diagonal = np.ones((len(data), block))
+    diagonal[:, : len(residuals.axes)] = relative_sigma(problem, data)[:, None] ** 2
+    covariance[:, range(block), range(block)] = diagonal
+    sources = problem.sources
+    own = [i for i, n in enumerate(sources.names) if sources.scatter[i, i] > 0 and n in residuals.arm.parameters]
+    if own:
+        J = residuals.sensitivities([sources.names[i] for i in own], x)
+        covariance += J @ sources.scatter[np.ix_(own, own)] @ np.swapaxes(J, 1, 2)
+    return np.asarray(np.linalg.cholesky(covariance), dtype=float)
+
+
+def _whitened(L: Array, rows: Array) -> Array:
+    """Rows (m,) or (m, K) in units of the standard deviation of each row; those of known distances stay."""
+    n, block = L.shape[:2]
+    measured = rows[: n * block].reshape(n, block, -1)
+    found = np.linalg.solve(L, measured).reshape(n * block, *rows.shape[1:])
+    return np.concatenate([found, rows[n * block :]])
+
+
+def _known_columns(sources: Sources, residuals: Residuals, A: Array) -> Array:
+    """(m, p) ``A F`` with ``F Fᵀ = C``, the covariance of what is not known of the arm; free frames apart."""
+    place = {p.name: i for i, p in enumerate(residuals.parameters)}
+    loose = residuals.free_groups
+    rows = [i for i, n in enumerate(sources.names) if n in place and n.partition(".")[0] not in loose]
+    values, vectors = np.linalg.eigh(sources.constant[np.ix_(rows, rows)])
+    kept = values > _RANK_TOLERANCE * values.max(initial=0.0)
+    return np.asarray(A[:, [place[sources.names[i]] for i in rows]] @ (vectors[:, kept] * np.sqrt(values[kept])))
+
+
+def _free_columns(residuals: Residuals, free: dict[str, float], A: Array) -> Array:
+    """(m, f) columns of what is free, each of a length at which next to nothing is known of it."""
+    columns = A[:, [i for i, p in enumerate(residuals.parameters) if p.name in free]]
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(_FREE_SIGMA * U[:, s > _RANK_TOLERANCE * s.max(initial=0.0)])

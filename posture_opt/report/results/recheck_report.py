@@ -1,0 +1,211 @@
+"""The report on what changed on a calibrated arm: the verdict, its size, its rivals, and what could be seen."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.errors import enumerated
+from posture_opt.model.effects import FittedSizes
+from posture_opt.report.figures.recheck import plot_recheck_changes, plot_recheck_rows
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.units_text import count, length, percent, stated_length
+from posture_opt.units import fixed, number, plus_minus, shown
+
+if TYPE_CHECKING:
+    from posture_opt.changes.visibility import Visibility
+    from posture_opt.changes.what_changed import LikelyChange, Recheck
+
+_MAX_ROWS = 8
+_PHRASES = {
+    "tool_frame": "the tool moved in the flange",
+    "base_frame": "the base moved",
+    "joint_offset": "the zero of {target} is off",
+    "link": "the length {target} changed",
+}
+_INSPECTED = {"link": "link_length"}
+
+
+def recheck_lead(found: Recheck) -> tuple[str, ...]:
+    """The answer in its first sentence, then the errors, rivals, what to look at or what could be seen."""
+    first, errors = found.changes[0], _errors(found)
+    if found.verdict == "unchanged":
+        return (f"Nothing changed that these rows can show (probability {percent(found.unchanged)}).", _power(found))
+    if found.verdict == "changed":
+        sized = f"One thing changed: {phrase(first)} by {size_words(first)} (probability {percent(first.probability)})."
+        return (sized, errors, _rivals(found), f"Look at: {inspection(found, first)}.")
+    if found.verdict == "unclear":
+        names = enumerated([short(change) for change in (first, *found.rivals)])
+        return (f"Something changed, and these rows do not tell what: {names}.", errors)
+    return ("More than one thing changed, or something that none of the possible changes explains.", errors)
+
+
+def phrase(change: LikelyChange) -> str:
+    """What changed, in one clause."""
+    known = change.possible
+    if known.effect is not None:
+        values = {name: (v, s, unit) for name, (v, s, unit) in change.values.items()}
+        return known.effect.worded(FittedSizes(values))
+    return _PHRASES[change.kind].format(target=change.target)
+
+
+def short(change: LikelyChange) -> str:
+    """The change by its name: "zero of elbow"."""
+    names = {"tool_frame": "tool", "base_frame": "base", "joint_offset": "zero of {}", "link": "length {}"}
+    return names.get(change.kind, f"{change.kind.replace('_', ' ')} of {{}}").format(change.target)
+
+
+def size_words(change: LikelyChange) -> str:
+    """How large it is: of a frame the length of its shift, else its one parameter, with standard error."""
+    if change.possible.effect is not None:
+        ((name, dimension),) = change.possible.effect.dimensions
+        value, std, _ = change.values[name]
+        return shown(value, dimension, std)
+    mean, covariance = change.estimate.mean, change.estimate.covariance
+    if len(mean) == 1:
+        factor, unit = (1e3, "mrad") if change.possible.parameters[0].unit == "rad" else (1e3, "mm")
+        return plus_minus(float(mean[0]), math.sqrt(covariance[0, 0]), factor, unit)
+    shift = mean[:3]
+    size = float(np.linalg.norm(shift))
+    std = math.sqrt(max(float(shift @ covariance[:3, :3] @ shift), 0.0)) / size if size else 0.0
+    vector = ", ".join(fixed(1e3 * float(v), 3) for v in shift)
+    turn = 1e3 * float(np.linalg.norm(mean[3:]))
+    turned = f" and {number(turn, 2)} mrad" if np.any(np.abs(mean[3:]) > 2 * np.sqrt(np.diag(covariance)[3:])) else ""
+    return f"{plus_minus(size, std, 1e3, 'mm')} ({vector}){turned}"
+
+
+def inspection(found: Recheck, change: LikelyChange) -> str:
+    """What to look at on the arm."""
+    if change.possible.effect is not None:
+        return change.possible.effect.inspect(found.problem.robot)
+    target = change.target.partition(".")[0]
+    return GeometricDeviation(_INSPECTED.get(change.kind, change.kind), target).inspect(found.problem.robot)
+
+
+def _errors(found: Recheck) -> str:
+    """The errors before, and after what is named."""
+    among = [found.before, found.after]
+    before, after = (length(size, among=among) for size in among)
+    if found.after >= found.before:
+        return f"RMS error of {count(len(found.data), 'row')}: {before}."
+    return f"RMS error of {count(len(found.data), 'row')}: {before}, and {after} with it."
+
+
+def _rivals(found: Recheck) -> str:
+    """What nearly as well explains the rows, and what is the same as the change that is named."""
+    alike = found.changes[0].possible.alike
+    same = f" The rows cannot tell it from {enumerated(list(alike))}." if alike else ""
+    if not found.rivals:
+        return f"Nothing else explains these rows nearly as well.{same}"
+    rivals = enumerated([f"{short(c)} ({percent(c.probability)})" for c in found.rivals[:3]])
+    return f"Rivals: {rivals}.{same}"
+
+
+def _power(found: Recheck) -> str:
+    """The power to see 0.1 mm, of the change that is seen best of its kind and of the one that is seen least."""
+    least = min(found.visible, key=lambda v: v.power)
+    strong = [v for v in found.visible if v.power >= 0.9]
+    seen = f"{len(strong)} of {len(found.visible)} possible changes"
+    text = f"A change that moves the tool by 0.1 mm would be seen with 90 % or more for {seen}"
+    return f"{text}; least for the {_visible_name(least)} ({percent(least.power)})."
+
+
+def _visible_name(visible: Visibility) -> str:
+    names = {"tool_frame": "tool", "base_frame": "base", "joint_offset": "zero of {}", "link": "length {}"}
+    return names.get(visible.kind, f"{visible.kind.replace('_', ' ')} of {{}}").format(visible.target)
+
+
+def changes_block(found: Recheck) -> Block:
+    """The likeliest changes with their size, and what each of them moves the tool by."""
+    rows = [("unchanged", "", "", percent(found.unchanged))]
+    for change in found.changes[:_MAX_ROWS]:
+        rows.append((short(change), size_words(change), number(1e3 * change.shift, 2), percent(change.probability)))
+    table = Table(("what", "size", "tool moves [mm]", "probability"), tuple(rows), text_columns=2)
+    p = found.probabilities
+    text = (
+        f"Probability of no change {percent(p.unchanged)}, of one {percent(p.one)}, of more than one, or of errors "
+        f"that no change explains, {percent(p.several)}. Each size is that of the change alone."
+    )
+    return Block("What may have changed", (text, table), "recheck_changes")
+
+
+def visible_block(found: Recheck) -> Block:
+    """How large each change must be to be seen with a probability of 90 %."""
+    rows = tuple(
+        (
+            _visible_name(v),
+            percent(v.power),
+            number(1e3 * v.shift, 2),
+            f"{number(1e3 * v.size, 2)} {'mrad' if v.unit == 'rad' else 'mm'}" if math.isfinite(v.size) else "",
+        )
+        for v in found.visible
+    )
+    headers = ("what", "power at 0.1 mm", "seen from [mm]", "seen from")
+    text = (
+        "Power: the probability that a change is seen that moves the tool by 0.1 mm (RMS over these postures), in its "
+        "least visible direction. Seen from: the change that is seen with a probability of 90 %."
+    )
+    return Block("What these rows can show", (text, Table(headers, rows)), "recheck_rows")
+
+
+def measured_block(found: Recheck) -> Block:
+    """Rows, instrument, errors, and the arm that was held against them."""
+    sigma = position_sigma(found.problem, found.data)
+    name = Path(found.data.file).name or "table"
+    facts = (
+        ("Measured", f"{count(len(found.data), 'row')} ({name})"),
+        ("Instrument", f"σ {stated_length(sigma)} per coordinate" if sigma else "no σ stated"),
+        *robot_facts(found.problem),
+        *note_facts(found.notes),
+    )
+    return Block("Data", (Facts(facts),))
+
+
+class RecheckPresenter(Presenter["Recheck"]):
+    """What changed on a calibrated arm."""
+
+    document = "recheck"
+    delivers: ClassVar[tuple[str, ...]] = ()
+
+    def summary(self) -> Summary:
+        """Verdict, the likeliest change, errors before and after."""
+        found, among = self.result, [self.result.before, self.result.after]
+        first = found.changes[0]
+        facts = (
+            ("Verdict", found.verdict),
+            ("Unchanged", f"probability {percent(found.unchanged)}"),
+            ("Likeliest change", f"{short(first)}, {size_words(first)} ({percent(first.probability)})"),
+            ("RMS error", f"{length(among[0], among=among)} before, {length(among[1], among=among)} after"),
+        )
+        return Summary(f"Recheck with {count(len(found.data), 'row')}: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        """The whole report."""
+        found = self.result
+        blocks = (changes_block(found), visible_block(found), measured_block(found))
+        return Report(found.problem.name or "Recheck", recheck_lead(found), blocks)
+
+    def drawings(self) -> Drawings:
+        """Probabilities of the changes, and the errors of the rows."""
+        return {
+            "recheck_changes": partial(plot_recheck_changes, self.result),
+            "recheck_rows": partial(plot_recheck_rows, self.result),
+        }
+
+    def columns(self) -> Columns:
+        """Every possible change with its probability and the motion of the tool by it [mm], the likeliest first."""
+        changes = self.result.changes
+        return {
+            "kind": [c.kind for c in changes],
+            "target": [c.target for c in changes],
+            "probability": [c.probability for c in changes],
+            "tool moves [mm]": [1e3 * c.shift for c in changes],
+        }
