@@ -16,6 +16,7 @@ from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import server, stop
 from posture_opt.explore.settings import settings_of
+from posture_opt.files import problems_folder
 from posture_opt.numerics import Array
 from posture_opt.output import write_file
 from posture_opt.problem.plain_data import Plain
@@ -114,7 +115,7 @@ class Explorer:
         """The command line that gives the answer to what is asked."""
         problem = self.problem
         saved = set(self._changes) - {"task__position"}  # what no option states
-        file = f"{_stem(problem)}{_EXPLORED}.yaml" if saved else problem.origin.file or problem.name
+        file = f"{_stem(problem)}{_EXPLORED}.yaml" if saved else _named(problem)
         words = ["optimize-posture", "--problem", file]
         if _position(problem) is not None and not saved:
             words += ["--position", ", ".join(_millimetres(self.target))]
@@ -220,6 +221,12 @@ def _position(problem: Problem) -> tuple[float, ...] | None:
 def _millimetres(place: Sequence[float] | Array) -> list[str]:
     """A place [m] in tenths of a millimetre, as files write it."""
     return [f"{1e3 * v + 0.0:.1f} mm" for v in np.round(np.asarray(place, dtype=float), 4) + 0.0]
+
+
+def _named(problem: Problem) -> str:
+    """The file of a problem, as a command line names it; of a built-in one the name."""
+    file = Path(problem.origin.file or problem.name)
+    return file.stem if file.parent == problems_folder() else str(file)
 
 
 def _stem(problem: Problem) -> str:

@@ -32,7 +32,9 @@ _PALE = 0.25  # opacity of the last posture where there is none for the target
 _HANDLE_SHARE = 0.22  # of the arm's extent: the handle that is dragged
 _ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
 _RIM_POINTS = 64
-_VIEW = np.array([0.75, -1.15, 0.75])  # from the middle of the arm to the viewer, in extents
+_VIEW = np.array([0.9, -1.35, 0.9])  # from the middle of the arm to the viewer, in extents: room for the arm to move
+_VIEW_ONTO_PLANE = np.array([0.0, -1e-3, 2.6])
+_LABEL_SHARE = 0.2  # of the arm's extent: the label is so far below the error region
 
 Moved = Callable[[Array, bool], None]
 """Called with the place (3,) [m] that a handle was dragged to, and whether it was let go."""
@@ -50,6 +52,7 @@ class LiveScene:
 
     def __init__(self, server: viser.ViserServer, geometry: ArmGeometry, arm: ArmSolids, moved: Moved) -> None:
         self._server, self._arm, self._extent = server, arm, geometry.extent
+        self._down = np.array([0.0, -1.0, 0.0] if geometry.planar else [0.0, 0.0, -1.0])
         self._frames = [server.scene.add_frame(f"/arm/{k}", show_axes=False) for k in range(arm.robot.n + 2)]
         kept = {solid.role for solid in geometry.solids} | {"link", "joint", "tool"}
         self._bodies = [
@@ -100,7 +103,7 @@ class LiveScene:
         """The error region, and how much it is enlarged."""
         mesh = Triangles.of([region.faces()])
         _add(self._server, "/answer/region", mesh, ORANGE, _OPACITY["region"])
-        text, place = region.label, region.center + np.array([0.0, 0.0, -0.1 * self._extent])
+        text, place = region.label, region.center + _LABEL_SHARE * self._extent * self._down
         if self._label is None:
             self._label = self._server.scene.add_label(
                 "/answer/label", text, position=tuple(place), anchor="center-left"
@@ -143,10 +146,10 @@ class LiveScene:
         """The camera from where the whole arm is seen, from above where it moves in a plane."""
         low, high = geometry.points.min(axis=0), geometry.points.max(axis=0)
         middle = (low + high) / 2
-        offset = np.array([0.0, -1e-3, 1.7]) if geometry.planar else _VIEW
+        offset = _VIEW_ONTO_PLANE if geometry.planar else _VIEW
         self._server.scene.set_up_direction("+y" if geometry.planar else "+z")
         self._server.initial_camera.look_at = middle
-        self._server.initial_camera.position = middle + 1.2 * self._extent * offset
+        self._server.initial_camera.position = middle + self._extent * offset
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

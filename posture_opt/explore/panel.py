@@ -167,7 +167,7 @@ def _settings_table(settings: Sequence[tuple[Setting, float]]) -> str:
 
 
 def _small(html: str) -> str:
-    return f'<div style="margin:0 10px;font-size:13px">{html}</div>'
+    return f'<div style="margin:0 10px;font-size:13px;text-align:left">{html}</div>'
 
 
 def _line(text: str, alarm: bool = False) -> str:
