@@ -121,8 +121,8 @@ def linear_held_out_errors(
     root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
     for left_out, linear in models:
         r, kept = linear.without(without)
-        theirs = _residual_indices(left_out, block)
-        step, spread = _fold_step(linear, r, kept, theirs)
+        theirs = residual_indices(left_out, block)
+        step, spread = refit_of_fold(linear, r, kept, theirs)
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
         e = positions_of(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
@@ -154,13 +154,13 @@ def _expected_covariance(
     C = np.broadcast_to(taught.T @ taught / free, (len(left_out), d, d))
     if root is not None:
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
-    others = np.delete(r, _residual_indices(left_out, block))
+    others = np.delete(r, residual_indices(left_out, block))
     variance = float(others @ others) / max(len(others) - unit_steps.shape[1], 1)
     L = residuals.data.take(left_out).about_points(rows[left_out]) * residuals.sigma
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 
-def _fold_step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
+def refit_of_fold(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> tuple[Array, Array]:
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
     In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
@@ -175,7 +175,7 @@ def _fold_step(linear: LinearModel, r: Array, kept: Codes, left_out: Codes) -> t
     return np.asarray(spread @ (-slope / root)), np.asarray(spread)
 
 
-def _residual_indices(rows: Codes, block: int) -> Codes:
+def residual_indices(rows: Codes, block: int) -> Codes:
     """Indices of the residuals of some rows, ``block`` each."""
     return np.asarray((rows[:, None] * block + np.arange(block)).ravel())
 

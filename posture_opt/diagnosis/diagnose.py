@@ -27,6 +27,7 @@ from posture_opt.diagnosis.causes.causes import (
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
+from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
@@ -41,7 +42,7 @@ from posture_opt.diagnosis.search.linearised_data import (
 )
 from posture_opt.diagnosis.search.nested_selection import Folding
 from posture_opt.diagnosis.search.outlier_reinclusion import reinclude_outliers
-from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search_effects
+from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
@@ -57,7 +58,8 @@ class _Explained:
     """What the residuals of a calibration hold, and the arm that was fitted with it.
 
     Args:
-        model: the calibrated arm with the effects that have a name; ``unnamed`` the further components.
+        predictive: the calibrated arm with the effects that have a name, each of which held-out rows need.
+        unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
     """
@@ -65,11 +67,16 @@ class _Explained:
     calibration: Calibration
     linearised: LinearisedData
     search: SearchResult
-    model: Fit
+    predictive: PredictiveModel
     unnamed: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
     noise: Sequence[NoiseCause]
     uneven: Sequence[UnevenErrors]
+
+    @property
+    def model(self) -> Fit:
+        """The calibrated arm with the effects that have a name."""
+        return self.predictive.fit
 
     @property
     def names(self) -> SearchResult:
@@ -87,12 +94,11 @@ class _HeldOut:
     """Errors of rows that a model has not seen, by model, and how the rows were left out.
 
     Args:
-        effects: of the arm with its effects, these ones always; the entry ``extended`` chooses anew in each round.
+        models: ``extended`` chooses its effects anew in each round.
         groups: (N,) what was left out together; ``parts`` the rounds.
     """
 
     models: Mapping[str, HeldOut]
-    effects: HeldOut
     groups: Codes
     parts: list[Codes]
 
@@ -157,7 +163,8 @@ def diagnose(
     held = _held_out_errors(found)
     delivery = deliver_arm(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})
-    findings = _all_findings(found, held, stages.next())
+    findings = _all_findings(found, held)
+    stages.next()
     other = None if test is None else _predict_session(test, found, held, delivery, with_time, refit_frames)
     large = None if thinning is None else _left_out_rows(thinning, found)
     stages.end()
@@ -188,16 +195,31 @@ def _explain_residuals(
         found: the search among all candidates; effects of its named set are fitted together with the geometry.
         calibration, linearised: of the rows that count; seed: of the null distribution of noise.
     """
+    found, predictive = _needed_effects(calibration, linearised, found)
+    model, residuals = predictive.fit, linearised.sensitivities.residuals
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
-    residuals = linearised.sensitivities.residuals
-    chosen = (found.names or found).chosen
-    model = calibration.fit_effects(residuals, [s.what for s in chosen if isinstance(s.what, Effect)])
     everything = linearised.baseline(found.chosen)
     repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
     p_value = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(problem, calibration, model, everything, p_value, seed)
-    return _Explained(calibration, linearised, found, model, unnamed, left, noise, uneven)
+    return _Explained(calibration, linearised, found, predictive, unnamed, left, noise, uneven)
+
+
+def _needed_effects(
+    calibration: Calibration, linearised: LinearisedData, found: SearchResult
+) -> tuple[SearchResult, PredictiveModel]:
+    """The search without the named effects that held-out rows do not need, and the arm with the others.
+
+    They need none of a set that predicts them no better than geometry alone, chosen anew without them.
+    """
+    names = found.names or found
+    offered = [s.what for s in names.chosen if isinstance(s.what, Effect)]
+    folds = _groups_and_folds(calibration)[1]
+    worthless = bool(offered) and names.nested.each[0].gains_nothing(names.size)
+    predictive = PredictiveModel.of(calibration, [] if worthless else offered, folds)
+    fewer = keep_named(linearised, names, predictive.kept)
+    return (fewer if found.names is None else replace(found, names=fewer)), predictive
 
 
 def _held_out_errors(found: _Explained) -> _HeldOut:
@@ -209,16 +231,15 @@ def _held_out_errors(found: _Explained) -> _HeldOut:
     groups, parts = _groups_and_folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     shape = noise_shape(model, found.noise)
-    extended = held_out(model, parts, shape=shape)
     if model.effects:
         calibrated = calibration.fit_effects(found.linearised.sensitivities.residuals, [])
         held["extended"] = found.names.nested.each[0].held_out(calibrated, found.names.size, shape)
     else:
-        held["extended"] = replace(extended, errors=held["calibrated"].errors)
-    return _HeldOut(held, extended, groups, parts)
+        held["extended"] = replace(held_out(model, parts, shape=shape), errors=held["calibrated"].errors)
+    return _HeldOut(held, groups, parts)
 
 
-def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
+def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
     """The causes: what the data refute, effects and noise, then geometry.
 
     Geometry is tested against the data alone: a prior would make a stated wrong value insignificant.
@@ -231,16 +252,17 @@ def _all_findings(found: _Explained, held: _HeldOut, progress: Progress) -> tupl
         free_directions(calibration.residuals, calibration.x_nominal),
         full,
         full.effects,
+        held.parts,
     )
     beforehand = contradiction_findings(calibration)
-    refuted = [f.cause for f in beforehand]
-    effects = effect_findings(found.names, found.model, held.effects, held.parts, held.groups, progress)
+    refuted = [c.cause for c in calibration.contradictions]
+    effects = effect_findings(found.names, found.predictive, held.groups)
     effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state))
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *_determined_first(*effects, *map(noise_finding, found.noise)),
         *(f for f in beforehand if not isinstance(f.cause, Effect)),
-        *(geometry_finding(g, held.models) for g in geometry if g.deviation not in refuted),
+        *(geometry_finding(g) for g in geometry if g.deviation not in refuted),
     )
 
 

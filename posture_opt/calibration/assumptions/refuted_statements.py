@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
@@ -54,6 +54,7 @@ class Contradiction:
         sigma: the stated standard deviation of a parameter [SI]; 0 of a frame, which is stated as exact.
         p_value: of the likelihood ratio.
         rms_stated: RMS position error [m] of the arm calibrated as stated; ``rms`` with all contradictions set aside.
+        gain: relative drop of the RMS on rows left out by setting this one aside, everything else fitted again.
     """
 
     cause: Cause
@@ -62,6 +63,7 @@ class Contradiction:
     p_value: float
     rms_stated: float
     rms: float
+    gain: float
 
     def to_json(self) -> dict[str, Json]:
         """The entry of ``contradictions`` in ``calibration.json``."""
@@ -87,6 +89,7 @@ class Refuted:
         freedom: how many parameters they hold.
         rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
         coupling: of two joints, which the file does not state and without which the data make no sense.
+        gains: what each of them brings beside the others, by name; of the coupling by its kind.
     """
 
     names: tuple[str, ...] = ()
@@ -96,6 +99,7 @@ class Refuted:
     rms_stated: float = 0.0
     rms: float = 0.0
     coupling: JointCoupling | None = None
+    gains: Mapping[str, float] = field(default_factory=dict)
 
     def contradictions(self, fit: Fit) -> tuple[Contradiction, ...]:
         """The contradictions with the sizes that the fit without them found, ``fit`` of all rows."""
@@ -105,7 +109,8 @@ class Refuted:
         found = []
         if self.coupling is not None:
             ratio = {"ratio": (*fitted_ratio(self.coupling, fit), "1")}
-            found.append(Contradiction(self.coupling, ratio, 0.0, p, self.rms_stated, self.rms))
+            gain = self.gains[self.coupling.kind]
+            found.append(Contradiction(self.coupling, ratio, 0.0, p, self.rms_stated, self.rms, gain))
         for name in self.names:
             mine = [
                 (i, q)
@@ -118,7 +123,7 @@ class Refuted:
             sizes = {q.name.rpartition(".")[2]: (float(fit.x[i]), float(fit.std[i]), q.unit) for i, q in moves}
             cause = GeometricDeviation.of(mine[0][1])
             sigma = 0.0 if name in FRAMES else (self.sigma or {}).get(name, 0.0)
-            found.append(Contradiction(cause, sizes, sigma, p, self.rms_stated, self.rms))
+            found.append(Contradiction(cause, sizes, sigma, p, self.rms_stated, self.rms, self.gains[name]))
         return tuple(found)
 
 
@@ -149,8 +154,11 @@ def consistent_problem(problem: _P, data: Measurements, priors: bool = True) -> 
     found, first = found or stated.trial(()), before.trial(())
     evidence = stated.cost(first) - stated.cost(found)
     more = max(found.count - first.count, 0) + (coupling is not None)
+    others = {name: stated.trial([n for n in found.released if n != name]) for name in found.released}
+    others |= {} if coupling is None else {coupling.kind: before.trial(found.released)}
+    gains = {name: 1 - found.predicted_rms / max(other.predicted_rms, 1e-300) for name, other in others.items()}
     return _released_problem(stated.problem, found.released), Refuted(
-        found.released, stated.sigma, evidence, max(more, 1), first.rms, found.rms, coupling
+        found.released, stated.sigma, evidence, max(more, 1), first.rms, found.rms, coupling, gains
     )
 
 
@@ -189,6 +197,14 @@ class _Trial:
         """RMS position error [m]."""
         e = self.e[:, : len(self.residuals.axes)] * self.residuals.sigma
         return rms_length(e)
+
+    @property
+    def predicted_rms(self) -> float:
+        """RMS position error [m] of rows left out, ``n / (n − p)`` times that of n residuals and p parameters.
+
+        Source: generalized cross-validation (Golub, Heath, Wahba 1979).
+        """
+        return self.rms * self.e.size / max(self.e.size - self.count, 1)
 
 
 def _scale_of(e: Array, count: int) -> float:

@@ -70,7 +70,16 @@ class LinearModel:
 
     def refitted(self, effect: int) -> Array:
         """(k,) deviations after which the rest explains what an effect leaves when it is taken out."""
+        return np.asarray(self.basis @ self._step_without(effect))
+
+    def left_without(self, effect: int) -> Array:
+        """(m,) residuals when an effect is taken out and the rest fitted again."""
+        r, _ = self.without(effect)
+        return np.asarray(r + self.U @ (self.K @ self._step_without(effect)))
+
+    def _step_without(self, effect: int) -> Array:
+        """(c,) the step of the rest when an effect is taken out; zero for the effect itself."""
         r, kept = self.without(effect)
         step = np.zeros(len(self.owner))
         step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_RANK_TOLERANCE)[0]
-        return np.asarray(self.basis @ step)
+        return step

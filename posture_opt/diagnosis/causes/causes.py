@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.estimation.effect_sensitivities import case_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.causes.determined_sizes import determines, is_determined
 from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
+from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.diagnosis.search.search import SearchResult
@@ -33,7 +32,7 @@ from posture_opt.model.effects import (
 )
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart
-from posture_opt.numerics import Array, Codes, Json, Progress
+from posture_opt.numerics import Array, Codes, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS
 
@@ -48,7 +47,7 @@ class Finding:
         cause: what it is; an effect or a kind of noise as in a problem file.
         estimate: parameter -> (value, standard error, SI unit).
         p_value: family-wise, of the data without this cause.
-        gain: relative drop of the cross-validated RMS that it brings.
+        gain: relative drop of the RMS of held-out rows by it, everything else fitted again without it.
         confounded_with: causes that could replace it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
         determined: whether the data determine the size, given the geometry and the other effects; else it is stated
@@ -140,32 +139,29 @@ class Finding:
         }
 
 
-def effect_findings(
-    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, progress: Progress
-) -> list[Finding]:
-    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each.
+def effect_findings(found: SearchResult, predictive: PredictiveModel, groups: Codes) -> list[Finding]:
+    """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first.
 
     Args:
-        whole: errors of all effects on held-out rows; parts, groups: of that cross-validation.
+        predictive: the arm with these effects; groups: what its folds leave out together.
     """
-    named = [i for i, s in enumerate(found.chosen) if s.named]
+    model, left = predictive.fit, predictive.left_out
     findings = []
-    about = LinearModel.of(model)
-    for place, i in enumerate(named):
-        gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
-        rivals = tuple(r.what for r in found.rivals[i])
+    for place, i in enumerate(i for i, s in enumerate(found.chosen) if s.named):
+        gain = Gain.of(left.whole, left.without[place], groups)
         finding = Finding(
             model.effects[place],
             _estimates_of(model, place),
             found.p_values[i],
             gain.value,
-            rivals,
+            tuple(r.what for r in found.rivals[i]),
             (gain.low, gain.high),
+            determined=determines(model, place),
+            place=place,
+            stated=_stated_effect(model, place),
         )
-        clear = determines(model, place)
-        findings.append(replace(finding, determined=clear, place=place, stated=_stated_effect(model, place)))
-        progress(place + 1, len(named))
-    return findings
+        findings.append(finding)
+    return sorted(findings, key=lambda finding: -finding.gain)
 
 
 def _stated_effect(model: Fit, place: int) -> Effect | None:
@@ -225,21 +221,21 @@ def noise_finding(cause: NoiseCause) -> Finding:
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
-    """What the file states as known and the data refute, as findings; the gain is that of setting it all aside.
+    """What the file states as known and the data refute, as findings; the gain is that of setting it aside.
 
     They are found before the search: the model has no size of them to fit.
     """
     return [
-        Finding(c.cause, c.estimate, c.p_value, 1 - c.rms / max(c.rms_stated, 1e-300), beforehand=True)
+        Finding(c.cause, c.estimate, c.p_value, c.gain, beforehand=True)
         for c in calibration.contradictions
+        if c.gain > 0
     ]
 
 
-def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
-    """A geometric cause as a finding; the gain is that of all calibrated geometry."""
-    gain = 1 - held["calibrated"].rms / held["nominal"].rms
+def geometry_finding(cause: GeometryCause) -> Finding:
+    """A geometric cause as a finding."""
     clear = _all_determined(cause.estimate)
-    return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with, determined=clear)
+    return Finding(cause.deviation, cause.estimate, cause.p_value, cause.gain, cause.confounded_with, determined=clear)
 
 
 def _all_determined(estimate: Mapping[str, tuple[float, float, str]]) -> bool:

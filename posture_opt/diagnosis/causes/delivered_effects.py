@@ -11,8 +11,8 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.causes.determined_sizes import determines
+from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.model.effects import Effect
@@ -75,7 +75,8 @@ def deliver_arm(
     stays = [i for i in stays if i not in vague]
     fit, errors, kept = model, held["extended"], stays
     if session or vague:
-        fit, kept = _refitted_without(calibration, model, stays, parts)
+        needed = PredictiveModel.of(calibration, [model.effects[i] for i in stays], parts, determined=True)
+        fit, kept = needed.fit, [stays[k] for k in needed.kept]
         errors = held_out(fit, parts, shape=noise_shape(fit, noise))
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
@@ -85,30 +86,6 @@ def deliver_arm(
 def outlasts_session(effect: Effect, with_time: bool = False) -> bool:
     """Whether an effect is of the arm and not of the session in which it was measured."""
     return effect.for_planning or (with_time and "time" in effect.needs)
-
-
-def _refitted_without(
-    calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds
-) -> tuple[Fit, list[int]]:
-    """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them.
-
-    Backward elimination: first what the data do not determine, then by the RMS on held-out rows.
-
-    Returns:
-        The fit, and the places of the effects that are kept.
-    """
-    kept, residuals = list(effects), calibration.residuals.take(calibration.kept_rows)
-    while True:
-        fit = calibration.fit_effects(residuals, [model.effects[i] for i in kept])
-        vague = [k for k in range(len(kept)) if not determines(fit, k)]
-        if vague:
-            kept = [i for k, i in enumerate(kept) if k not in vague]
-            continue
-        about = LinearModel.of(fit)
-        without = [held_out(fit, parts, place, about=about).rms for place in range(len(kept))]
-        if not kept or min(without) > held_out(fit, parts, about=about).rms:
-            return fit, kept
-        del kept[int(np.argmin(without))]
 
 
 def covariance_at_shapes(fit: Fit) -> Array:

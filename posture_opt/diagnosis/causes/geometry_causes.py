@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.cross_validation import Folds
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.leave_out import leave_out
 from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects import Cause, Effect
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, rms_length
 
 _DEPENDENCE_TOLERANCE = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
 _COMBINATION_SCALE = 1e-3  # a mm, a mrad: near one unit of the other directions
@@ -26,28 +29,33 @@ class GeometryCause:
         deviation: which parameter or frame; ``geometry`` of many together.
         estimate: parameter -> (deviation from the file, standard error, SI unit); empty of many.
         p_value: of the F test of the parameters that only the larger model has.
+        gain: relative drop of the RMS of held-out rows by it, everything else of its model fitted again without it.
         confounded_with: parameters that explain as much in its place.
     """
 
     deviation: GeometricDeviation
     estimate: Mapping[str, tuple[float, float, str]]
     p_value: float
+    gain: float
     confounded_with: tuple[Cause, ...] = ()
 
 
 def geometry_causes(
-    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
+    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect], folds: Folds
 ) -> list[GeometryCause]:
     """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
 
     Forward selection of single parameters, each the one of largest gain, until the F test of all other geometry is no
-    longer significant; `levels.MAX_NAMED_PARAMETERS` at the most.
+    longer significant; `levels.MAX_NAMED_PARAMETERS` at the most. A parameter that is named is left out of the model
+    of those that are, in which all other geometry is as in the file; geometry that is not, of that of all. What
+    held-out rows do not need is no cause.
 
     Args:
         x_frames: (k,) parameters with only the free frames fitted [SI].
         free: (k, f) directions of the free frames and touched points.
         full: the model with all geometry fitted.
         effects: those of the model; their shapes stay as they are there.
+        folds: the rows that each round leaves out.
 
     Returns:
         Empty where the F test of all geometry is not significant at `levels.GEOMETRY_LEVEL`.
@@ -58,8 +66,17 @@ def geometry_causes(
         return []
     few = _few_parameters(residuals, x_frames, free, full, effects)
     if few is not None:
-        return few
-    return [GeometryCause(GeometricDeviation.of_all(), {}, p)]
+        return _single_causes(residuals, x_frames, free, few, effects, folds)
+    gain = _gain(full, nominal, folds)
+    return [GeometryCause(GeometricDeviation.of_all(), {}, p, gain)] if gain > 0 else []
+
+
+def _gain(model: Fit, without: Fit, folds: Folds) -> float:
+    """Relative drop of the RMS of held-out rows from a model without something to one with it."""
+    most, least = (
+        rms_length(leave_out(fit.residuals, LinearModel.of(fit), folds, []).whole) for fit in (without, model)
+    )
+    return 1 - least / max(most, 1e-300)
 
 
 def _sum_of_squares(model: Fit) -> float:
@@ -86,7 +103,7 @@ def _f_test(small: Fit, large: Fit) -> float:
 
 def _few_parameters(
     residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
-) -> list[GeometryCause] | None:
+) -> list[int] | None:
     """The fewest parameters given which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
     model = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
@@ -96,11 +113,9 @@ def _few_parameters(
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
-        model = fit_with_effects(
-            residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), effects, shapes=False
-        )
+        model = _with_only(residuals, x_frames, free, chosen, effects)
         if _f_test(model, full) > levels.GEOMETRY_LEVEL:
-            return _single_causes(residuals, x_frames, free, model, chosen, effects)
+            return chosen
     return None
 
 
@@ -141,29 +156,39 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
 
 
 def _single_causes(
-    residuals: Residuals, x_frames: Array, free: Array, model: Fit, chosen: list[int],
-    effects: Sequence[Effect],
-) -> list[GeometryCause]:  # fmt: skip
-    """The chosen parameters as causes: deviation, F test of each given the others, and its rivals."""
-    causes = []
-    rss, m = _sum_of_squares(model), len(residuals.data) * residuals.block
-    for i in chosen:
-        rest = [j for j in chosen if j != i]
-        without = fit_with_effects(
-            residuals, x_frames, _with_parameters(free, rest, len(x_frames)), effects, shapes=False
-        )
-        others = _gains_alone(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(free[j])])
-        limit = rss * np.exp(levels.RIVAL_CRITERION / m)
-        rivals = [
-            GeometricDeviation.of(residuals.parameters[j])
-            for j, gain in others.items()
-            if _sum_of_squares(without) - gain <= limit
-        ]
-        parameter = residuals.parameters[i]
-        own = GeometricDeviation.of(parameter)
-        deviation = float(model.x[i] - x_frames[i]) + float(x_frames[i])
-        std = float(model.std[i])
-        estimate = {parameter.name.rpartition(".")[2]: (deviation, std, parameter.unit)}
-        others_alike = tuple(dict.fromkeys(r for r in rivals if r != own))
-        causes.append(GeometryCause(own, estimate, _f_test(without, model), others_alike))
-    return causes
+    residuals: Residuals, x_frames: Array, free: Array, chosen: Sequence[int], effects: Sequence[Effect], folds: Folds
+) -> list[GeometryCause]:
+    """The chosen parameters as causes; without the one that held-out rows need least, if they do not need it."""
+    fitted = _with_only(residuals, x_frames, free, chosen, effects)
+    without = [_with_only(residuals, x_frames, free, [j for j in chosen if j != i], effects) for i in chosen]
+    gains = [_gain(fitted, other, folds) for other in without]
+    worst = int(np.argmin(gains)) if gains else 0
+    if gains and gains[worst] <= 0:
+        rest = [*chosen[:worst], *chosen[worst + 1 :]]
+        return _single_causes(residuals, x_frames, free, rest, effects, folds)
+    others = [j for j in range(len(x_frames)) if j not in chosen and not np.any(free[j])]
+    rows = zip(chosen, without, gains, strict=True)
+    return [_single_cause(fitted, other, i, others, gain) for i, other, gain in rows]
+
+
+def _with_only(
+    residuals: Residuals, x_frames: Array, free: Array, chosen: Sequence[int], effects: Sequence[Effect]
+) -> Fit:
+    """The arm with free frames, some parameters and effects fitted, all other geometry as in the file."""
+    directions = _with_parameters(free, chosen, len(x_frames))
+    return fit_with_effects(residuals, x_frames, directions, effects, shapes=False)
+
+
+def _single_cause(model: Fit, without: Fit, i: int, others: Sequence[int], gain: float) -> GeometryCause:
+    """A parameter as a cause: deviation, F test given the others, and its rivals.
+
+    Args:
+        model, without: with the parameter i and without it; others: parameters that neither has.
+    """
+    limit = _sum_of_squares(model) * np.exp(levels.RIVAL_CRITERION / len(model.whitened))
+    parameters, own = model.residuals.parameters, GeometricDeviation.of(model.residuals.parameters[i])
+    gains = _gains_alone(without, others)
+    rivals = (GeometricDeviation.of(parameters[j]) for j in gains if _sum_of_squares(without) - gains[j] <= limit)
+    estimate = {parameters[i].name.rpartition(".")[2]: (float(model.x[i]), float(model.std[i]), parameters[i].unit)}
+    alike = tuple(dict.fromkeys(r for r in rivals if r != own))
+    return GeometryCause(own, estimate, _f_test(without, model), gain, alike)

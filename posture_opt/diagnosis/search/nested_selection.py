@@ -68,6 +68,10 @@ class NestedSelection:
         """Whether rows left out are clearly worse predicted with the first effect than without any."""
         return len(self.totals) == 1 or clearly_less(self.totals[0], self.totals[1])
 
+    def gains_nothing(self, size: int) -> bool:
+        """Whether rows left out are predicted no better with so many effects than without any."""
+        return float(self.totals[min(size, len(self.totals) - 1)].sum()) >= float(self.totals[0].sum())
+
     @cached_property
     def best(self) -> int:
         """The size, of one effect or more, that predicts rows left out best."""

@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.calibration.data_checks import spread_poses
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate, absorbed_candidates, list_candidates
-from posture_opt.diagnosis.scores.score_tests import NullDistribution
+from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
 from posture_opt.diagnosis.scores.subset_selection import exchange_members
 from posture_opt.diagnosis.search.aliases import find_aliases
 from posture_opt.diagnosis.search.dictionary import Dictionary
@@ -24,6 +24,7 @@ from posture_opt.diagnosis.search.selection_criterion import (
     eliminate_members,
     find_rivals,
     member_weight,
+    member_weights,
     merged_candidates,
     rank_members,
     sizes_plausible,
@@ -268,13 +269,37 @@ def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[
     return tuple(s for s, p in weighed if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT_LEVEL) or unnamed
 
 
+def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[int]) -> SearchResult:
+    """The result with some of its named effects alone; what the data lose without each of them is found anew.
+
+    Args:
+        kept: places among the named ones; what went is among the rivals of those that stay, if it could replace one.
+    """
+    named = [s for s in found.chosen if s.named]
+    if len(kept) == len(named):
+        return found
+    members = (*(named[i] for i in kept), *(s for s in found.chosen if not s.named))
+    weights = member_weights(linearised, members)
+    p_values = tuple(found.null.family_wise(p, s.family) for (p, _), s in zip(weights, members, strict=True))
+    considered = merged_candidates(found.chosen, [rival for own in found.rivals for rival in own])
+    rivals = _all_rivals(linearised, linearised.baseline(flips=0), considered, members)
+    return replace(found, chosen=members, p_values=p_values, rivals=rivals)
+
+
 def _search_result(
     start: InitialScores, nested: NestedSelections, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
 ) -> SearchResult:
     """The members by their weight, each with its p-value given the others and its rivals."""
     chosen, weights = rank_members(start.linearised, members)
     p_values = tuple(start.null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
-    others = find_rivals(start.baseline, shortlisted, chosen)
-    rivals = tuple((*own, *find_aliases(start.linearised, chosen, i)) for i, own in enumerate(others))
+    rivals = _all_rivals(start.linearised, start.baseline, shortlisted, chosen)
     hidden = absorbed_candidates(start.baseline, start.candidates, start.scored)
     return SearchResult(chosen, p_values, rivals, tuple(start.scored), start.null, nested, hidden)
+
+
+def _all_rivals(
+    linearised: LinearisedData, baseline: ProjectedBaseline, others: Sequence[Candidate], chosen: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], ...]:
+    """The rivals of each chosen candidate among others, and the aliases of its first line."""
+    found = find_rivals(baseline, others, chosen)
+    return tuple((*own, *find_aliases(linearised, chosen, i)) for i, own in enumerate(found))

@@ -18,14 +18,11 @@ _MAX_INSPECTED = 3  # causes whose parts are named
 def causes_table(found: Diagnosis) -> Table:
     """Every cause with its size and the share of the RMS error on held-out rows that it removes.
 
-    Geometric causes share one calibration: its gain stands with the first of them. Scatter removes no error.
+    The share is that which is lost without it, everything else fitted again. Scatter removes no error.
     """
-    rows, views, calibrated = [], [], False
+    rows, views = [], []
     for number, finding in enumerate(found.effects, 1):
-        geometric = finding.effect is None and finding.noise is None
-        repeated = geometric and calibrated and not finding.beforehand
-        gain = "" if finding.noise is not None or repeated else percent(finding.gain)
-        calibrated = calibrated or (geometric and not finding.beforehand)
+        gain = "" if finding.noise is not None else percent(finding.gain)
         rows.append((f"{number}. {finding.cause.label}", _size(found, finding), gain))
         views.append(view_key(found, finding))
     return Table(("cause", "size", "RMS reduced by"), tuple(rows), views=tuple(views))

@@ -14,7 +14,6 @@ from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.causes_table import causes_table, look_at, view_key
-from posture_opt.report.measured_parts.contradictions import gain_words
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
     fitted_sizes,
@@ -153,22 +152,12 @@ def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
 def _gain(found: Diagnosis, finding: Finding) -> str:
     """By how much a cause reduces the cross-validated RMS, in words; empty where that is said elsewhere.
 
-    ``rms / (1 − gain)`` without the effect, ``rms`` with it [mm]. All geometry is one calibration, so the gain is that
-    of all of it and stated with the first.
+    ``rms / (1 − gain)`` without the effect, ``rms`` with it [mm].
     """
     if finding.noise is not None:
         return _covers(found) if finding.noise.uneven else ""
     if finding.effect is None:
-        if finding.beforehand:
-            return gain_words(found.calibration.contradictions[0])
-        geometry = [f for f in found.effects if f.effect is None and f.noise is None and not f.beforehand]
-        if finding is not geometry[0]:
-            return ""  # its gain is that of all of them, which is said of the first
-        return (
-            f"{'all geometry together' if len(geometry) > 1 else 'calibration'} reduces the RMS by "
-            f"{percent(finding.gain)}: {mm(found.errors['nominal'].rms)} mm before, "
-            f"{mm(found.errors['calibrated'].rms)} mm after"
-        )
+        return f"reduces the RMS by {percent(finding.gain)}, everything else fitted again without it"
     rms = found.errors["extended"].rms
     without = rms / max(1 - finding.gain, 1e-9)
     text = f"reduces the RMS by {percent(finding.gain)}: {mm(without)} mm without it, {mm(rms)} mm with it"
