@@ -103,9 +103,13 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def _settled(figure: Figure) -> Figure:
-    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again."""
-    for _ in range(2):
-        figure.draw_without_rendering()
+    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again.
+
+    The layout alone is computed, by the engine that drawing would ask: drawing itself takes as long again.
+    """
+    engine = figure.get_layout_engine()
+    for _ in range(2 if engine else 0):
+        engine.execute(figure)
     figure.set_layout_engine("none")
     return figure
 
