@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, ClassVar
 
@@ -40,10 +41,10 @@ class CellSpec(WordOrSection):
         Raises:
             BadValueError: two of one name.
         """
-        names = [obstacle.name for obstacle in obstacles]
-        for name in dict.fromkeys(names):
-            if names.count(name) > 1:
-                raise BadValueError(f"{names.count(name)} obstacles are called '{name}'", "give each a name of its own")
+        names = Counter(obstacle.name for obstacle in obstacles)
+        for name, count in names.items():
+            if count > 1:
+                raise BadValueError(f"{count} obstacles are called '{name}'", "give each a name of its own")
         if MOUNTING_PLANE in names:
             message = f"no obstacle can be called '{MOUNTING_PLANE}'"
             raise BadValueError(message, "state it by mounting: {below: 0 mm}, or choose another name")

@@ -19,6 +19,7 @@ from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
+from posture_opt.selection.terms import Term
 from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
@@ -150,14 +151,28 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
         if name not in robot.joint_names
     ]
     for place, terms in (("minimize", task.minimize), ("subject_to", task.subject_to)):
+        said: dict[tuple[str, ...], int] = {}
         for index, term in enumerate(terms):
             try:
                 term.check(robot)
                 if place == "minimize" and term.held(robot):
                     raise BadValueError(f"{term.kind} is no quantity to minimise", "move it to subject_to")
+                _check_said_once(term, said, place)
             except BadValueError as error:
                 issues.append(error.issue(("task", place, index), term.kind))
+            said |= dict.fromkeys(term.subjects, index)
     return issues
+
+
+def _check_said_once(term: Term, said: Mapping[tuple[str, ...], int], place: str) -> None:
+    """Refuse a term of which an earlier one of the list speaks too: one of the two would count, or none.
+
+    Args:
+        said: subject -> index of the term that speaks of it.
+    """
+    for subject, words in term.subjects.items():
+        if subject in said:
+            raise BadValueError(f"{words} is stated twice, first in {place}[{said[subject]}]", "keep one of the two")
 
 
 def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:

@@ -89,7 +89,7 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
     issues = [
         issue if isinstance(given, ShapeSection) else replace(issue, key=("shape", *issue.key[2:]))
         for part, specs in parts.items()
-        for issue in _unknown_joints(robot, part, specs)
+        for issue in (*_unknown_joints(robot, part, specs), *_repeated(part, specs))
     ]
     if issues:
         raise InputError(issues)
@@ -117,6 +117,16 @@ def _unknown_joints(robot: Robot, part: str, specs: Sequence[CapsuleSpec]) -> li
         Issue("the robot has no such joint", ("shape", part, i, "joint"), spec.joint, did_you_mean(spec.joint, known))
         for i, spec in enumerate(specs)
         if spec.joint not in known
+    ]
+
+
+def _repeated(part: str, specs: Sequence[CapsuleSpec]) -> list[Issue]:
+    """The capsules that are in a list before."""
+    first = {spec.capsule(): i for i, spec in reversed([*enumerate(specs)])}
+    return [
+        Issue(f"the same capsule as entry {first[spec.capsule()]}", ("shape", part, i), hint="leave one of the two out")
+        for i, spec in enumerate(specs)
+        if first[spec.capsule()] != i
     ]
 
 

@@ -446,3 +446,9 @@ def test_junk_anywhere_is_told_in_plain_words() -> None:
     assert len(told) > 1000
     assert all(issue.key for issue in told)
     assert [str(issue) for issue in told if re.search(JARGON, str(issue))] == []
+
+
+def test_a_capsule_stated_twice_is_refused(tmp_path: Path) -> None:
+    capsule = "{joint: elbow, from: [0 m, 0 m, 0 m], to: [0.5 m, 0 m, 0 m], radius: 60 mm}"
+    (found,) = faults(tmp_path, f"robot:\n  kind: preset\n  name: ur10e\n  shape:\n  - {capsule}\n  - {capsule}\n")
+    assert found.startswith("problem.yaml:6: robot.shape[1]: the same capsule as entry 0")

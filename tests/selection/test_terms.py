@@ -10,9 +10,14 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
+from posture_opt.selection.paths.path_selector import PathSelector
+from posture_opt.selection.registered_tasks import kind_of
+from posture_opt.selection.tasks import TASKS
+from posture_opt.selection.tasks.seam_task import SeamTask
 from posture_opt.selection.terms import TERMS, Term
 from posture_opt.selection.terms.manipulability import Manipulability
 from tests.helpers.factors import differences, joint_jacobian
+from tests.helpers.variants import conformance
 
 STATED: dict[str, Any] = {
     "near_posture": {"posture": {"elbow": "30 deg", "wrist_1": "-20 deg"}},
@@ -99,3 +104,75 @@ def test_manipulability_of_an_arm_that_moves_nothing_is_refused(section: str) ->
     }
     with pytest.raises(InputError, match=rf"task.{section}\[0\]: manipulability bounds nothing"):
         po.select_posture(po.problem_from_dict(data))
+
+
+LOOSE: dict[str, Any] = {
+    # kind -> a bound that nearly every posture keeps
+    "spread": {"at_most": "1 m"}, "orientation_spread": {"at_most": "1 rad"}, "success": {"at_least": 0.01},
+    "limit_margin": {"at_least": "0.1 deg"}, "link_height": {"at_least": "-9 m"},
+    "singularity_margin": {"at_least": "0.1 mm"}, "manipulability": {"at_least": "0.1 mm"},
+    "joint_torque": {"at_most": "900 N m"}, "near_posture": {"at_most": "9 rad"}, "fixed_joints": {},
+}  # fmt: skip
+
+
+ARMS = ["planar_2r", "planar_2r in space", "ur10e"]
+SEAMS = [kind_of(task) for task in TASKS if issubclass(task, SeamTask)]
+BUILT = [
+    (kind_of(task), arm) for task in TASKS for arm in ARMS if arm == "ur10e" or getattr(task, "axis", "") != "required"
+]
+
+
+@pytest.mark.parametrize(
+    ("task", "arm"),
+    conformance(BUILT, [pair for pair in BUILT if pair[1] == "planar_2r" or pair == ("measure", "planar_2r in space")]),
+)
+def test_every_term_can_be_built_with_every_task(task: str, arm: str) -> None:
+    """As objective and as requirement: a number, and a slope, whatever part of the spread the task counts."""
+    name = arm.split()[0]
+    held = {"wrist_3" if name == "ur10e" else "joint1": "30 deg"}
+    own = {"near_posture": {"posture": held}, "fixed_joints": {"values": held}}
+    terms = [{"kind": kind, **own.get(kind, {}), **LOOSE[kind]} for kind in map(kind_of, TERMS)]
+    terms = [term for term in terms if name == "ur10e" or term["kind"] not in ("joint_torque", "link_height")]
+    spread: Any = {"sigma": {"joint2.d": "1 mm", "joint1.theta": "1 mrad"}}
+    place = ["0.6 m", "0.2 m", "0 m"]
+    where = {"points": [place, ["0.6 m", "0.3 m", "0 m"]]} if task in SEAMS else {"position": place}
+    asked = [term for term in terms if term["kind"] != "fixed_joints"]
+    given = po.problem_from_dict(
+        {
+            "robot": {"kind": "preset", "name": name},
+            "uncertainty": spread if "space" in arm else {"repeatability": "0.05 mm"},
+            "task": {
+                "kind": task, "direction": [0, -1, 0], "clearance": "9 mm", **where, "minimize": asked,
+                "subject_to": terms,
+            },
+        }
+    )  # fmt: skip
+    motion = PathSelector.of(given) if task in SEAMS else None
+    solved = motion.selector if motion else po.PostureSelector(given, compiled=False)
+    targets = motion.targets if motion else [solved.target]
+    nlp = solved.engine_of_all(targets).optimisation_problem.nlp
+    every = ca.vertcat(nlp.objective, nlp.g)
+    at = ca.Function("at", [nlp.x, nlp.p], [every, ca.jacobian(every, nlp.x)])
+    for values in at(np.full(nlp.x.shape[0], 0.4), targets[0].parameters):
+        assert np.isfinite(np.asarray(values)).all()
+
+
+@pytest.mark.parametrize(
+    ("place", "terms", "said"),
+    [
+        ("subject_to", [{"kind": "fixed_joints", "values": {"joint1": a}} for a in ("10 deg", "40 deg")], "joint1"),
+        ("subject_to", [{"kind": "limit_margin", "at_least": a} for a in ("1 deg", "2 deg")], "limit_margin"),
+        ("minimize", [{"kind": "manipulability"}, {"kind": "manipulability", "weight": 2}], "manipulability"),
+    ],
+)
+def test_terms_that_speak_of_the_same_are_refused(place: str, terms: list[Any], said: str) -> None:
+    with pytest.raises(
+        InputError, match=rf"task\.{place}\[1\]: .*{said} is stated twice, first in {place}\[0\] – keep"
+    ):
+        problem("planar_2r", direction=[0, -1, 0], **{place: terms})
+
+
+def test_terms_that_differ_in_what_they_speak_of_are_no_repeats() -> None:
+    other = [{"kind": "near_posture", "posture": {"joint1": angle}, "at_most": "2 rad"} for angle in ("1 deg", "2 deg")]
+    held = [{"kind": "fixed_joints", "values": {"joint1": "10 deg"}}, {"kind": "limit_margin", "at_least": "1 deg"}]
+    assert problem("planar_2r", direction=[0, -1, 0], subject_to=[*other, *held])

@@ -17,6 +17,7 @@ from posture_opt.uncertainty.regions.clearance import (
     miss_probability,
     radius_for,
     success_probability,
+    within_clearance,
 )
 from tests.helpers.fresh import loaded_by
 
@@ -212,3 +213,24 @@ def test_it_does_not_import_scipy():
         "from posture_opt.uncertainty.regions.clearance import *;radius_for(0.95, [[1.0, 0.2], [0.2, 1.0]], [0.1, 0.2])"
     )
     assert loaded_by(code, "scipy") == []
+
+
+@pytest.mark.parametrize("distance", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize("clearance", [0.5, 1.0, 3.0])
+def test_in_space_the_clearance_is_a_ball(clearance: float, distance: float) -> None:
+    """Against the noncentral χ² of a round spread; outside of the ball rays touch it, which costs digits."""
+    bias = distance * np.array([0.6, 0.0, 0.8])
+    expected = ncx2(3, distance**2 or 1e-12).cdf(clearance**2)
+    found = within_clearance(np.eye(3), clearance, bias)
+    assert found == pytest.approx(expected, rel=1e-9 if distance < clearance else 1e-2)
+
+
+def test_in_space_a_long_spread_is_that_of_sampling() -> None:
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(3, 3)) * [1.0, 0.3, 0.05]
+    C, bias = A.T @ A, np.array([0.1, 0.2, -0.1])
+    drawn = rng.multivariate_normal(bias, C, 400_000)
+    for clearance in (0.5, 1.0, 2.0):
+        hit = float((np.linalg.norm(drawn, axis=1) <= clearance).mean())
+        assert within_clearance(C, clearance, bias) == pytest.approx(hit, abs=4 * np.sqrt(0.25 / len(drawn)))
+    assert within_clearance(np.zeros((3, 3)), 1.0, np.zeros(3)) == 1.0

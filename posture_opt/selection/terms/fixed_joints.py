@@ -28,6 +28,10 @@ class FixedJoints(Term):
     kind: Literal["fixed_joints"]
     values: Annotated[dict[str, JointValue], Field(min_length=1)]
 
+    @property
+    def subjects(self) -> dict[tuple[str, ...], str]:
+        return {(self.kind, name): f"the value of {name}" for name in self.values}
+
     def check(self, robot: Robot) -> None:
         held = joint_values(self.values, robot, within_limits=True)
         if len(held) == robot.n:

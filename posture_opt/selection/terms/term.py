@@ -170,6 +170,15 @@ class Term(Spec):
         """The part of the spread that it speaks of, None where it does not speak of the spread."""
         return None
 
+    @property
+    def subjects(self) -> dict[tuple[str, ...], str]:
+        """What it speaks of, and in words: no two terms of a list may bound, hold or minimise the same.
+
+        Keys are the kind and what of its fields says which quantity it is.
+        """
+        bounds = {"kind", "weight", "at_least", "at_most"}
+        return {(self.kind, *(repr(v) for k, v in self if k not in bounds)): self.kind}
+
     def check(self, robot: Robot) -> None:
         """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
 

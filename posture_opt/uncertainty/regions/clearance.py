@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, SolverError
 from posture_opt.numerics import Array
+from posture_opt.uncertainty.regions.ball import ball_probability
 from posture_opt.uncertainty.regions.regions import coverage_factor
 
 _QUADRATURE_TOLERANCE = (
@@ -57,17 +58,19 @@ def success_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike
 
 
 def within_clearance(covariance: Array, clearance: float, bias: Array) -> float | None:
-    """`success_probability` of the part of a spread that counts for a task; None where the question has no meaning.
+    """`success_probability` of the part of a spread that counts for a task; None without a clearance (NaN).
 
-    That is without a clearance (NaN) and in space, where no hole leaves play to every side.
+    In space the clearance is the radius of a ball about the target.
 
     Args:
-        covariance: (m, m) [m²].
+        covariance: (m, m) [m²], m = 1, 2 or 3.
         clearance: [m], NaN without one.
         bias: (m,) [m].
     """
-    if math.isnan(clearance) or len(covariance) > 2:
+    if math.isnan(clearance):
         return None
+    if len(covariance) > 2:
+        return ball_probability(covariance, clearance, bias)
     return success_probability(covariance, clearance, bias)
 
 
