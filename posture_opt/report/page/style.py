@@ -107,9 +107,9 @@ def _settled(figure: Figure) -> Figure:
 
     The layout alone is computed, by the engine that drawing would ask: drawing itself takes as long again.
     """
-    engine = figure.get_layout_engine()
-    for _ in range(2 if engine else 0):
-        engine.execute(figure)
+    for _ in range(2):
+        if engine := figure.get_layout_engine():
+            engine.execute(figure)
     figure.set_layout_engine("none")
     return figure
 
