@@ -11,7 +11,7 @@ from posture_opt.calibration.calibrate import calibrate, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects, known_rows
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.progress import Stages
@@ -33,7 +33,7 @@ from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, assess_adequacy
+from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import (
     LinearisedData,
@@ -200,7 +200,8 @@ def _explain_residuals(
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     everything = linearised.baseline(found.chosen)
     repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
-    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
+    held = _held_by_prior(calibration, linearised, found)
+    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
     p_value = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(problem, calibration, model, everything, p_value, seed)
     return _Explained(calibration, linearised, found, predictive, unnamed, left, noise, uneven)
@@ -220,6 +221,23 @@ def _needed_effects(
     predictive = PredictiveModel.of(calibration, [] if worthless else offered, folds)
     fewer = keep_named(linearised, names, predictive.kept)
     return (fewer if found.names is None else replace(found, names=fewer)), predictive
+
+
+def _held_by_prior(calibration: Calibration, linearised: LinearisedData, found: SearchResult) -> HeldResiduals | None:
+    """What is left where the prior holds the geometry beside all that was found; None where nothing is known of it.
+
+    The search lets the geometry free: what a wrong prior leaves is nothing that an effect could explain.
+    """
+    fit, residuals = calibration.fit, linearised.sensitivities.residuals
+    if fit.prior is None:
+        return None
+    r, J = residuals.residuals_and_jacobian(calibration.x)
+    known = known_rows(fit.prior, fit.weight, np.eye(len(fit.x)))
+    effects = [s.Z[: residuals.measured] for s in found.chosen]
+    columns = np.concatenate([J[: residuals.measured] @ fit.directions, *effects], axis=1)
+    free = np.zeros((len(known), columns.shape[1] - fit.directions.shape[1]))
+    rows = np.concatenate([known @ fit.directions, free], axis=1)
+    return HeldResiduals.of(r[: residuals.measured], columns, known @ fit.x, rows)
 
 
 def _held_out_errors(found: _Explained) -> _HeldOut:

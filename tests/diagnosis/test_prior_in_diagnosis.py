@@ -6,8 +6,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 import posture_opt as po
+from posture_opt.calibration import calibrate
+from posture_opt.calibration.assumptions.refuted_statements import Refuted
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
@@ -96,3 +99,20 @@ def test_an_effect_is_fitted_beside_what_is_stated() -> None:
 
 def test_without_stated_sigmas_the_data_alone_speak() -> None:
     assert not np.isfinite(calibrated(0, stated=False)[0].prior).any()
+
+
+def test_a_wrong_prior_is_a_lack_of_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Joint zeros that are off by 20 of their σ: what the prior holds is left of the data, and of the prior."""
+    monkeypatch.setattr(calibrate, "consistent_problem", lambda problem, *_: (problem, Refuted()))
+    given, p_values = problem(stated=True), []
+    for times in (1.0, 20.0):
+        rng = np.random.default_rng(8)
+        q = np.tile(rng.uniform(-2, 2, (12, 2)), (3, 1))
+        off = times * np.array([*list(STATED.values())[:2], 0.0, 0.0])
+        p = arm(q, off) + rng.normal(0, INSTRUMENT, q.shape)
+        table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
+        found = po.diagnose(given, po.read_measurements(table, given), plan=False)
+        p_values.append(found.adequacy.lack_of_fit)
+    assert found.verdict == "unexplained"
+    assert p_values[0] > 0.05
+    assert p_values[1] < 1e-4

@@ -8,10 +8,37 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, p_value_of_maximum
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, orthonormal_basis, p_value_of_maximum
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes
+
+
+@dataclass(frozen=True, eq=False)
+class HeldResiduals:
+    """What a fit with a prior leaves of the data, and of the prior: a wrong one shows in both.
+
+    Args:
+        e: (m,) whitened residuals of rows.
+        prior: (p,) how far the estimate is from what the prior holds, weighed as in the fit.
+        fitted: how many parameters were fitted.
+    """
+
+    e: Array
+    prior: Array
+    fitted: int
+
+    @classmethod
+    def of(cls, r: Array, columns: Array, prior: Array, known: Array) -> HeldResiduals:
+        """The least squares ``min |r − A z|² + |r_p − K z|²``.
+
+        Args:
+            r, columns: (m,) residuals and A (m, k); prior, known: r_p (p,) and K (p, k).
+        """
+        Q = orthonormal_basis(np.concatenate([columns, known]))
+        both = np.concatenate([r, prior])
+        left = both - Q @ (Q.T @ both)
+        return cls(left[: len(r)], left[len(r) :], Q.shape[1])
 
 
 @dataclass(frozen=True)
@@ -37,7 +64,8 @@ class Adequacy:
 
 
 def assess_adequacy(
-    baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
+    baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int,
+    held: HeldResiduals | None = None,
 ) -> Adequacy:  # fmt: skip
     """Both tests on the residuals that a baseline leaves.
 
@@ -46,12 +74,14 @@ def assess_adequacy(
         points: (N, 3) tool points [m], world.
         block: residuals of one row.
         baseline: everything that was fitted, with its sign-flipped data sets.
+        held: what is left where a prior holds parameters; without one, the baseline's own residuals.
     """
     structure, place = _structure_test(baseline, data, groups, points, block)
-    return Adequacy(_lack_of_fit(baseline, data, groups, block), structure, place)
+    left = held or HeldResiduals(baseline.e[: len(data) * block], np.zeros(0), baseline.Q.shape[1])
+    return Adequacy(_lack_of_fit(left, data, groups, block), structure, place)
 
 
-def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes, block: int) -> float:
+def _lack_of_fit(held: HeldResiduals, data: Measurements, groups: Codes, block: int) -> float:
     """p-value of the F test of lack of fit: scatter about the model against that between repeats of one posture.
 
     Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
@@ -60,7 +90,8 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes,
 
     Source: Draper, Smith (1998), section 2.1.
 
-    ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``. The p-value is 1 where repeats are too few (`levels`).
+    ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``, the rows of a prior among what is left. The p-value is 1 where
+    repeats are too few (`levels`).
     """
     from scipy.special import fdtrc
 
@@ -70,14 +101,14 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes,
     # The targets of one repeat share its scatter too: so many residuals say as much as one.
     shared = len(size) / (repeat[-1] + 1)
     pure_freedom = int((repeats - 1).sum()) * block / shared
-    freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
+    freedom = (len(size) * block + len(held.prior) - held.fitted) / shared - pure_freedom
     if pure_freedom < levels.MIN_REPEAT_FREEDOM or freedom < 1:
         return 1.0
-    e = _group_means(baseline.e[: len(data) * block].reshape(-1, block), cell, np.ones(len(cell)))
+    e = _group_means(held.e.reshape(-1, block), cell, np.ones(len(cell)))
     ratios = []
     for weights in (size.astype(float), np.ones(len(size))):
         pure = float(np.sum(weights[:, None] * (e - _group_means(e, code, weights)[code]) ** 2))
-        left = float(np.sum(weights[:, None] * e**2)) - pure
+        left = float(np.sum(weights[:, None] * e**2)) - pure + float(held.prior @ held.prior)
         ratios.append((left / freedom) / max(pure / pure_freedom, 1e-300))
     return float(fdtrc(freedom, pure_freedom, max(min(ratios), 0.0)))
 
