@@ -143,6 +143,8 @@ def _unit_factor(unit: str, dimension: str) -> float:
     if (unit, dimension) in _COMMON_FACTORS:
         return _COMMON_FACTORS[unit, dimension]
     si, example = DIMENSIONS[dimension]
+    if unit == si:
+        return 1.0
     if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
         raise BadValueError(f"unknown unit '{unit[:_MAX_UNIT_LENGTH]}'", f"write for example {example}")
     units = registry()

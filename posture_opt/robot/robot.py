@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 from posture_opt.robot.shape import Capsule
@@ -155,7 +156,7 @@ class Robot:
         """
         return replace(self, base_free=self.base_free or "base" in frames, tool_free=self.tool_free or "tool" in frames)
 
-    @property
+    @cached_property
     def factors(self) -> tuple[Factor, ...]:
         """All elementary transforms from the world to the tool point, in the order of their product."""
         return (*self.base, *(f for link in self.links for f in link), *self.tool)
@@ -192,7 +193,7 @@ class Robot:
         """
         return sum(abs(f.nominal) for link in (*self.links, self.tool) for f in link if f.kind == "translate")
 
-    @property
+    @cached_property
     def driven(self) -> tuple[int, ...]:
         """(n,) index into ``factors`` of the factor that carries each joint variable."""
         at = {factor.joint: i for i, factor in enumerate(self.factors) if factor.joint is not None}

@@ -84,7 +84,7 @@ class Pool:
         """
         taken = {int(self.exclusive[i]) for i in chosen}
         index = self._index(chosen)
-        G, b, edges = self.columns.gram, self.columns.scores, self.columns.edges
+        G, b = self.columns.gram, self.columns.scores
         rss = self.rss0
         cross, left = G[:0], b
         if chosen:
@@ -92,26 +92,33 @@ class Pool:
             cross = inverse @ G[index]
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
+        open_ = np.flatnonzero(~np.isin(self.exclusive, list(taken)))
+        gains, allowed = self._gains(open_, index, cross, left), self.most[open_] if len(self.most) else np.inf
         found = []
-        for i in range(len(self.columns)):
-            if int(self.exclusive[i]) in taken:
-                continue
-            own = slice(edges[i], edges[i + 1])
-            block = G[own, own] - (G[own][:, index] @ cross[:, own] if chosen else 0.0)
-            values, vectors = np.linalg.eigh(block)
-            part = vectors.T @ left[own]
-            gain = float(
-                np.sum(
-                    np.where(
-                        values > levels.MIN_DISTINCT_SHARE, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0
-                    )
-                )
-            )
-            if len(self.most) and gain > self.most[i]:
-                continue
+        for i, gain in zip(open_[gains <= allowed].tolist(), gains[gains <= allowed].tolist(), strict=True):
             bigger = tuple(sorted((*chosen, i)))
             found.append((self._criterion(rss - gain, bigger), bigger))
         return sorted(found)
+
+    def _gains(self, candidates: Codes, index: Codes, cross: Array, left: Array) -> Array:
+        """What candidates explain given the directions ``index`` (r,) of a set, those of one width together.
+
+        Args:
+            cross: (r, R) ``G_ss⁺ G_s``; left: (R,) scores that the set leaves.
+        """
+        G, edges, sizes = self.columns.gram, self.columns.edges, self.columns.sizes[candidates]
+        gains = np.zeros(len(candidates))
+        for size in np.unique(sizes[sizes > 0]):
+            alike = np.flatnonzero(sizes == size)
+            own = edges[candidates[alike], None] + np.arange(size)
+            block = G[own[:, :, None], own[:, None, :]]
+            if len(index):
+                block = block - G[own[:, :, None], index] @ np.moveaxis(cross[:, own], 0, 1)
+            values, vectors = np.linalg.eigh(block)
+            part = np.einsum("ikl,ik->il", vectors, left[own])
+            new = values > levels.MIN_DISTINCT_SHARE
+            gains[alike] = np.sum(np.where(new, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1)
+        return gains
 
 
 def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:

@@ -202,7 +202,7 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
         found.append(Subset(tuple(kept), theta * scale))
         if not kept:
             return found[::-1]
-        gone = min(kept, key=lambda i: _wald_cost(C, theta, places[i]))
+        gone = kept[int(np.argmin(_wald_costs(C, theta, [places[i] for i in kept])))]
         own = places[gone]
         # The inverse of what is left of the Gram matrix, by the Schur complement.
         share = np.linalg.solve(C[np.ix_(own, own)], C[own]).T
@@ -211,6 +211,12 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
         kept.remove(gone)
 
 
-def _wald_cost(C: Array, theta: Array, own: Codes) -> float:
-    """Rise of the sum of squares without some of the parameters: ``θᵀ C⁻¹ θ`` (Wald)."""
-    return float(theta[own] @ np.linalg.solve(C[np.ix_(own, own)], theta[own]))
+def _wald_costs(C: Array, theta: Array, each: Sequence[Codes]) -> Array:
+    """Rise of the sum of squares without each of some groups of parameters: ``θᵀ C⁻¹ θ`` (Wald)."""
+    found, sizes = np.zeros(len(each)), np.array([len(own) for own in each])
+    for size in np.unique(sizes):
+        alike = np.flatnonzero(sizes == size)
+        own = np.array([each[int(i)] for i in alike])
+        block, part = C[own[:, :, None], own[:, None, :]], theta[own]
+        found[alike] = np.einsum("ik,ik->i", part, np.linalg.solve(block, part[:, :, None])[:, :, 0])
+    return found

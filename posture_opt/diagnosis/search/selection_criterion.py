@@ -200,9 +200,9 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
 
     A member stays with `levels.MIN_EFFECT_SHARE` of what all explain, or `levels.MIN_EFFECT_RISE` of what they leave.
     """
-    kept = list(members)
+    kept, (linearised, reduced) = list(members), linearised.reduced(members)
     while len(kept) > 1:
-        small, reduced = linearised.reduced(kept)
+        small, reduced = linearised.reduced(reduced)
         whole = float(small.baseline(flips=0).rss[0])
         least = float(small.baseline(reduced, flips=0).rss[0])
         without = [[s for s in reduced if s is not member] for member in reduced]
@@ -210,7 +210,8 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
         worst = int(np.argmin(lost))
         if lost[worst] >= levels.MIN_EFFECT_SHARE * (whole - least) or lost[worst] >= levels.MIN_EFFECT_RISE * least:
             break
-        del kept[worst]
+        del kept[worst], reduced[worst]
+        linearised = small
     return tuple(kept)
 
 
@@ -235,14 +236,14 @@ def eliminate_members(
     Args:
         null: the distribution of the best candidate on the geometry alone, by which p-values are family-wise.
     """
-    kept = list(members)
+    kept, (linearised, reduced) = list(members), linearised.reduced(members)
     while kept:
-        weights = member_weights(linearised, kept)
+        weights = member_weights(linearised, reduced)
         p_values = [null.family_wise(p, s.family) for (p, _), s in zip(weights, kept, strict=True)]
         worst = max(range(len(kept)), key=lambda i: (p_values[i], weights[i][0]))
         if p_values[worst] < (levels.FIRST_EFFECT_LEVEL if len(kept) == 1 else levels.FURTHER_EFFECT_LEVEL):
             break
-        del kept[worst]
+        del kept[worst], reduced[worst]
     return tuple(kept)
 
 
