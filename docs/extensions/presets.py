@@ -8,11 +8,14 @@ from posture_opt.robot.preset import preset_names, preset_text
 
 
 def presets_table() -> str:
-    """Name, robot, convention and the source of the geometry."""
-    rows = ["| name | robot | convention | joints | geometry from |", "| --- | --- | --- | --: | --- |"]
+    """Name, robot, convention, rated payload, repeatability and the source of the geometry."""
+    head = "| name | robot | convention | joints | payload | repeatability | geometry from |"
+    rows = [head, "| --- | --- | --- | --: | --: | --: | --- |"]
     for name in preset_names():
         preset = yaml.safe_load(preset_text(name))
         source = " ".join(preset["source"]["geometry"].split())
         joints = len(preset["robot"]["joints"])
-        rows.append(f"| `{name}` | {preset['title']} | `{preset['robot']['kind']}` | {joints} | {source} |")
+        payload, repeats = (preset.get(key, {}).get("value", "") for key in ("rated_payload", "repeatability"))
+        kind = preset["robot"]["kind"]
+        rows.append(f"| `{name}` | {preset['title']} | `{kind}` | {joints} | {payload} | {repeats} | {source} |")
     return "\n".join(rows) + "\n"

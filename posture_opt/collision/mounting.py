@@ -23,7 +23,7 @@ _STANDING_RISE_M = 0.05
 """What rises higher than this [m] above the foot of the arm stands beside it and carries nothing."""
 _STANDING_REACH_M = 0.25
 """An obstacle below the foot of the arm and within this distance [m] of it is the table that it stands on: the feet of
-the presets are up to 0.22 m wide, and tables begin a little in front of some."""
+arms of up to 30 kg are up to 0.22 m wide, and tables begin a little in front of some."""
 _LEVEL = 0.99
 """Cosine from which a half-space counts as parallel to the mounting plane (8 deg)."""
 

@@ -11,7 +11,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.arm_state import ArmState
-from posture_opt.robot import preset_names
+from tests.helpers.variants import STRUCTURES
 
 SAME = 1e-9  # m and rad
 
@@ -33,7 +33,7 @@ def dh(kind: str) -> dict[str, Any]:
 SECTIONS: dict[str, dict[str, Any]] = {
     "dh": dh("dh"),
     "mdh": dh("mdh"),
-    **{name: {"kind": "preset", "name": name} for name in preset_names()},
+    **{name: {"kind": "preset", "name": name} for name in STRUCTURES},
 }
 
 

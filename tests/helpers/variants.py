@@ -7,6 +7,13 @@ from typing import Any
 
 import pytest
 
+STRUCTURES = (
+    "planar_2r", "scara", "ur5", "ur10", "irb120", "puma560", "kr6_r900", "crb15000", "panda", "iiwa14", "gen3",
+)  # fmt: skip
+"""Presets of every kinematic structure: in a plane, with a slide, three parallel axes, spherical wrist with its
+offsets, turned first frame, offset wrist, redundant. Another preset of the same structure differs in numbers, which
+tests of their own hold."""
+
 
 def conformance(variants: Iterable[Any], always: Collection[Any]) -> list[Any]:
     """Values for ``pytest.mark.parametrize``: those that are not among ``always`` get the marker ``conformance``.

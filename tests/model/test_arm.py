@@ -13,9 +13,10 @@ import pytest
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, position_column, rotation_column, walk
 from posture_opt.robot import UrdfRobot
-from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.preset import load_preset
 from tests.helpers.factors import pose, random_postures
 from tests.helpers.pin import BARE, PinArm, robots_folder
+from tests.helpers.variants import STRUCTURES
 
 ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
 URDFS = [
@@ -52,7 +53,7 @@ def pinocchio_jacobian(outside, named, base, tip):
     return np.array([np.concatenate([R @ column[:3], R @ column[3:]]) for column in columns]).T
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", STRUCTURES)
 def test_pose_is_the_product_of_the_factors(name):
     robot = load_preset(name)
     arm = Arm(robot)
@@ -64,7 +65,7 @@ def test_pose_is_the_product_of_the_factors(name):
         np.testing.assert_allclose(arm.position(q, p), expected[:3, 3], atol=ROUNDING)
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", STRUCTURES)
 def test_parameter_jacobian_is_the_complex_step(name):
     robot = load_preset(name)
     arm = Arm(robot)
@@ -77,7 +78,7 @@ def test_parameter_jacobian_is_the_complex_step(name):
         np.testing.assert_allclose(found[:, k], [*shift, *rotation], atol=ROUNDING)
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", STRUCTURES)
 def test_jacobian_is_the_complex_step_of_the_joint(name):
     robot = load_preset(name)
     (q,) = random_postures(robot, 1, seed=2)

@@ -74,7 +74,7 @@ def test_every_machine_has_a_shape_with_its_source(name):
     # the roll of a SCARA's shaft moves nothing that the shaft does not have already
     assert len(set(joints)) >= robot.n
     assert dict(robot.sources)["shape"]
-    assert all(0.005 < capsule.radius < 0.3 for capsule in robot.shape)
+    assert all(0.005 < capsule.radius < 0.5 for capsule in robot.shape)
 
 
 def test_a_drawing_has_no_shape():

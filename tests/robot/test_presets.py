@@ -6,14 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from posture_opt.errors import InputError
-from posture_opt.robot import PresetRobot, load_preset, preset_names
+from posture_opt.robot import PresetRobot, load_preset, preset_names, preset_text
+from posture_opt.robot.preset import PresetFile
 from tests.helpers.factors import frame, pose, random_postures
 from tests.helpers.pin import PinArm, robots_folder
-from tests.helpers.urdfs import IIWA14, IRB120, UR5, UR5E, UR10, UR10E, urdf_text
+from tests.helpers.urdf_chains import CHAINS
+from tests.helpers.urdfs import IIWA14, IRB120, UNIVERSAL_ROBOTS, urdf_text
 
-ALL = ["iiwa14", "irb120", "panda", "planar_2r", "puma560", "scara", "ur10", "ur10e", "ur5", "ur5e"]
+ALL = [
+    "crb15000", "crx10ia", "gen3", "gp25", "gp7", "iiwa14", "iiwa7", "irb120", "irb1200", "irb1600", "irb6700",
+    "kr10_r1100", "kr210_r2700", "kr6_r900", "lrmate200id", "m1013", "m10id", "panda", "planar_2r", "puma560",
+    "r2000ic", "scara", "tx2_60", "tx2_90", "ur10", "ur10e", "ur16e", "ur20", "ur3e", "ur5", "ur5e", "xarm6", "xarm7",
+]  # fmt: skip
 ROUNDING = 1e-12  # a few dozen factors of rounding 1e-16 each
 # Two descriptions round pi/2 to 1.5708 or to eleven digits; that is worth up to 1e-8 m at arm's length.
 DIGITS = 1e-8
@@ -49,10 +56,47 @@ def test_repeatability_of_the_data_sheet(name, millimetres):
     assert load_preset(name).repeatability.value == pytest.approx(1e-3 * millimetres)
 
 
+@pytest.mark.parametrize("name", ["iiwa7", "kr210_r2700", "xarm6", "ur20", "gp25"])
+def test_rated_payload_has_its_source(name):
+    given = PresetFile.model_validate(yaml.safe_load(preset_text(name))).rated_payload
+    if given is None:
+        assert name == "xarm6"
+    else:
+        assert f"{given.value:g} kg" in given.source
+
+
+@pytest.mark.parametrize("name", ["kr6_r900", "gen3"])
+def test_a_turned_first_frame_is_no_part_of_the_base(name):
+    """A base that the problem states stands in front of it, and it carries no parameter."""
+    stated = PresetRobot.model_validate({"name": name, "base": {"xyz": ["1 m", "0 m", "0 m"]}}).build(Path())
+    q, plain = np.linspace(-0.3, 0.4, stated.n), load_preset(name)
+    shifted = pose(plain, q)
+    shifted[0, 3] += 1.0
+    np.testing.assert_allclose(pose(stated, q), shifted, atol=ROUNDING)
+    assert plain.links[0][0].parameter == ""
+
+
 def test_unknown_preset_offers_the_nearest():
     with pytest.raises(InputError, match="did you mean 'ur10e'") as caught:
         load_preset("ur10-e")
     assert caught.value.issues[0].key == ("name",)
+
+
+@pytest.mark.parametrize(("typed", "meant"), [
+    ("kr210", "'kr210_r2700'"), ("KR 210", "'kr210_r2700'"), ("kuka_kr6", "'kr6_r900'"), ("UR 10e", "'ur10e'"),
+    ("abb irb-120", "'irb120'"), ("irb140", "'irb120'"), ("lbr iiwa 14", "'iiwa14'"), ("gofa", "'crb15000'"),
+    ("TX2-60L", "'tx2_60'"), ("panta", "'panda'"), ("kr120", "'kr10_r1100', 'kr210_r2700' or 'kr6_r900'"),
+    ("staubli", "'tx2_60' or 'tx2_90'"), ("FANUC", "'crx10ia', 'lrmate200id', 'm10id' or 'r2000ic'"),
+])  # fmt: skip
+def test_a_mistyped_name_or_a_maker_finds_its_arms(typed, meant):
+    with pytest.raises(InputError, match=f"there is no preset .* did you mean {meant}\\? presets: crb15000, "):
+        load_preset(typed)
+
+
+@pytest.mark.parametrize("typed", ["", "zzz", "-"])
+def test_what_is_like_no_preset_gets_the_list(typed):
+    with pytest.raises(InputError, match="– presets: crb15000, "):
+        load_preset(typed)
 
 
 def test_keys_beside_the_name_replace_those_of_the_preset():
@@ -74,7 +118,7 @@ def test_universal_robots_against_ros_description(name, file):
         np.testing.assert_allclose(pose(robot, q), TURNED @ arm.pose(named, "base_link", "tool0"), atol=DIGITS)
 
 
-@pytest.mark.parametrize(("name", "rows"), [("ur5", UR5), ("ur10", UR10), ("ur5e", UR5E), ("ur10e", UR10E)])
+@pytest.mark.parametrize(("name", "rows"), UNIVERSAL_ROBOTS.items())
 def test_universal_robots_against_their_own_kinematics(name, rows):
     robot, arm = load_preset(name), PinArm(urdf_text(rows))
     for q in random_postures(robot, 10):
@@ -88,6 +132,21 @@ def test_against_ros_industrial(name, rows):
     for q in random_postures(robot, 10):
         expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base", f"link{len(rows)}")
         np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(("name", "rows"), CHAINS.items())
+def test_against_the_description_of_the_maker_or_of_ros(name, rows):
+    """All the way from the controller's base to the face of the flange, orientation included."""
+    robot, arm = load_preset(name), PinArm(urdf_text(rows))
+    moving = [joint for joint, _, _, axis, _ in rows if axis]
+    assert robot.joint_names == tuple(moving)
+    for q in random_postures(robot, 10):
+        expected = arm.pose(dict(zip(moving, q, strict=True)), "base", f"link{len(rows)}")
+        np.testing.assert_allclose(pose(robot, q), expected, atol=1e-9)  # lengths of one file have nine decimals
+
+
+def test_every_arm_is_held_against_a_description_or_a_book():
+    assert {*CHAINS, *UNIVERSAL_ROBOTS, "irb120", "iiwa14", "panda", "puma560", "scara", "planar_2r"} == set(ALL)
 
 
 def test_panda_against_franka_description():
@@ -121,11 +180,37 @@ def test_mass_of_the_last_link_of_panda():
     np.testing.assert_allclose(last.com, [1.0517e-02, -4.252e-03, 6.1597e-02 - 0.107], atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "rows"), [
-    ("irb120", IRB120), ("ur5", UR5), ("ur10", UR10), ("ur5e", UR5E), ("ur10e", UR10E),
-])  # fmt: skip
+WITH_MASSES = {"irb120": IRB120, **UNIVERSAL_ROBOTS, **{k: v for k, v in CHAINS.items() if any(row[4] for row in v)}}
+
+
+@pytest.mark.parametrize(("name", "rows"), WITH_MASSES.items())
 def test_masses_against_ros_descriptions(name, rows):
-    check_centres(load_preset(name), PinArm(urdf_text(rows)), "base", range(6))
+    robot = load_preset(name)
+    check_centres(robot, PinArm(urdf_text(rows)), "base", range(robot.n))
+
+
+@pytest.mark.parametrize(("name", "kilograms"), [
+    # arm without base [kg]: weights of the data sheets, 55, 1090, 25 and 145 kg, less the bases of the descriptions
+    ("kr6_r900", 55 - 16.9), ("r2000ic", 1090 - 201), ("lrmate200id", 25 - 5.3), ("m10id", 145 - 50.4),
+])  # fmt: skip
+def test_masses_add_up_to_the_weight_of_the_arm(name, kilograms):
+    assert sum(joint.mass for joint in load_preset(name).joints) == pytest.approx(kilograms, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "millimetres"), [
+    # greatest distance of the wrist from the axis of joint 1 as the makers name or rate arms whose elbow stretches
+    ("kr6_r900", 901), ("kr10_r1100", 1101), ("irb1200", 901), ("irb1600", 1225), ("lrmate200id", 717),
+    ("m10id", 1441), ("gp7", 927), ("gp25", 1730),
+])  # fmt: skip
+def test_reach_in_the_name_of_the_arm(name, millimetres):
+    """``a1 + a2 + sqrt(a3² + d4²)``, the arm stretched out from the second joint on; makers cut or round to 1 mm."""
+    a1, a2, a3, d4 = (abs(load_preset(name).parameters[p].nominal) for p in reach_parameters(name))
+    assert 1e3 * (a1 + a2 + np.hypot(a3, d4)) == pytest.approx(millimetres, abs=1.5)
+
+
+def reach_parameters(name):
+    first, second, third, fourth, *_ = load_preset(name).joint_names
+    return f"{first}.a", f"{second}.a", f"{third}.a", f"{fourth}.d"
 
 
 @pytest.mark.parametrize(("degrees", "position"), [

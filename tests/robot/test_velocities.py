@@ -25,7 +25,7 @@ def test_a_speed_has_its_source(name):
     robot = load_preset(name)
     known = [not math.isnan(v) for v in robot.velocities]
     assert all(known) == ("velocity" in dict(robot.sources)) == (name not in UNKNOWN)
-    assert all(0.5 < v < 10 for v, yes in zip(robot.velocities, known, strict=True) if yes)
+    assert all(0.5 < v < 26 for v, yes in zip(robot.velocities, known, strict=True) if yes)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from posture_opt.errors import InputError
-from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import Factor, Robot
 from posture_opt.uncertainty.simulation.cloud import simulate
 from posture_opt.uncertainty.sources.iso9283 import repeatability_from_covariance
@@ -19,13 +19,14 @@ from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import parameter_jacobian
 from tests.helpers.fresh import loaded_by
 from tests.helpers.stated import stated
+from tests.helpers.variants import STRUCTURES, conformance
 
 
 def predicted(robot, sources, q):
     return repeatability_from_covariance(propagate(stated(robot=robot, sources=sources), q).covariance)
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", conformance(STRUCTURES, ["planar_2r", "scara", "ur10", "kr6_r900", "panda"]))
 def test_the_median_repeatability_is_the_data_sheet_s(name):
     robot = load_preset(name)
     sources = joint_sigmas(robot, 1e-4)
@@ -93,7 +94,7 @@ def test_a_slide_scatters_the_tool_point_as_a_turn_does():
     assert sigma[slide] == pytest.approx(turns[0] * math.sqrt(np.mean(shifts)), rel=1e-6)
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", conformance(STRUCTURES, ["planar_2r", "scara", "ur10", "kr6_r900", "panda"]))
 def test_the_postures_lie_within_the_limits_in_the_middle_of_the_reach(name):
     robot = load_preset(name)
     Q = matching_postures(robot)

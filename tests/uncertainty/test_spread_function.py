@@ -10,14 +10,14 @@ import pytest
 
 from posture_opt.errors import InputError
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.spread import propagate
 from posture_opt.uncertainty.spread.spread_function import SpreadFunction
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.stated import stated
-from tests.helpers.variants import conformance
+from tests.helpers.variants import STRUCTURES, conformance
 
 needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
 
@@ -28,7 +28,7 @@ def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=Fa
     return stated(robot=robot, sources=correlated(sources) if coupled else sources)
 
 
-CASES = [(name, False) for name in preset_names()] + [("planar_2r", True), ("scara", True), ("ur5", True)]
+CASES = [(name, False) for name in STRUCTURES] + [("planar_2r", True), ("scara", True), ("ur5", True)]
 
 
 ALWAYS = [("planar_2r", False), ("scara", False), ("ur10", False), ("planar_2r", True), ("scara", True), ("ur5", True)]

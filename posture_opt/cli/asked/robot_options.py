@@ -10,11 +10,12 @@ from typing import Any
 import click
 
 from posture_opt.cli.asked.quantities import frame_of, payload_of
-from posture_opt.errors import InputError, Issue, did_you_mean
+from posture_opt.errors import InputError, Issue, listed
 from posture_opt.files import is_file
 from posture_opt.problem.load import builtin_names, load_problem
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
+from posture_opt.robot.preset import presets_meant
 
 _PROBLEM_FILES = (".yaml", ".yml")
 _ROBOT_FILES = (".urdf", ".xml", ".xacro")
@@ -78,7 +79,8 @@ class RobotOptions:
             found: dict[str, Any] = {"kind": "urdf", "file": self.robot}
             return {**found, **{key: link for key, link in links.items() if link}, **self.replaced()}
         if self.robot not in preset_names():
-            hint = f"{did_you_mean(str(self.robot), preset_names())} Or name a URDF or problem file"
+            hint = presets_meant(str(self.robot)) or f"known are {listed(preset_names())}"
+            hint = f"{hint} Or name a URDF or problem file"
             raise InputError(Issue(f"there is no preset '{self.robot}'", ("--robot",), self.robot, hint))
         return {"kind": "preset", "name": self.robot, **self.replaced()}
 
