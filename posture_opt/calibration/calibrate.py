@@ -44,9 +44,7 @@ from posture_opt.selection.problem_data import ProblemData
 MAX_FITTED_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
 _NOISE_ROUNDS = 3  # of fitting and judging the noise anew
-SIZE_NOTE = (
-    "touched points alone do not determine the size of the arm: {} is held; state a distance under data.distances"
-)
+SIZE_NOTE = "{} alone do not determine the size of the arm: {} is held; {}"
 WEIGHED_NOTE = (
     "orientations count as if their σ were {:.2g} times the stated one: beside positions, they scatter by so much"
 )
@@ -202,7 +200,7 @@ def default_by(data: Measurements) -> By:
 
     Positions are left out pose by pose; touched points place by place, as all touches of a place share its position.
     """
-    return "place" if data.position is None else "pose"
+    return data.kind.held_out_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +244,7 @@ def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bo
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
-    notes = () if held is None else (SIZE_NOTE.format(residuals.parameters[held].name),)
+    notes = () if held is None else (_size_note(residuals, held),)
     return _Fitted(x_nominal, known, found, held, notes)
 
 
@@ -328,6 +326,12 @@ def _step_reporter(progress: Progress | None, total: int) -> Callable[[], None]:
     """A callable that reports one more of ``total`` fits at each call; nothing without a ``progress``."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
+
+
+def _size_note(residuals: Residuals, held: int) -> str:
+    """Which length is held, and what would determine it."""
+    kind = residuals.data.kind
+    return SIZE_NOTE.format(kind.noun, residuals.parameters[held].name, kind.remedy)
 
 
 def _unconverged_note(fits: int, rounds: int) -> tuple[str, ...]:

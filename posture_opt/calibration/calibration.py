@@ -22,6 +22,7 @@ from posture_opt.calibration.estimation.identifiability import (
 )
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.instruments import Instrument, instruments_of
 from posture_opt.calibration.other_preset import OtherPreset, other_preset
 from posture_opt.calibration.second_file import OtherFile
 from posture_opt.calibration.start_up import StartUp, start_up
@@ -199,6 +200,11 @@ class Calibration(Result):
         return registered("evaluation", self)
 
     @cached_property
+    def instruments(self) -> dict[str, Instrument]:
+        """What each instrument measured, by name."""
+        return instruments_of(self.request.problem, self.residuals, self.x, self.errors, self.kept_rows)
+
+    @cached_property
     def start_up(self) -> StartUp | None:
         """First rows that are farther off than the rest, of those that count and predicted by the calibrated arm."""
         return start_up(self.errors[self.kept_rows], self.request.data.take(self.kept_rows))
@@ -222,6 +228,7 @@ class Calibration(Result):
             "cross_validation": self.by,
             "parameters": [self._parameter(i) for i in range(len(self.parameters))],
             "correlations": self._correlations(),
+            "instruments": {name: one.to_json() for name, one in self.instruments.items()},
             "rows_per_independent": self.design,
             "rank": self.identifiability.rank,
             "condition": self.identifiability.condition,

@@ -146,7 +146,7 @@ def _expected_covariance(
     """
     N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
     learn = np.setdiff1d(np.arange(N), left_out)
-    taught = r[: N * block].reshape(N, block)[learn, :d] * residuals.sigma
+    taught = residuals.metres(r[: N * block].reshape(N, block)[learn, :d], learn)
     rows = unit_steps[: N * block].reshape(N, block, -1)[:, :d]
     free = max(len(learn) - float(np.sum(rows[learn] ** 2)) / d, d + 1.0)
     if root is not None:
@@ -156,7 +156,7 @@ def _expected_covariance(
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
     others = np.delete(r, residual_indices(left_out, block))
     variance = float(others @ others) / max(len(others) - unit_steps.shape[1], 1)
-    L = residuals.data.take(left_out).about_points(rows[left_out]) * residuals.sigma
+    L = residuals.metres(residuals.data.take(left_out).about_points(rows[left_out]), left_out)
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 
@@ -182,8 +182,8 @@ def residual_indices(rows: Codes, block: int) -> Codes:
 
 def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
     """(rows, axes) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
-    e = r.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
-    if residuals.data.position is None:
+    e = residuals.metres(r.reshape(-1, residuals.block)[:, : len(residuals.axes)], rows)
+    if residuals.data.touches:
         points = residuals.data.point[rows]
         for code in np.unique(points):
             e[points == code] -= e[points == code].mean(axis=0)
@@ -202,8 +202,8 @@ def _inside_regions(rest: Residuals, errors: Array, taught: Array, x: Array, fou
     free = max(len(taught) - fitted / d, d + 1.0)
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:
-        J = rest.residuals_and_jacobian(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
-        J = rest.data.about_points(J)
+        J = rest.residuals_and_jacobian(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d]
+        J = rest.data.about_points(rest.metres(J))
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
     return in_regions(e, C, free)
 
@@ -225,7 +225,7 @@ def in_regions(e: Array, C: Array, free: float) -> Mask:
 def position_errors(residuals: Residuals, x: Array) -> Array:
     """Position errors (N, 3) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
     error = residuals.error(x)
-    if residuals.data.position is None:
+    if residuals.data.touches:
         return residuals.data.about_points(error)
-    error[:, ~residuals.data.measured_axes] = 0.0
+    error[:, np.setdiff1d(np.arange(3), residuals.axes)] = 0.0
     return error

@@ -77,16 +77,18 @@ def check_size(residuals: Residuals, held: int | None) -> None:
     Raises:
         InsufficientDataError: no known distance, and no length in the arm.
     """
-    if residuals.data.position is not None or residuals.distances or held is not None:
+    if residuals.data.kind.size_known or residuals.distances or held is not None:
         return
     raise InsufficientDataError(
-        "touched points alone do not determine the size of this arm, and it has no length that could be held: "
-        f"{state_a_distance(residuals.data)}"
+        f"{residuals.data.kind.noun} alone do not determine the size of this arm, and it has no length that could be "
+        f"held: {state_a_distance(residuals.data)}"
     )
 
 
 def state_a_distance(data: Measurements) -> str:
     """What makes the size of an arm known that touches points."""
+    if not data.touches:
+        return data.kind.remedy
     names = data.point_names
     if len(names) < 2:
         return "touch a second point at a known distance"

@@ -65,5 +65,5 @@ def tool_uncertainty(fit: Fit) -> float:
     used = fit.residuals
     some = used.take(np.unique(np.linspace(0, len(used.data) - 1, _SAMPLED_ROWS).astype(np.intp)))
     J = some.residuals_and_jacobian(fit.x)[1][: some.measured].reshape(len(some.data), some.block, -1)
-    L = J[:, : len(some.axes)] * some.sigma @ fit.directions
+    L = some.metres(J[:, : len(some.axes)]) @ fit.directions
     return float(np.sqrt(np.einsum("nij,jk,nik->", L, fit.C, L, optimize=True) / len(some.data)))

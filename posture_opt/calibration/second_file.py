@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.frames import frames_again
+from posture_opt.calibration.assumptions.frames import frames_again, places_again
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.residuals import Residuals
@@ -96,9 +96,11 @@ def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
         refit_frames: whether base and tool are fitted to the other file first.
     """
     residuals, x = model
-    kept = [i for i, p in enumerate(residuals.parameters) if p.group != "point"]  # points of a file are its own
+    kept = [i for i, p in enumerate(residuals.parameters) if p.group != "place"]  # places of a file are its own
     there = residuals.of_data(other).with_parameters([residuals.parameters[i] for i in kept])
-    return position_errors(*(frames_again(there, x[kept]) if refit_frames else (there, x[kept])))
+    if refit_frames:
+        return position_errors(*frames_again(there, x[kept]))
+    return position_errors(*(there, x[kept]) if other.touches else places_again(there, x[kept]))
 
 
 def match_targets(learned: Measurements, other: Measurements) -> Measurements:
@@ -110,8 +112,8 @@ def match_targets(learned: Measurements, other: Measurements) -> Measurements:
     known, file = learned.target_names, other.file
     if len(other.robot_names) > 1:
         raise InputError(Issue("the test file holds several robots", hint="test with one robot at a time", file=file))
-    if other.touches != learned.touches:
-        seen, taught = ("touched points", "positions")[:: 1 if other.touches else -1]
+    if other.kind.kind != learned.kind.kind:
+        seen, taught = other.kind.noun, learned.kind.noun
         raise InputError(
             Issue(f"the test file holds {seen}, the first file {taught}", hint="test with data of one kind", file=file)
         )

@@ -166,12 +166,13 @@ def measurement_model(
     It measures what the given data have; without data, every coordinate that the arm can move.
     """
     robot, rotation = problem.robot, rotation_sigma(problem)
-    sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
-    notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
     positions = given is not None and given.position is not None
+    touched = given is not None and (positions or given.touches)
+    sigma = position_sigma(problem, given) if given is not None and touched else planned_sigma(problem, reach_of(robot))
+    notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
     axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
     if given is not None and not positions:
-        notes.append("the given rows touch points; the plan is for an instrument that measures positions")
+        notes.append(f"the given rows are {given.kind.noun}; the plan is for an instrument that measures positions")
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknown_parameters(problem, data, orientation=rotation > 0)
@@ -238,7 +239,7 @@ def given_information(
     at = [i for i, p in enumerate(parameters) if p.name in names]
     wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
     wide[:, at], start[at] = R, x[own]
-    if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
+    if data.position is None:  # how well a ball sits in its socket says nothing of the instrument to come
         wide, variance = wide * np.sqrt(expected / variance), expected
     gone = len(data) - len(kept)
     notes += (f"{gone} of the given rows left out as outliers",) * (gone > 0)

@@ -13,6 +13,7 @@ from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RowBlock
 from posture_opt.numerics import Array, Codes
@@ -20,7 +21,7 @@ from posture_opt.texts import text_fault
 
 AXES = ("x", "y", "z")
 """Columns of the measured tool point."""
-LABELS = ("pose", "goal", "target", "robot", "point")
+LABELS = ("pose", "goal", "target", "robot", *(kind.label for kind in KINDS if kind.label))
 """Columns whose cells name groups of rows."""
 
 LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
@@ -29,7 +30,7 @@ LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
 }
 """Column -> its least value [kg, degC], what is wrong below, and how to fix it."""
 
-Kind = Literal["number", "label", "side"]
+CellKind = Literal["number", "label", "side"]
 """A number with a unit, a name, or a side of approach (−1, +1 or nothing)."""
 _MAX_MAGNITUDE = 1e15
 """Largest number of a cell, in any unit; squares of larger ones leave the range of floats sooner or later."""
@@ -49,7 +50,7 @@ class Column:
 
     name: str
     index: int
-    kind: Kind
+    kind: CellKind
     factor: float = 1.0
     offset: float = 0.0
     unit: str = ""

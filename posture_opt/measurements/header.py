@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 
 from posture_opt.errors import BadValueError, Issue, listed, nearest, one_of
-from posture_opt.measurements.columns import AXES, LABELS, Column, Kind
+from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.kinds import KINDS, Kind
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
 from posture_opt.measurements.orientation_columns import QUATERNION, angle_columns, incomplete_orientation
 from posture_opt.robot.robot import Robot
@@ -43,16 +44,22 @@ def column_dimensions(robot: Robot) -> dict[str, str]:
     return {
         **dict.fromkeys(AXES, "length"),
         **dict.fromkeys(angle_columns(robot), "angle"),
+        **{name: dimension for kind in KINDS for name, dimension in kind.columns.items()},
         **_INPUT_DIMENSIONS,
         **joints,
     }
 
 
-def column_kinds(robot: Robot) -> dict[str, Kind]:
+def column_kinds(robot: Robot) -> dict[str, CellKind]:
     """Every column that a file of this robot may have, with how its cells are read."""
-    kinds: dict[str, Kind] = dict.fromkeys((*column_dimensions(robot), *QUATERNION), "number")
+    kinds: dict[str, CellKind] = dict.fromkeys((*column_dimensions(robot), *QUATERNION), "number")
     kinds |= dict.fromkeys(LABELS, "label")
     return kinds | {f"{name}.approach": "side" for name in robot.joint_names}
+
+
+def columns_of(kind: type[Kind]) -> set[str]:
+    """The columns that data of a kind have and positions have not."""
+    return {*kind.columns, *([kind.label] if kind.label else [])}
 
 
 def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
@@ -89,14 +96,14 @@ class Header:
         """Known names that unknown headers were probably meant to be."""
         return {name for name in self.unknown.values() if name}
 
-    def report_faults(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
+    def report_faults(self, line: int, faults: Faults, kinds: dict[str, CellKind]) -> None:
         """One fault for the whole header, whatever is wrong with it: one thing in detail, several in one sentence."""
         if len(self.unknown) + len(self.unitless) + len(self.missing) == 1:
             self._report_one(line, faults, kinds)
         elif self.unknown or self.unitless or self.missing:
             self._report_all(line, faults)
 
-    def _report_one(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
+    def _report_one(self, line: int, faults: Faults, kinds: dict[str, CellKind]) -> None:
         """The fault of a header with one thing wrong."""
         for name, near in self.unknown.items():
             hint = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
@@ -353,16 +360,23 @@ def _note_missing(header: Header, there: set[str], robot: Robot) -> None:
         if joint.name not in there or (joint.name in guessed | (header.probable_names if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
-    if not measured and "point" not in there:
-        header.missing[""] = "x [mm], y [mm], z [mm], or point for touched points"
+    if not measured and not any(columns_of(kind) & there for kind in KINDS):
+        *others, last = (kind.example for kind in KINDS)
+        header.missing[""] = f"{', '.join(others)}, or {last}"
     header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.probable_names}
 
 
 def _contradiction_faults(header: Header, there: set[str], robot: Robot, line: int, faults: Faults) -> None:
     """Faults of columns that exclude each other: points that are touched and measured, half an orientation."""
     measured = [axis for axis in AXES if axis in there]
-    if "point" in header.found and measured:
-        message = f"both point and {', '.join(measured)} are given"
-        hint = "point takes the place of x, y, z where no instrument measures; leave out one of the two"
-        faults.add(message, "point", hint=hint, line=line)
+    kinds = [(kind, sorted(columns_of(kind) & {*header.found})) for kind in KINDS]
+    others = [(kind, columns) for kind, columns in kinds if columns]
+    if (others and measured) or len(others) > 1:
+        both = [", ".join(columns) for _, columns in others] + [", ".join(measured)] * bool(measured)
+        message = f"both {' and '.join(both)} are given"
+        hint = f"{both[0]} takes the place of x, y, z where no instrument measures; leave out one of the two"
+        faults.add(message, others[0][1][0], hint=hint, line=line)
+    for kind, columns in others if len(others) == 1 else ():
+        for name in sorted(columns_of(kind) - {*columns, *there}):
+            faults.add(f"{columns[0]} is given without {name}", name, hint=f"add {kind.example}", line=line)
     incomplete_orientation(there, robot, line, faults)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
+from posture_opt.measurements.kinds import Kind, PointContact, Position, Seen
+from posture_opt.measurements.kinds.kind import Vector
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
@@ -14,6 +17,7 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 
+_POSITION, _POINT = Position(), PointContact()
 _REST_TOLERANCE_M = 1e-9
 """Motion below which a tool point is at rest; rounding of half turns at a reach of metres is 1e-15."""
 
@@ -29,10 +33,11 @@ class Measurements(Summarised):
     Args:
         joint_names: (n,) the joints, in the order of the columns of ``q``.
         q: (N, n) commanded joint values [rad or m].
-        position: (N, 3) measured tool point [m], in the instrument's frame; ``None`` for data of touched points.
+        position: (N, 3) measured tool point [m], in the instrument's frame; ``None`` where something else was read.
         measured_axes: (3,) which coordinates were measured; the others hold the nominal model's value.
         rotation: (N, 4) measured orientation as unit quaternion (w, x, y, z) with w >= 0, or ``None``.
-        pose, goal, target, robot, point: (N,) codes; ``point`` is zero where ``position`` was measured.
+        pose, goal, target, robot, point: (N,) codes; ``point`` is the touched point, plane or anchor, and zero where
+            ``position`` was measured.
         target_names, robot_names, point_names: the text of each code; empty without the column.
         approach: (N, n) +1 where the joint value was increasing on arrival, −1 where it was decreasing; 0
             where it is not known.
@@ -40,6 +45,8 @@ class Measurements(Summarised):
         payload: (N,) [kg], or ``None``.
         temperature: (N,) [degC], or ``None``.
         time: (N,) [s], or ``None``.
+        reading: (N, D) what an instrument showed that measures no position [m, rad]; ``None`` where nothing is read.
+        instrument: what was read; ``None``: positions, or touched points.
         visit: (N,) a number for each stay at a pose, where rows between were taken out; ``None``: as rows follow.
         line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
         file: its name; ``table`` for one in memory.
@@ -84,6 +91,8 @@ class Measurements(Summarised):
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     visit: Codes | None = None
+    reading: Array | None = None
+    instrument: Kind | None = None
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -96,9 +105,24 @@ class Measurements(Summarised):
         return len(self.q)
 
     @property
+    def kind(self) -> Kind:
+        """What the rows show of the pose of the tool."""
+        return self.instrument or (_POINT if self.position is None else _POSITION)
+
+    @property
     def touches(self) -> bool:
         """Whether the rows touch fixed points and no instrument measured."""
-        return self.position is None
+        return self.kind.about_mean
+
+    def seen(self, position: Vector, columns: Sequence[Vector] | Array, values: Array) -> Seen:
+        """The rows beside where a model has the tool: point [m] and columns of R_world_tool, three of (N,) each.
+
+        Args:
+            values: (P, u) unknowns of the places.
+        """
+        reading = self.reading if self.position is None else self.position
+        empty = np.zeros((len(self), 0))
+        return Seen(position, columns, empty if reading is None else reading, self.point, values[self.point])
 
     def about_points(self, values: Array) -> Array:
         """Rows ``values`` (N, …) less their mean over all touches of the same point; as they are where none is touched.
@@ -160,6 +184,7 @@ _FIELDS_OF_FILE = {
     "warnings",
     "joint_units",
     "notes",
+    "instrument",
 }
 _FIELDS_BY_ROW = tuple(
     f.name for f in fields(Measurements) if f.name not in _FIELDS_OF_FILE and not f.name.endswith("_given")

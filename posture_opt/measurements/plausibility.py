@@ -68,6 +68,8 @@ def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Col
     """
     rows = sample_rows(data)
     q = data.q[rows]
+    if data.position is None and not data.touches:
+        return []
     if data.position is None:
         point = data.point[rows]
         misfit = touch_misfit(robot, q, point)

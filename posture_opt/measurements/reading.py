@@ -12,7 +12,8 @@ from posture_opt.errors import did_you_mean, listed
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.header import column_kinds, read_header
+from posture_opt.measurements.header import column_kinds, columns_of, read_header
+from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.orientation_columns import rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
@@ -71,6 +72,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     faults.refuse()
     data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
+    data = _with_instrument(data, cells, problem)
     notes = plausibility_checks(
         replace(data, q=carried_joint_values(problem.arm, data.q)), problem.robot, columns, faults
     )
@@ -90,7 +92,8 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     pose, goal = cells.code("pose"), cells.code("goal")
     poses = pose[0] if pose else _codes_of_rows(q)
     without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
-    target, robots, point = (cells.code(name) or without_column for name in ("target", "robot", "point"))
+    target, robots = (cells.code(name) or without_column for name in ("target", "robot"))
+    point = next((code for kind in KINDS if kind.label and (code := cells.code(kind.label))), without_column)
     measured = np.array([axis in columns for axis in AXES])
     side, length, given = _approach_sides(cells, q, robots[0], robot)
     return Measurements(
@@ -119,6 +122,24 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
     )
+
+
+def _with_instrument(data: Measurements, cells: Cells, problem: HasData) -> Measurements:
+    """The rows with what they show of the pose, where that is neither a position nor a touched point."""
+    kind = next((k for k in KINDS if columns_of(k) and all(_is_read(name, cells) for name in columns_of(k))), None)
+    if kind is None or data.position is not None or kind.kind == data.kind.kind:
+        return data
+    reading = np.column_stack([np.zeros((len(data), 0)), *(_present_column(cells.number(c)) for c in kind.columns)])
+    data = replace(data, reading=reading, instrument=kind.of(problem.data, data.point_names))
+    q = carried_joint_values(problem.arm, data.q)
+    points, rotations = nominal_poses(problem.robot, q)
+    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), np.zeros((len(data.point_names), 0)))
+    return replace(data, instrument=data.kind.prepared(seen, ~still_axes(problem.robot)))
+
+
+def _is_read(name: str, cells: Cells) -> bool:
+    """Whether a column was in the file."""
+    return name in cells.numbers or name in cells.codes
 
 
 def _approach_sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, Array, bool]:
@@ -246,4 +267,8 @@ def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
         f"data.distances names the point '{name}', which no row touches; {did_you_mean(name, names)}"
         for name in dict.fromkeys(name for a, b, _ in known.distances for name in (a, b))
         if data.touches and name not in names
+    ] + [
+        f"data.{data.kind.settings} names '{name}', which no row has; {did_you_mean(name, names)}"
+        for name in data.kind.stated
+        if name not in names
     ]

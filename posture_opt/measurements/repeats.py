@@ -132,7 +132,7 @@ class Contrasts:
             sided: indices of the joints whose stated side of approach matters; none by default.
         """
         n = len(data)
-        alike: list[Array | Codes] = [np.arange(n) if data.touches else repeat_groups(data, slides)]
+        alike: list[Array | Codes] = [np.arange(n) if data.position is None else repeat_groups(data, slides)]
         alike += [] if data.payload is None else [data.payload]
         alike += [data.approach[:, joint] for joint in (() if sided is None or not data.approach_given else sided)]
         groups = np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel()
@@ -149,8 +149,8 @@ class Contrasts:
         Whether the arm left the posture in between is not known: they scatter by the instrument, and by the joints if
         it did.
         """
-        repeat = np.arange(len(data)) if data.touches else repeat_of_row(data)
-        stay = repeat if data.touches else _stay_of_row(data)
+        repeat = np.arange(len(data)) if data.position is None else repeat_of_row(data)
+        stay = repeat if data.position is None else _stay_of_row(data)
         place = np.unique(np.column_stack([repeat, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
         rows = np.argsort(place, kind="stable")
         group, cell = place[rows], np.empty(len(rows), dtype=np.intp)

@@ -149,7 +149,7 @@ def assess(
     kept = calibration.kept_rows
     axes = calibration.residuals.axes
     used = data.take(kept)
-    direction = _task_direction(problem)
+    direction = _task_direction(problem) if len(data.kind.axis_names) == 3 else None
     errors = {
         "nominal": _measured_minus_model(calibration.errors_nominal[kept]),
         "calibrated": _measured_minus_model(calibration.errors[kept]),
@@ -174,12 +174,12 @@ def assess(
         calibrated=models["calibrated"],
         residual_scatter=_residual_scatter(errors["calibrated"][:, axes], len(np.unique(used.pose))),
         repeats=None
-        if data.touches
+        if data.position is None
         else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
         goals=goals_of(used, errors),
         trends=trends_of(used, fitted["calibrated"][:, axes]),
         sides=sides_of(used, fitted["calibrated"], _joint_motions(residuals, calibration.x)),
-        notes=_assessment_notes(problem, axes, direction),
+        notes=_assessment_notes(problem, axes, direction) if len(data.kind.axis_names) == 3 else (),
     )
 
 
@@ -227,8 +227,8 @@ def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
 
 
 def _joint_motions(residuals: Residuals, x: Array) -> list[Array]:
-    """For each joint, the shift (N, 3) of the tool point by a unit of it [m/rad or m/m]."""
-    return residuals.tool_shifts(residuals.robot.driven, x)
+    """For each joint, the change (N, 3) of what is read by a unit of it [m/rad or m/m]."""
+    return residuals.reading_shifts(residuals.robot.driven, x)
 
 
 def _rotation_errors(residuals: Residuals, x: Array, codes: Codes) -> Array | None:

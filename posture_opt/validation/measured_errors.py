@@ -149,6 +149,6 @@ def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, err
     """
     moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
-    axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)
+    axes = data.kind.axes(data.measured_axes)
     C, e = C[:, axes][:, :, axes], errors[:, axes]
     return np.asarray(squared_distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)

@@ -172,7 +172,7 @@ def joint_columns(residuals: Residuals, x: Array) -> Array:
         x: (k,) deviations from nominal [rad, m].
     """
     d = len(residuals.axes)
-    return np.asarray(residuals.sensitivities(residuals.robot.driven, x)[:, :d] * residuals.sigma)
+    return residuals.metres(residuals.sensitivities(residuals.robot.driven, x)[:, :d])
 
 
 def nominal_prediction(
@@ -208,7 +208,8 @@ def nominal_prediction(
         fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
         common[left_out] = A @ root
         scatter[left_out] = V[left_out][:, :d, :d] + Fi @ fitted @ np.swapaxes(Fi, -1, -2)
-    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals.data, scatter))
+    own = _about_points(residuals.data, scatter)
+    return Prediction(residuals.metres(common), residuals.metres(residuals.metres(own)))
 
 
 def calibrated_prediction(
@@ -228,7 +229,7 @@ def parameter_columns(residuals: Residuals, x: Array) -> Array:
     """(N, d, k) shift of the measured coordinates by a unit of each parameter; of touched points, about their mean."""
     N, d = len(residuals.data), len(residuals.axes)
     J = residuals.residuals_and_jacobian(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)
-    return residuals.data.about_points(J[:, :d] * residuals.sigma)
+    return residuals.data.about_points(residuals.metres(J[:, :d]))
 
 
 def scatter_covariances(residuals: Residuals, x: Array, scatter: Array, instrument: float) -> Array:

@@ -63,7 +63,7 @@ class RepeatScatter:
         for k, name in enumerate(driven):
             if name in errors.names:
                 stated[k] = np.sqrt(between[errors.names.index(name), errors.names.index(name)])
-        codes = np.arange(len(data)) if data.touches else repeat_groups(data, prismatic_joints(used))
+        codes = np.arange(len(data)) if data.position is None else repeat_groups(data, prismatic_joints(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
         copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY_TOLERANCE_M**2
@@ -75,7 +75,7 @@ class RepeatScatter:
         if not len(firsts):
             return cls(scatter, None, None, by, stated, outlying)
         first = used.take(firsts)
-        B = first.sensitivities(errors.names, calibration.x)[:, : len(used.axes)] * used.sigma
+        B = first.metres(first.sensitivities(errors.names, calibration.x)[:, : len(used.axes)])
         C = B @ between @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
         if not between.any():
             return cls(scatter, None, None, by, stated, outlying)

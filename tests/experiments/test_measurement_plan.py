@@ -296,7 +296,7 @@ def test_touched_points_are_given_and_positions_planned() -> None:
     heads = {f"{row[0]} [rad]": np.concatenate([front, back])[:, i] for i, row in enumerate(TABLE)}
     data = po.read_measurements({**heads, "point": ["front"] * len(front) + ["back"] * len(back)}, problem)
     plan = plan_few(problem, 12, given=data)
-    assert "the given rows touch points; the plan is for an instrument that measures positions" in plan.notes
+    assert "the given rows are touched points; the plan is for an instrument that measures positions" in plan.notes
     bare = plan_few(problem, 12)
     at = [p.name for p in plan.parameters].index("j3.theta")
     assert plan.before.std[at] < np.inf

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.instrument import position_sigma, rotation_sigma
-from posture_opt.calibration.estimation.fit import Fit, Prior, estimate_parameters
+from posture_opt.calibration.assumptions.instrument import place_sigmas, position_sigma, rotation_sigma
+from posture_opt.calibration.estimation.fit import Fit, Prior, estimate_parameters, minimum_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.least_squares import robust_noise
 from posture_opt.calibration.estimation.parameters import (
     Parameter,
     candidate_parameters,
+    place_parameters,
     prior_covariance,
     tool_unknown,
 )
@@ -54,12 +55,14 @@ def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, t
     if data.position is None:
         offset = problem.robot.factors[problem.robot.driven[0]].parameter
         notes.append(
-            f"touched points say nothing of {offset} and what lies before it: it moves arm and points together"
+            f"{data.kind.noun} say nothing of {offset} and what lies before it: it moves arm and {data.kind.label}s "
+            "together"
         )
     used = rotation if data.rotation is not None else 0.0
     parameters = unknown_parameters(problem, data, orientation=used > 0)
     distances = _known_distances(problem, data, sigma)
-    return Residuals.of(problem.arm, data, parameters, sigma, used, distances), tuple(notes)
+    own = place_sigmas(problem, data)
+    return Residuals.of(problem.arm, data, parameters, sigma, used, distances, own), tuple(notes)
 
 
 def unknown_parameters(problem: ProblemData, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
@@ -82,7 +85,7 @@ def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> 
     Raises:
         InputError: a stated distance names a point that no row touches.
     """
-    if data.position is not None:
+    if not data.touches:
         return ()
     found, issues = [], []
     for index, (a, b, length) in enumerate(problem.data.distances):
@@ -112,7 +115,7 @@ def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit 
 
     Args:
         x0: (k,) deviations [rad, m] where the fit starts; groups: of ``geometry``, ``base``, ``tool``, ``effect``,
-            ``point``.
+            ``place``.
     """
     found = _determined_directions(residuals, x0, groups)
     if found is None:
@@ -160,7 +163,7 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     wide = replace(residuals, parameters=(*candidate_parameters(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-    determined = _determined_directions(wide, start_at, {"base", "tool", "point"})
+    determined = _determined_directions(wide, start_at, {"base", "tool", "place"})
     if determined is None:
         return wide, start_at
     directions, _ = determined
@@ -173,15 +176,32 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     return wide, estimate_parameters(wide, start_at, directions).x
 
 
+def places_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
+    """The places of the rows fitted, as planes and anchors, the arm as it is: with these unknowns, and all deviations.
+
+    Args:
+        x: (k,) deviations of ``residuals.parameters`` [rad, m], none of which is of a place.
+    """
+    places = place_parameters(residuals.data)
+    if not places:
+        return residuals, x
+    own = residuals.parameters
+    wide = replace(residuals, parameters=(*own, *places))
+    start = starting_deviations(replace(wide, parameters=places))
+    x0 = np.r_[x, start]
+    steps = np.concatenate([np.zeros((len(own), len(places))), np.eye(len(places))])
+    return wide, minimum_of(wide, x0, steps, np.zeros((0, len(x0))))[0]
+
+
 def held_length(residuals: Residuals) -> int | None:
-    """The length that is held where an arm touches points and no known distance determines its size.
+    """The length that is held where an arm touches points or planes and no known distance determines its size.
 
     A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
     The longest one between the second and the last joint is held, as what lies before or behind is not the arm's alone;
     where there is none, the longest of all.
     """
     robot = residuals.robot
-    if residuals.data.position is not None or residuals.distances:
+    if residuals.data.kind.size_known or residuals.distances:
         return None
     every = {
         i: abs(p.nominal)

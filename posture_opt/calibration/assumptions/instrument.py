@@ -25,11 +25,27 @@ def reading_sigmas(problem: ProblemData, points: Array) -> Array:
 
 
 def position_sigma(problem: ProblemData, data: Measurements) -> float:
-    """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated.
+    """σ of a measured coordinate, or of what else is read, over all rows, root mean square [m]; 0 where none is stated.
 
     ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
     """
+    if data.kind.settings:
+        own = place_sigmas(problem, data)
+        return rms(np.array([own.get(name, 0.0) for name in data.point_names])[data.point])
     return _rms_sigma(reading_sigmas(problem, _measured_points(data)))
+
+
+def place_sigmas(problem: ProblemData, data: Measurements) -> dict[str, float]:
+    """σ of a reading at each plane or anchor [m]: that of the file, and what is stated of the place.
+
+    Empty for positions and touched points, of which all have one.
+    """
+    kind = data.kind
+    if not kind.settings:
+        return {}
+    stated = float(getattr(problem.measurement, kind.sigma_key, None) or 0.0)
+    found = {name: kind.sigma_of(name, stated) for name in data.point_names}
+    return found if all(found.values()) else {}
 
 
 def planned_sigma(problem: ProblemData, points: Array) -> float:

@@ -40,6 +40,8 @@ def full_coupling(arm: Arm, data: Measurements) -> JointCoupling | None:
             return touch_misfit(robot, values, data.point[rows])
         return affine_fit(robot, values, data.position[rows][:, data.measured_axes]).misfit
 
+    if data.position is None and not data.touches:
+        return None
     now = misfit(q)
     if not now > _POOR_MISFIT:
         return None

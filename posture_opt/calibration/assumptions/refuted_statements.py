@@ -195,7 +195,7 @@ class _Trial:
     @property
     def rms(self) -> float:
         """RMS position error [m]."""
-        e = self.e[:, : len(self.residuals.axes)] * self.residuals.sigma
+        e = self.residuals.metres(self.e[:, : len(self.residuals.axes)])
         return rms_length(e)
 
     @property
@@ -272,7 +272,7 @@ class _Statements(Generic[_P]):
     def _far_off(self, e: Array, residuals: Residuals) -> bool:
         """Whether residuals (N, block) are so far off that a tangent says little of them."""
         axes = len(residuals.axes)
-        left = rms_length(e[:, :axes]) * residuals.sigma
+        left = rms_length(residuals.metres(e[:, :axes]))
         return left > _LINEAR_ERROR_SHARE * reach(self.problem.robot)
 
     def _fitted_trial(self, released: tuple[str, ...], weight: float) -> _Trial:

@@ -88,7 +88,8 @@ class EffectSensitivities:
                 for joint, size in one.joints.items():
                     found[:, :, k] += self.joints[joint] * np.reshape(size, (-1, 1))
             return self._flat(found)
-        return self._flat(self.residuals.whiten([self.residuals.arm.twist_of(self.walk, one) for one in units]))
+        twists = [self.residuals.arm.twist_of(self.walk, one) for one in units]
+        return self._flat(self.residuals.whiten(twists, self.x, self.walk))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:
         """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one.
@@ -111,7 +112,7 @@ class EffectSensitivities:
         N, axes = len(residuals.data), len(residuals.axes)
         columns = np.zeros((N, residuals.block, axes, features.shape[1]))
         for slot in range(axes):
-            columns[:, slot, slot, :] = features / residuals.sigma
+            columns[:, slot, slot, :] = features / np.reshape(residuals.row_sigma, (-1, 1))
         return self._flat(columns.reshape(N, residuals.block, -1))
 
     def _flat(self, columns: Array) -> Array:

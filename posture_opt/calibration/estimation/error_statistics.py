@@ -83,7 +83,7 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
     Raises:
         InputError: places of measured positions, or blocks of touched points.
     """
-    if by == "place" and data.position is not None:
+    if by == "place" and not data.touches:
         raise InputError(Issue("no point is touched whose place could be left out", hint="leave out by pose or block"))
     if by == "block" and data.position is None:
         raise InputError(Issue("no positions are measured to be cut into blocks", hint="leave out by place or pose"))

@@ -25,15 +25,16 @@ _ANGLES = ("roll", "pitch", "yaw")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown: a parameter of the arm, of one target or of all rows, or the coordinate of a touched point.
+    """One unknown: a parameter of the arm, of one target or of all rows, or of a place: a touched point, a plane, ….
 
     Args:
-        name: ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``.
-        group: ``geometry``, ``base``, ``tool``, ``effect`` or ``point``.
+        name: ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``,
+            ``plane[NAME].offset``.
+        group: ``geometry``, ``base``, ``tool``, ``effect`` or ``place``.
         nominal: the value in the file [rad or m]; the unknown is the deviation from it.
-        source: the parameter of the arm that it deviates; empty for points.
-        code: target of a tool offset or point; -1 where the parameter acts in all rows.
-        axis: coordinate of a point.
+        source: the parameter of the arm that it deviates; empty for places.
+        code: target of a tool offset, or place; -1 where the parameter acts in all rows.
+        axis: which of the unknowns of a place.
     """
 
     name: str
@@ -53,8 +54,8 @@ def tool_unknown(robot: Robot, data: Measurements) -> bool:
 def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
     """Every parameter that measurements of this kind could say something about, from base to tool.
 
-    Touched points are in the frame of the base, which is then no unknown, nor is what moves arm and points
-    together: all before the first joint, and its own offset. ``beta`` is a candidate only between
+    Touched points, planes and anchors are in the frame of the base, which is then no unknown, nor is what moves arm and
+    places together: all before the first joint, and its own offset. ``beta`` is a candidate only between
     nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
 
     Args:
@@ -74,7 +75,7 @@ def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool 
                 found += _tool_parameters(robot, data, name, index)
             continue
         found.append(_of_factor(robot, name, group, index))
-    return (*found, *_point_parameters(data))
+    return (*found, *place_parameters(data))
 
 
 def effect_parameters(effect: Effect) -> list[Parameter]:
@@ -102,16 +103,14 @@ def _tool_parameters(robot: Robot, data: Measurements, name: str, index: int) ->
     return [_of_factor(robot, name, "tool", index, code) for code, name in enumerate(names)]
 
 
-def _point_parameters(data: Measurements) -> list[Parameter]:
-    """Coordinates of all touched points; none where positions were measured."""
-    if data.position is not None:
-        return []
-    names = data.point_names
-    return [
-        Parameter(f"point[{name}].{axis}", "point", "m", 0.0, "", k, i)
-        for k, name in enumerate(names)
-        for i, axis in enumerate(_AXES)
-    ]
+def place_parameters(data: Measurements) -> tuple[Parameter, ...]:
+    """The unknowns of all places: touched points, planes, anchors; none where positions were measured."""
+    kind = data.kind
+    return tuple(
+        Parameter(f"{kind.label}[{place}].{name}", "place", unit, 0.0, "", k, i)
+        for k, place in enumerate(data.point_names if kind.label else ())
+        for i, (name, unit) in enumerate(kind.unknowns(place))
+    )
 
 
 def _is_fitted(robot: Robot, joint: str, last: str) -> bool:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter, effect_parameters, tool_unknown
+from posture_opt.measurements.kinds import Seen
+from posture_opt.measurements.kinds.kind import Slots
 from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Twist
 from posture_opt.model.chain import Walk, factor_values, walk
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 _LEVEL_TOLERANCE_RAD = np.radians(
     10
 )  # a levelled instrument and a base that was set up with a level agree to better than this
+_MAX_UNKNOWNS = 6
+"""Unknowns of a place at most."""
 MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
@@ -32,17 +36,20 @@ Distance = tuple[int, int, float, float]
 class Residuals:
     """Model minus measurement as a function of the deviations ``x`` (k,) of ``parameters`` from nominal [rad, m].
 
-    Row i has the residuals ``(f(q_i; x) − m_i) / σ`` [1] in the measured axes of the world, then the rotation vector
-    between measured and modelled orientation over its σ; known distances follow behind all rows. All rows are walked at
+    Row i has the residuals ``(h(T(q_i; x)) − m_i) / σ`` [1], h what the `Kind` of measurement shows of the pose T: of
+    positions the measured axes of the world. Then comes the rotation vector between measured and modelled orientation
+    over its σ; known distances follow behind all rows. All rows are walked at
     once: a call costs a few hundred array operations, whatever N.
 
-    Any parameter of the arm can be among them: geometry, frames and effects alike; and touched points.
+    Any parameter of the arm can be among them: geometry, frames and effects alike; and places: touched points, planes,
+    anchors.
 
     Args:
         arm: under the inputs of every row of ``data``, see `Residuals.of`.
         sigma: standard deviation of each measured coordinate [m].
         sigma_rotation: of each component of the measured rotation [rad]; 0 leaves orientations out.
         distances: (first point, second point, distance [m], standard deviation [m]) known between points.
+        place_sigmas: standard deviations of a reading at some places, as planes of another flatness.
     """
 
     arm: Arm
@@ -51,14 +58,17 @@ class Residuals:
     sigma: float
     sigma_rotation: float = 0.0
     distances: tuple[Distance, ...] = ()
+    place_sigmas: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls, arm: Arm, data: Measurements, parameters: tuple[Parameter, ...], sigma: float,
         sigma_rotation: float = 0.0, distances: tuple[Distance, ...] = (),
+        place_sigmas: Mapping[str, float] | None = None,
     ) -> Residuals:  # fmt: skip
         """Of an arm whose effects see the inputs of every row."""
-        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, sigma_rotation, distances)
+        own = dict(place_sigmas or {})
+        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, sigma_rotation, distances, own)
 
     @property
     def robot(self) -> Robot:
@@ -72,8 +82,8 @@ class Residuals:
 
     @property
     def axes(self) -> Codes:
-        """Coordinates of the position that were measured."""
-        return np.flatnonzero(self.data.measured_axes) if self.data.position is not None else np.arange(3)
+        """Where in a vector of three the numbers of a reading are: of positions, the measured coordinates."""
+        return self.data.kind.axes(self.data.measured_axes)
 
     @property
     def block(self) -> int:
@@ -82,11 +92,11 @@ class Residuals:
 
     @property
     def free_groups(self) -> frozenset[str]:
-        """The groups of parameters that are fitted to the nominal arm too: touched points and free frames.
+        """The groups of parameters that are fitted to the nominal arm too: places and free frames.
 
         Several targets are several points of one tool, of which the file can state but one: their offsets are free.
         """
-        free = {"point": True, "base": self.robot.base_free, "tool": tool_unknown(self.robot, self.data)}
+        free = {"place": True, "base": self.robot.base_free, "tool": tool_unknown(self.robot, self.data)}
         return frozenset(group for group, is_free in free.items() if is_free)
 
     @property
@@ -198,43 +208,67 @@ class Residuals:
         """
         reached = reached or self.walk(x)
         twists = self.arm.twists(names, self.q, reached, self.deviations(x))
-        return self.whiten(twists)
+        return self.whiten(twists, x, reached)
 
-    def tool_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
-        """For each model parameter, (N, 3) the shift of the tool point by a unit of it [m/rad or m/m]."""
-        twists = self.arm.twists(names, self.q, self.walk(x), self.deviations(x))
-        return [stacked_rows(shift, len(self.data)) for shift, _ in twists]
+    def reading_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
+        """For each model parameter, (N, 3) the change of what is read by a unit of it [m/rad or m/m], as `error`."""
+        reached = self.walk(x)
+        twists, seen = self.arm.twists(names, self.q, reached, self.deviations(x)), self.seen(x, reached)
+        return [self._rows(self.data.kind.slope(seen, shift, turn)) for shift, turn in twists]
 
-    def whiten(self, twists: Sequence[Twist]) -> Array:
-        """(N, block, K) of K shifts and small rotations of the tool, each in units of the σ's."""
+    def _rows(self, slots: Slots) -> Array:
+        """(N, 3) of the numbers of a reading; zeros behind them."""
+        return stacked_rows([*slots, *[0.0] * (3 - len(slots))], len(self.data))
+
+    def whiten(self, twists: Sequence[Twist], x: Array, reached: Walk) -> Array:
+        """(N, block, K) of K shifts and small rotations of the tool at deviations ``x`` (k,), in units of the σ's."""
         found = np.empty((len(self.data), self.block, len(twists)))
-        axes = self.axes
+        axes, kind, seen, sigma = self.axes, self.data.kind, self.seen(x, reached), self.row_sigma
         for k, (shift, turn) in enumerate(twists):
+            slots = kind.slope(seen, shift, turn)
             for slot, axis in enumerate(axes):
-                found[:, slot, k] = shift[axis] / self.sigma
+                found[:, slot, k] = slots[axis] / sigma
             if self.oriented:
                 for axis in range(3):
                     found[:, len(axes) + axis, k] = turn[axis] / self.sigma_rotation
         return found
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
-        """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""
+        """Reading of the model minus the measured one (N, 3) [m], in the coordinates `axes`; zeros in others.
+
+        Of touched points, the position minus the point.
+        """
         if reached is None and len(self.data) > MAX_WALKED_ROWS:
             parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MAX_WALKED_ROWS))
             return np.concatenate([self.take(rows).error(x) for rows in parts])
-        reached = reached or self.walk(x)
-        position = stacked_rows(reached.position, len(self.data))
-        if self.data.position is not None:
-            return position - self.data.position
-        return position - self.points(x)[self.data.point]
+        return self._rows(self.data.kind.error(self.seen(x, reached or self.walk(x))))
 
-    def points(self, x: Array) -> Array:
-        """The touched points (P, 3) [m] among the deviations ``x``."""
-        points = np.zeros((len(self.data.point_names), 3))
+    def seen(self, x: Array, reached: Walk) -> Seen:
+        """The rows beside where the arm has the tool at the deviations ``x``."""
+        return self.data.seen(reached.position, reached.columns, self.places(x))
+
+    def places(self, x: Array) -> Array:
+        """(P, u) what is unknown of places among the deviations ``x``: coordinates of touched points [m], planes, …"""
+        found = np.zeros((len(self.data.point_names) or 1, _MAX_UNKNOWNS))
         for parameter, value in zip(self.parameters, x, strict=True):
-            if parameter.group == "point":
-                points[parameter.code, parameter.axis] = parameter.nominal + value
-        return points
+            if parameter.group == "place":
+                found[parameter.code, parameter.axis] = parameter.nominal + value
+        return found
+
+    @cached_property
+    def row_sigma(self) -> Any:
+        """Standard deviation of a reading [m], (N,) where it is not the same in all rows."""
+        if not self.place_sigmas:
+            return self.sigma
+        every = np.array([self.place_sigmas.get(name, self.sigma) for name in self.data.point_names])
+        return every[self.data.point]
+
+    def metres(self, whitened: Array, rows: Codes | slice = slice(None)) -> Array:
+        """What values (n, …) of some rows, in units of the σ's, are in [m]."""
+        if not self.place_sigmas:
+            return whitened * self.sigma
+        sigma = self.row_sigma[rows]
+        return np.asarray(whitened * sigma.reshape(-1, *[1] * (whitened.ndim - 1)))
 
     def rotation_error(self, reached: Walk) -> Array:
         """Rotation vector (N, 3) [rad] in the world that turns the measured orientation into the model's."""
@@ -259,7 +293,7 @@ class Residuals:
 
     def _vector(self, x: Array, reached: Walk) -> Array:
         """Whitened residuals (m,) of rows, then of known distances."""
-        parts = [self.error(x, reached)[:, self.axes] / self.sigma]
+        parts = [self.error(x, reached)[:, self.axes] / np.reshape(self.row_sigma, (-1, 1))]
         if self.oriented:
             parts.append(self.rotation_error(reached) / self.sigma_rotation)
         rows = np.concatenate(parts, axis=1).ravel()
@@ -269,28 +303,35 @@ class Residuals:
         """Derivatives (m, k) of the whitened residuals; a parameter of one target or point acts in its rows alone."""
         N = len(self.data)
         J = np.zeros((len(self.parameters), N, self.block))
-        own = [k for k, p in enumerate(self.parameters) if p.source]
+        own, seen = [k for k, p in enumerate(self.parameters) if p.source], self.seen(x, reached)
         columns = self.sensitivities([self.parameters[k].source for k in own], x, reached)
         J[own] = np.moveaxis(columns, -1, 0)
         for k, parameter in enumerate(self.parameters):
             if not parameter.source:
-                J[k, self.data.point == parameter.code, parameter.axis] = -1.0 / self.sigma
+                self._place_columns(J[k], parameter, seen)
             elif parameter.code >= 0:
                 J[k, self.data.target != parameter.code] = 0.0
         dense = J.reshape(len(self.parameters), -1).T
         return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense
 
+    def _place_columns(self, columns: Array, parameter: Parameter, seen: Seen) -> None:
+        """Puts what an unknown of a place changes into ``columns`` (N, block): its own rows alone."""
+        slots = self.data.kind.unknown_slope(seen, parameter.axis)
+        own = self.data.point == parameter.code
+        for slot, axis in enumerate(self.axes):
+            columns[own, slot] = np.broadcast_to(slots[axis] / self.row_sigma, own.shape)[own]
+
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
         r = np.zeros(len(self.distances))
         J = np.zeros((len(self.distances), len(self.parameters)))
-        points = self.points(x) if self.distances else np.zeros((0, 3))
+        points = self.places(x)[:, :3] if self.distances else np.zeros((0, 3))
         for row, (a, b, length, sigma) in enumerate(self.distances):
             between = points[a] - points[b]
             reached = max(float(np.linalg.norm(between)), 1e-12)
             r[row] = (reached - length) / sigma
             for k, parameter in enumerate(self.parameters):
-                if parameter.group == "point" and parameter.code in (a, b):
+                if parameter.group == "place" and parameter.code in (a, b):
                     J[row, k] = (1 if parameter.code == a else -1) * between[parameter.axis] / reached / sigma
         return r, J
 

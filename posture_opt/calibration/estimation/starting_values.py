@@ -63,11 +63,8 @@ def starting_deviations(residuals: Residuals) -> Array:
     values: dict[str, float] = {}
     offset = flange.nominal
     if data.position is None:
-        offset, points = _socket_start(flange, data.point, len(data.point_names), tool_free)
-        R_b, t_b = _base_pose(residuals)
-        points = points @ R_b.T + t_b
-        for k, name in enumerate(data.point_names):
-            values |= {f"point[{name}].{a}": points[k, i] for i, a in enumerate("xyz")}
+        offset = _socket_start(flange, data.point) if tool_free and data.touches else offset
+        values |= _place_starts(residuals, flange, offset)
     elif robot.base_free or tool_free:
         R_b, t_b, offset = _frames_start(flange, data.position, (robot.base_free, tool_free), _base_pose(residuals))
         if robot.base_free:
@@ -229,22 +226,29 @@ def _tool_offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool)
     return flange.solved(A, flange.p - turned, 3, spread)[3:].reshape(-1, 3)
 
 
-def _socket_start(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Array, Array]:
-    """Offsets (tools, 3) and touched points (P, 3) [m] in the base: each point is the mean of its touches."""
-    offset = flange.nominal
-    if free:
-        # The points are means: without them, only how far each row strays from the mean of its point is left.
-        A = np.zeros((len(point), 3, offset.size))
-        flange.columns(A, 0)
-        own = np.unique(point, return_inverse=True)[1]
-        A, b = A - group_means(A, own)[own], flange.p - group_means(flange.p, own)[own]
-        off = rms(b - A.reshape(len(point), 3, -1) @ offset.ravel())
-        offset = flange.solved(A, b, 0, off).reshape(-1, 3)
-    reached = flange.reached(offset)
-    middle = np.zeros((points, 3))
-    for k in np.unique(point):
-        middle[k] = reached[point == k].mean(axis=0)
-    return offset, middle
+def _socket_start(flange: _Flange, point: Codes) -> Array:
+    """Offsets (tools, 3) [m] with which the touches of each point agree best."""
+    # The points are means: without them, only how far each row strays from the mean of its point is left.
+    A = np.zeros((len(point), 3, flange.nominal.size))
+    flange.columns(A, 0)
+    own = np.unique(point, return_inverse=True)[1]
+    A, b = A - group_means(A, own)[own], flange.p - group_means(flange.p, own)[own]
+    off = rms(b - A.reshape(len(point), 3, -1) @ flange.nominal.ravel())
+    return flange.solved(A, b, 0, off).reshape(-1, 3)
+
+
+def _place_starts(residuals: Residuals, flange: _Flange, offset: Array) -> dict[str, float]:
+    """The unknowns of places that suit the nominal arm with some offsets (tools, 3) of its tools, by name."""
+    data, kind = residuals.data, residuals.data.kind
+    R_b, t_b = _base_pose(residuals)
+    points, columns = flange.reached(offset) @ R_b.T + t_b, np.moveaxis(R_b @ flange.R, 0, -1).swapaxes(0, 1)
+    none = np.zeros((max(len(data.point_names), 1), 0))
+    found = kind.start(data.seen(points.T, list(columns), none), len(data.point_names))
+    return {
+        f"{kind.label}[{place}].{name}": float(found[k, i])
+        for k, place in enumerate(data.point_names)
+        for i, (name, _) in enumerate(kind.unknowns(place))
+    }
 
 
 def roll_pitch_yaw(R: Array) -> dict[str, float]:

@@ -205,7 +205,7 @@ def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
     U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
     U = U[:, s > _RANK_TOLERANCE * s.max(initial=0.0)]
     both = (v.reshape(-1, residuals.block)[:, : len(residuals.axes)] for v in (moved, moved - U @ (U.T @ moved)))
-    alone, beyond = (np.linalg.norm(v, axis=1) * residuals.sigma for v in both)
+    alone, beyond = (np.linalg.norm(residuals.metres(v), axis=1) for v in both)
     return np.asarray(alone), np.asarray(beyond)
 
 
@@ -251,7 +251,7 @@ def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
             lengths.
     """
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
-    evidence = Evidence(residuals.data.position is not None, tuple(lengths))
+    evidence = Evidence(residuals.data.kind.size_known, tuple(lengths))
     return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
 
 

@@ -44,7 +44,7 @@ def extended_arm(
     rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
     if len(rows) == len(calibration.residuals.data):  # where no effect is delivered, outliers are among them
         rows = rows[calibration.kept_rows]
-    scatter = residual_scatter(problem, fitted, noises, rows * delivered.residuals.sigma)
+    scatter = residual_scatter(problem, fitted, noises, delivered.residuals.metres(rows))
     places = places_in_robot(calibration.parameters)
     deviations = {name: float(delivered.x[i]) for name, i in places.items()}
     base = {name: value for name, value in deviations.items() if name.rpartition(".")[0] == "base"}

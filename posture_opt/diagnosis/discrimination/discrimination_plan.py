@@ -113,7 +113,7 @@ def plan_discrimination(
         linearised: the data so far; model: the fitted arm with its effects; seed: of the candidate postures.
     """
     discrimination = ModelDiscrimination.of(linearised, model, rivals)
-    if not discrimination.all or linearised.sensitivities.residuals.data.touches:
+    if not discrimination.all or linearised.sensitivities.residuals.data.position is None:
         return None
     try:
         rows = candidate_rows(

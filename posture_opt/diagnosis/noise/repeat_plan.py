@@ -46,7 +46,7 @@ def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenError
         uneven: errors that look like noise of a joint; those that repeats refute already need no more of them.
     """
     plans: list[RepeatPlan] = []
-    if data.touches:  # whoever leads an arm into sockets by hand does not come back to a posture
+    if data.position is None:  # whoever leads an arm into sockets by hand does not come back to a posture
         return ()
     for errors in uneven:
         # Rows of one posture are there already: whether the arm left it in between decides, and not more of them.

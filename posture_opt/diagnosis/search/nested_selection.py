@@ -150,7 +150,7 @@ class Folding:
     @classmethod
     def usual(cls, data: Measurements, count: int = levels.SELECTION_FOLDS) -> tuple[Folding, ...]:
         """By place that was touched; else by pose, which shows the noise, and by block, which shows the rest."""
-        ways: tuple[By, ...] = ("place",) if data.position is None else ("pose", "block")
+        ways: tuple[By, ...] = ("place",) if data.touches else ("pose",) if data.position is None else ("pose", "block")
         return tuple(cls.of(data, by, count) for by in ways)
 
 

@@ -59,10 +59,11 @@ class Shown:
         residuals = found.residuals.take(kept)
         reached = residuals.walk(found.x)
         errors = {"nominal": -1e3 * found.errors_nominal[kept], "calibrated": -1e3 * found.errors[kept]}
-        position = residuals.data.position
-        places = residuals.points(found.x)[residuals.data.point] if position is None else position
+        position, data = residuals.data.position, residuals.data
+        places = stacked_rows(reached.position, len(kept)) if position is None else position
+        places = residuals.places(found.x)[data.point, :3] if data.touches else places
         origin = reached.screws[len(residuals.robot.base)].origin
-        columns = tuple(residuals.tool_shifts(residuals.robot.driven, found.x))
+        columns = tuple(residuals.reading_shifts(residuals.robot.driven, found.x))
         return cls(
             residuals, found.x, errors, 1e3 * places, columns, 1e3 * stacked_rows(origin, len(kept))[0],
             tuple(int(axis) for axis in residuals.axes),

@@ -57,7 +57,8 @@ def repeats_block(found: Assessment) -> Block:
     """
     title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
     if repeats is None and found.calibrated.mean is None:
-        return Block(title, ("Touched points do not show repeatability: no position was measured.",))
+        seen = found.calibration.request.data.kind.noun.capitalize()
+        return Block(title, (f"{seen} do not show repeatability: no position was measured.",))
     if repeats is None:
         return Block(title, ("No posture was repeated: repeatability is unknown.",))
     low, high = repeats.interval
@@ -135,16 +136,18 @@ def instrument_block(found: Assessment) -> Block:
     """
     rule = "An instrument should be ten times more accurate than the errors it measures."
     if not found.instrument:
-        hint = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
+        key = found.calibration.request.data.kind.sigma_key
+        hint = f"add uncertainty: {{measurement: {{{key}: 0.05 mm}}}} to the problem file."
         return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {hint}",))
-    texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per coordinate."]
+    one = found.calibration.request.data.kind.number_words
+    texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per {one}."]
     for name, words in (("nominal", "The error before calibration"), ("calibrated", "The error after calibration")):
         ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
         if ratio >= MIN_INSTRUMENT_RATIO:
-            texts.append(f"{words} is {size} per coordinate, {ratio:.0f} times that: good enough.")
+            texts.append(f"{words} is {size} per {one}, {ratio:.0f} times that: good enough.")
         else:
             texts.append(
-                f"Warning: {words[0].lower()}{words[1:]} is {size} per coordinate, only {number(ratio, 2)} times that: "
+                f"Warning: {words[0].lower()}{words[1:]} is {size} per {one}, only {number(ratio, 2)} times that: "
                 "part of it is the error of the instrument."
             )
     return Block("The instrument", tuple(texts))

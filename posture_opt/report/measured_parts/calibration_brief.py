@@ -59,7 +59,9 @@ def _measured(problem: ProblemData, found: Calibration) -> str:
     if data.touches:
         return f"{rows} at {count(len(data.point_names), 'touched point')}"
     sigma = position_sigma(problem, data)
-    return f"{rows}; " + (f"instrument σ {stated_length(sigma)} per coordinate" if sigma else "no σ of the instrument")
+    per = " per coordinate" if data.position is not None else ""
+    rows += "" if data.position is not None else f", {data.kind.noun}: {', '.join(data.point_names)}"
+    return f"{rows}; " + (f"instrument σ {stated_length(sigma)}{per}" if sigma else "no σ of the instrument")
 
 
 def _errors(found: Calibration) -> str:
@@ -118,6 +120,6 @@ def next_steps(found: Calibration, seen: Assessment) -> tuple[str, ...]:
         steps.append("'diagnose' searches for the cause of the remaining error, most of which is not instrument noise")
     if found.identifiability.words:
         steps.append("'plan-measurements' proposes postures that determine more parameters")
-    if seen.repeats is None and not found.request.data.touches:
+    if seen.repeats is None and found.request.data.position is not None:
         steps.append("measure ten postures five times each to separate scatter from systematic error")
     return tuple(steps) or ("plan with calibrated.yaml, which --out DIR writes",)

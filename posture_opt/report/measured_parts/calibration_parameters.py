@@ -33,7 +33,7 @@ def parameters_block(found: Calibration) -> Block:
     significant for one parameter. The column of priors is left out where none is stated, and touched points are
     counted, not listed.
     """
-    shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
+    shown = [i for i, p in enumerate(found.parameters) if p.group != "place"]
     headers = (
         "parameter",
         "unit",
@@ -47,12 +47,41 @@ def parameters_block(found: Calibration) -> Block:
     )
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=3)
-    points = (len(found.parameters) - len(shown)) // 3
+    data = found.request.data
+    points = len(data.point_names) if data.touches else 0
     extra = [f"The positions of {count(points, 'touched point')} are fitted too."] if points else []
     priors = "; the prior is the stated σ" if width == len(headers) else "; no prior σ is stated"
     text = f"Estimates with one standard error, without bounds{priors}. "
     words = [*extra, *_significance(found), *_far(found, shown)]
     return Block("Parameters", (text, table, *words, *_correlations(found, shown)))
+
+
+def places_blocks(found: Calibration) -> list[Block]:
+    """What was found of planes and anchors, in the frame of the base, and what such data cannot show."""
+    blocks = []
+    for one in found.instruments.values():
+        if not one.places or found.request.data.touches:
+            continue
+        names = list(dict.fromkeys(key for place in one.places.values() for key in place))
+        rows = [(name, *(_place_cell(key, place.get(key)) for key in names)) for name, place in one.places.items()]
+        headers = (one.kind, *(f"{key} [mm]" if key in _LENGTHS else key for key in names))
+        blind = (f"{sentence(one.blind_spot)}",) if one.blind_spot else ()
+        how = "In the world of the file; found together with the arm."
+        blocks.append(Block(f"What the {one.noun} show", (how, Table(headers, tuple(rows)), *blind)))
+    return blocks
+
+
+_LENGTHS = ("x", "y", "z", "offset", "distance")
+"""Unknowns of places that are lengths."""
+
+
+def _place_cell(key: str, value: object) -> str:
+    """One unknown of a place: lengths in mm, directions as they are."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        return "(" + ", ".join(f"{v:.5f}" for v in value) + ")"
+    return f"{1e3 * float(value):.3f}" if key in _LENGTHS else f"{float(value):.6f}"  # type: ignore[arg-type]
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:
@@ -126,7 +155,7 @@ def undetermined_names(found: Calibration, most: int) -> str:
     Args:
         most: how many are named; the others are counted.
     """
-    names = [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if not fixed and p.group != "point"]
+    names = [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if not fixed and p.group != "place"]
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 

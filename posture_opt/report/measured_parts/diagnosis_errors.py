@@ -9,8 +9,8 @@ import numpy as np
 from posture_opt.report.measured_parts.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
 from posture_opt.report.measured_parts.error_table import (
     ELSEWHERE,
-    ERROR_HEADERS,
     error_cells,
+    error_headers,
     error_table,
     held_out_sentence,
     mm,
@@ -41,7 +41,7 @@ def errors_block(found: Diagnosis) -> Block:
     ]
     floor = noise_floor(found)
     rows += [(floor.label, mm(floor.rms), "", "", "", "", "")] if floor.rms else []
-    headers = (*ERROR_HEADERS, "in its 95 % region")
+    headers = (*error_headers(found.request.data), "in its 95 % region")
     texts = [f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence."]
     if fitted_effects(found):
         texts.append(_gain_text(found))
@@ -187,7 +187,7 @@ def test_block(found: Diagnosis) -> Block:
     test = found.test
     assert test is not None
     models = tested_models(found)
-    table = error_table({words: test.models[name] for name, words in models.items()})
+    table = error_table({words: test.models[name] for name, words in models.items()}, found.request.data)
     items: list[str | Facts | Table] = [file_words(test.file), table, *range_items(test.file, models)]
     if test.worse:
         labels = [f.cause.label for place, f in fitted_effects(found) if place in test.worse]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 ELSEWHERE = 20
 """Times the errors at home: no arm drifts that far."""
-ERROR_HEADERS = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
+_ERROR_HEADERS = ("RMS", "interval of RMS", "mean", "95 % below", "max")
 _LEFT_OUT = {
     "pose": "its pose",
     "block": "its block of the workspace",
@@ -39,16 +39,22 @@ def held_out_sentence(by: str, rounds: int) -> str:
 def error_cells(s: Statistics) -> tuple[str, ...]:
     """Lengths of position errors in mm, without the name of the model.
 
-    RMS, its 95 % interval, mean, the length that 95 % do not exceed, and maximum, as `ERROR_HEADERS` names them.
+    RMS, its 95 % interval, mean, the length that 95 % do not exceed, and maximum, as `error_headers` names them.
     """
     low, high = (value * 1e3 for value in s.interval)
     decimals = decimals_of(high, 3)
     return (mm(s.rms), f"{fixed(low, decimals)} to {fixed(high, decimals)}", mm(s.mean), mm(s.p95), mm(s.max))
 
 
-def error_table(rows: Mapping[str, Statistics]) -> Table:
-    """Lengths of position errors in mm, a row a model."""
-    return Table(ERROR_HEADERS, tuple((name, *error_cells(statistics)) for name, statistics in rows.items()))
+def error_headers(data: Measurements | None = None) -> tuple[str, ...]:
+    """The headers of a table of errors; what errors are called depends on what was measured."""
+    words = "position error" if data is None else data.kind.error_words
+    return (f"{words} [mm]", *_ERROR_HEADERS)
+
+
+def error_table(rows: Mapping[str, Statistics], data: Measurements | None = None) -> Table:
+    """Lengths of errors in mm, a row a model; ``data`` that were predicted, positions by default."""
+    return Table(error_headers(data), tuple((name, *error_cells(statistics)) for name, statistics in rows.items()))
 
 
 def mm(metres: float) -> str:
@@ -58,6 +64,9 @@ def mm(metres: float) -> str:
 
 def instrument_words(problem: ProblemData, data: Measurements) -> str:
     """How well the instrument measures a coordinate, where there is an instrument and its accuracy is stated."""
+    if data.kind.settings:
+        sigma = position_sigma(problem, data)
+        return f"{stated_length(sigma)} (one standard deviation)" if sigma else "no accuracy is stated"
     if data.position is None:
         return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
     sigma = position_sigma(problem, data)

@@ -79,7 +79,8 @@ def directions_block(found: Assessment) -> Block:
     headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
     how = "Bias keeps its sign; RMS, mean, 95 % and max are of the length of the error vector."
     notes = map(sentence, found.notes)
-    return Block("Errors by direction", (how, Table(headers, tuple(rows), text_columns=2), *notes), "residual_vectors")
+    figure = "residual_vectors" if len(found.calibration.request.data.kind.axis_names) == 3 else ""
+    return Block("Errors by direction", (how, Table(headers, tuple(rows), text_columns=2), *notes), figure)
 
 
 def _direction_name(found: Assessment, name: str) -> str:
@@ -87,7 +88,10 @@ def _direction_name(found: Assessment, name: str) -> str:
     if name in ("along", "across"):
         assert found.direction is not None
         return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
-    return _TOTALS[len(found.axes)] if name == "all" else name
+    if name == "all":
+        return _TOTALS[len(found.axes)]
+    names = found.calibration.request.data.kind.axis_names
+    return names["xyz".index(name)]
 
 
 def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
@@ -120,7 +124,8 @@ def _mean_text(found: Assessment, name: str) -> str:
     model: ModelErrors = getattr(found, name)
     blocks = _blocks_text(found, model.blocks) if model.blocks else ""
     if model.mean is None:
-        overall = "the mean of every touched point is zero, since its position is known from the touches only"
+        one = found.calibration.request.data.kind.label
+        overall = f"the mean of every {one} is zero, since where it is follows from these rows only"
     elif np.all(np.abs(model.mean.mean) <= _ZERO_MEAN_SHARE * model.mean.error):
         overall = "the mean over all rows is zero, as the fit enforces"
     else:
@@ -206,7 +211,8 @@ def _trend_text(trend: Trend) -> str:
 def _answer(found: Assessment) -> str:
     """RMS error per coordinate before and after calibration."""
     before, after = (length(model.coordinate) for model in (found.nominal, found.calibrated))
-    return f"RMS error per coordinate: {before} before calibration, {after} calibrated."
+    one = found.calibration.request.data.kind.number_words
+    return f"RMS error per {one}: {before} before calibration, {after} calibrated."
 
 
 class AssessmentPresenter(Presenter[Assessment]):
@@ -254,8 +260,9 @@ def assessment_drawings(found: Assessment) -> Drawings:
     left out otherwise.
     """
     rows = Shown.of(found.calibration)
+    spatial = len(rows.data.kind.axis_names) == 3
     drawings: Drawings = {
-        "residual_vectors": partial(plot_residual_vectors, rows),
+        **({"residual_vectors": partial(plot_residual_vectors, rows)} if spatial else {}),
         "residual_joints": partial(plot_residuals_over_joints, rows),
         "residual_inputs": partial(plot_residuals_over_inputs, rows),
     }

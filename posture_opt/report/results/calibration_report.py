@@ -18,6 +18,7 @@ from posture_opt.report.measured_parts.calibration_brief import calibration_brie
 from posture_opt.report.measured_parts.calibration_parameters import (
     determined_words,
     parameters_block,
+    places_blocks,
     undetermined_block,
 )
 from posture_opt.report.measured_parts.contradictions import doubts_lead
@@ -59,6 +60,7 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
         *assessment_blocks(shown.evaluation.assessment),
         *spread_check_blocks(shown.evaluation.spread_check),
         parameters_block(found),
+        *places_blocks(found),
         undetermined_block(found),
         outliers_block(found),
         *([test_block(found, found.test)] if found.test is not None else []),
@@ -99,9 +101,10 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
 def _answer(found: Calibration) -> str:
     """RMS position error [mm] before and after, or that calibration does not help."""
     before, after = (mm(s.rms) for s in (found.nominal, found.calibrated))
+    what = found.request.data.kind.error_words
     if found.calibrated.rms >= found.nominal.rms:
-        return f"Calibration does not help: position errors of {before} mm RMS become {after} mm."
-    return f"On rows held out from the fit, calibration reduces the RMS position error from {before} mm to {after} mm."
+        return f"Calibration does not help: {what}s of {before} mm RMS become {after} mm."
+    return f"On rows held out from the fit, calibration reduces the RMS {what} from {before} mm to {after} mm."
 
 
 def data_block(problem: ProblemData, found: Calibration) -> Block:
@@ -134,7 +137,8 @@ def errors_block(problem: ProblemData, found: Calibration) -> Block:
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
     gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
-    table = error_table({MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated})
+    models = {MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated}
+    table = error_table(models, found.request.data)
     text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
     return Block("What the simulation gets wrong", (text, table))
 
@@ -158,7 +162,7 @@ def test_block(found: Calibration, other: OtherFile) -> Block:
     first file come with the hint to fit base and tool again.
     """
     names = {name: MODEL_NAMES[name] for name in other.models}
-    table = error_table({names[name]: statistics for name, statistics in other.models.items()})
+    table = error_table({names[name]: statistics for name, statistics in other.models.items()}, other.data)
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
     items = (file_words(other), table, *range_items(other, names))
     return Block("Test file", (*items, *([hint] if stood_elsewhere(found) else [])))
@@ -190,7 +194,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
         facts = (
             ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
             (
-                "Position error",
+                found.request.data.kind.error_words.capitalize(),
                 f"{mm(found.nominal.rms)} mm RMS before calibration, {mm(found.calibrated.rms)} mm after",
             ),
             ("", "(cross-validated)"),

@@ -59,6 +59,10 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
         yield f"{name} [{unit}]", data.q[:, k]
     if data.position is not None:
         yield from ((f"{axis} [m]", data.position[:, k]) for k, axis in enumerate("xyz") if data.measured_axes[k])
+    if data.reading is not None:
+        units = {"length": "m", "angle": "rad"}
+        columns = data.kind.columns.items()
+        yield from ((f"{name} [{units[d]}]", data.reading[:, k]) for k, (name, d) in enumerate(columns))
     if data.rotation is not None:
         yield from ((name, data.rotation[:, k]) for k, name in enumerate(("qw", "qx", "qy", "qz")))
     yield from _labels(data)
@@ -81,7 +85,7 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
     for label, codes, names in (
         ("target", data.target, data.target_names),
         ("robot", data.robot, data.robot_names),
-        ("point", data.point, data.point_names),
+        (data.kind.label, data.point, data.point_names),
     ):
         if names:
             yield label, [names[code] for code in codes]
@@ -89,8 +93,10 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
 
 def _measured(data: Measurements) -> str:
     """The measured axes and whether orientations were measured, or how many points were touched."""
-    if data.position is None:
+    if data.touches:
         return f"touches of {len(data.point_names)} points"
+    if data.position is None:
+        return f"{data.kind.noun}: {', '.join(data.point_names)}"
     axes = ", ".join(name for name, seen in zip("xyz", data.measured_axes, strict=True) if seen)
     return f"position ({axes})" + (" and orientation" if data.rotation is not None else "")
 

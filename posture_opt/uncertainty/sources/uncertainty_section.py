@@ -35,8 +35,10 @@ _LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")
 class MeasurementSpec(Spec):
     """Standard deviations of the measuring instrument, used with data."""
 
-    position: Length = Field(ge=0, description="of each coordinate of the measured point")
+    position: Length = Field(0.0, ge=0, description="of each coordinate of the measured point")
     orientation: Angle | None = Field(None, ge=0, description="of each component of the measured rotation")
+    plane: Length | None = Field(None, ge=0, description="of each touch of a plane, its flatness left out")
+    distance: Length | None = Field(None, ge=0, description="of each measured distance")
     degrees_of_freedom: int | None = Field(
         None, ge=1, description="of an estimate of it (GUM, G.3), as from repeats; left out where it is known"
     )

@@ -70,7 +70,7 @@ class Evidence:
     """What one robot's data are made of.
 
     Args:
-        positions: whether an instrument measured places, in place of touched points.
+        positions: whether an instrument measured lengths, in place of touched points and planes.
         lengths: names of the arm's lengths that the data could say something about.
     """
 

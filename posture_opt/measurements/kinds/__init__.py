@@ -1,0 +1,22 @@
+"""The kinds of measurement: one file each, listed here."""
+
+from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
+from posture_opt.measurements.kinds.kind import Kind, Seen
+from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
+from posture_opt.measurements.kinds.point import PointContact
+from posture_opt.measurements.kinds.position import Position
+
+KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance)
+"""All kinds; the columns of a file say which of them it holds."""
+
+__all__ = [
+    "KINDS",
+    "AnchorDistance",
+    "AnchorSpec",
+    "Kind",
+    "PlaneContact",
+    "PlaneSpec",
+    "PointContact",
+    "Position",
+    "Seen",
+]

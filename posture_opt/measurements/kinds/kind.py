@@ -1,0 +1,140 @@
+"""``Kind``: what a measurement shows of the pose of the tool, and what it leaves unknown."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes, Json, Mask
+
+Vector = Sequence[Any] | Array
+"""Three coordinates, each a number or (N,)."""
+Slots = tuple[Any, ...]
+"""The d numbers of a reading, each a number or (N,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The tool at N rows, beside what was read there.
+
+    Args:
+        position: of the tool point [m], world; three of (N,).
+        columns: of the rotation R_world_tool, each three of (N,).
+        reading: (N, D) what the instrument showed, in its SI unit.
+        place: (N,) code of the plane, anchor or point that each row belongs to.
+        values: (N, u) the unknowns of that place.
+    """
+
+    position: Vector
+    columns: Sequence[Vector] | Array
+    reading: Array
+    place: Codes
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """A kind of measurement: ``reading = h(T_world_tool; unknowns of its place) + noise``.
+
+    A kind states ``h``, its change with a twist of the tool, and its change with each unknown; a fit, a diagnosis and
+    a report follow from these. The twist is ``(v, ω)``: the shift of the tool point [m] and the turn of the tool [rad],
+    both in the world.
+
+    Args:
+        stated: what the file says of places; names: (P,) of all places.
+    """
+
+    kind: ClassVar[str]
+    """Its name in reports and documents."""
+    noun: ClassVar[str]
+    """What one row is, in plural: ``touches of planes``."""
+    unit: ClassVar[str] = "m"
+    """SI unit of a reading."""
+    columns: ClassVar[Mapping[str, str]] = {}
+    """Column of numbers -> its dimension; all are required."""
+    label: ClassVar[str] = ""
+    """Column that names the place of a row."""
+    example: ClassVar[str] = ""
+    """Headers to add to a file that measures nothing."""
+    sigma_key: ClassVar[str] = "position"
+    """Key under ``uncertainty: {measurement: …}`` that states its standard deviation."""
+    settings: ClassVar[str] = ""
+    """Key of the section ``data`` with what is known of its places."""
+    size_known: ClassVar[bool] = True
+    """Whether it contains a length, so that an arm of half the size would not fit as well."""
+    held_out_by: ClassVar[Literal["pose", "place"]] = "pose"
+    """What a cross-validation leaves out together."""
+    about_mean: ClassVar[bool] = False
+    """Whether errors count from the mean of a place, as nothing else says where it is."""
+    error_words: ClassVar[str] = "position error"
+    """What the errors of a model are called."""
+    number_words: ClassVar[str] = "coordinate"
+    """What one number of a reading is called."""
+    axis_names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    """What the numbers of a reading are called, in a vector of three."""
+    blind_spot: ClassVar[str] = ""
+    """What such data cannot show, whatever the postures."""
+    remedy: ClassVar[str] = ""
+    """What to add."""
+
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    names: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, data: object, names: Sequence[str]) -> Kind:
+        """The kind with what the section ``data`` of a problem says of its places; ``names`` (P,) of these."""
+        return cls(getattr(data, cls.settings), names) if cls.settings else cls()
+
+    def axes(self, measured: Mask) -> Codes:
+        """(d,) places of the numbers of a reading in a vector of three; ``measured`` (3,) are coordinates in a file."""
+        return np.arange(1)
+
+    def prepared(self, seen: Seen, moving: Mask) -> Kind:
+        """The kind with reference values for its unknowns, by the nominal arm.
+
+        Args:
+            seen: of the nominal arm; moving: (3,) world axes along which the tool can move.
+        """
+        return self
+
+    def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
+        """(u,) names and SI units of what is unknown of a place."""
+        return ()
+
+    def start(self, seen: Seen, places: int) -> Array:
+        """(P, u) the unknowns that suit the tool at N rows best, roughly; NaN nowhere."""
+        return np.zeros((places, 0))
+
+    @abstractmethod
+    def error(self, seen: Seen) -> Slots:
+        """The model's reading minus the instrument's."""
+
+    @abstractmethod
+    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
+        """Change of the reading with a twist of the tool, ``∂h/∂T · (v, ω)``."""
+
+    def unknown_slope(self, seen: Seen, axis: int) -> Slots:
+        """Change of the reading with one of the unknowns."""
+        raise NotImplementedError(f"{self.kind} leaves nothing unknown")
+
+    def sigma_of(self, place: str, stated: float) -> float:
+        """Standard deviation of a reading at a place; ``stated`` is that of the file, 0 where there is none."""
+        return stated
+
+    def described(self, place: str, values: Array) -> dict[str, Json]:
+        """A place that was found, in the world [m, rad]; ``values`` (u,) of its unknowns."""
+        return {name: float(v) for (name, _), v in zip(self.unknowns(place), values, strict=False)}
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """The scalar product of two vectors of three coordinates."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def stacked(vector: Vector, n: int) -> Array:
+    """(n, 3) of three coordinates, each a number or (n,)."""
+    return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in vector], axis=1)

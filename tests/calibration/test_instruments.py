@@ -1,0 +1,113 @@
+"""Arms with known errors, measured by plates and draw wires of a simulator of its own, and calibrated."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import InputError
+from tests.helpers.instruments import ANCHORS, JOINTS, PLANES, TrueArm, distance_table, plane_table
+
+SIGMA = 2e-5  # m
+KINDS = ("theta", "d", "a", "alpha")
+
+
+def problem(tool: list[str], **more: object) -> po.Problem:
+    return po.problem_from_dict(
+        {
+            "robot": {
+                "kind": "preset",
+                "name": "ur10",
+                "tool": {"xyz": tool, "rpy": ["0 deg", "0 deg", "0 deg"], "free": True},
+            },
+            "uncertainty": {"measurement": {"plane": "0.02 mm", "distance": "0.02 mm"}},
+            **more,
+        }
+    )
+
+
+def deviations(found: po.Calibration, arm: TrueArm) -> np.ndarray:
+    """Of determined geometry from the truth, in standard errors."""
+    z = []
+    for p, x, std, fixed in zip(found.parameters, found.x, found.std, found.fixed, strict=True):
+        joint, _, kind = p.name.rpartition(".")
+        if p.group == "geometry" and fixed:
+            true = arm.errors[JOINTS.index(joint), KINDS.index(kind)] if kind in KINDS else 0.0
+            z.append((x - true) / std)
+    return np.array(z)
+
+
+def test_planes_find_the_arm_from_a_tool_that_is_off_by_a_quarter_of_a_metre() -> None:
+    rng = np.random.default_rng(5)
+    arm = TrueArm.drawn(rng)
+    arm.errors[1, 2] = 0.0  # of the length that is held
+    given = problem(["0.2 m", "-0.2 m", "0 m"], data={"planes": {f"plate{k}": {"radius": "5 mm"} for k in range(3)}})
+    found = po.calibrate(given, po.read_measurements(plane_table(arm, rng, 40, SIGMA), given), plan=False)
+    z = deviations(found, arm)
+    assert len(z) > 12
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.6
+    assert found.calibrated.rms < 1.5 * SIGMA
+    document = json.loads(json.dumps(found.to_json()["instruments"]))["plane"]
+    assert (document["kind"], document["rows"], document["unit"]) == ("plane", 120, "m")
+    assert document["rms"] == pytest.approx(found.calibrated.rms)
+    for k, (normal, _) in enumerate(PLANES):
+        toward = normal if k == 0 else -normal  # the base stands above the first plane and behind the others
+        assert np.allclose(document["unknowns"][f"plate{k}"]["normal"], toward, atol=2e-3)
+    report = found.report()
+    assert "Touches of planes alone do not determine the size of the arm: shoulder_lift.a is held" in report
+    assert "add one known length" in report
+
+
+@pytest.mark.conformance
+def test_lengths_of_a_wire_are_drawn() -> None:
+    rng = np.random.default_rng(6)
+    given = problem(["30 mm", "-20 mm", "120 mm"])
+    data = po.read_measurements(distance_table(TrueArm.drawn(rng), rng, 15, SIGMA), given)
+    figures = po.calibrate(given, data, plan=False).figures()
+    assert set(figures) >= {"residual_joints", "residual_region"}
+    assert "residual_vectors" not in figures
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.05])
+def test_distances_find_the_arm_its_size_and_the_anchors(offset: float) -> None:
+    rng = np.random.default_rng(6)
+    arm = TrueArm.drawn(rng)
+    anchors = {f"bar{k}": {"offset": "free"} for k in range(4)} if offset else {}
+    given = problem(["30 mm", "0 mm", "0.3 m"], data={"anchors": anchors})
+    found = po.calibrate(given, po.read_measurements(distance_table(arm, rng, 30, SIGMA, offset), given), plan=False)
+    z = deviations(found, arm)
+    assert len(z) > 14
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.6
+    assert "shoulder_lift.a" in [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if fixed]
+    unknowns = found.to_json()["instruments"]["distance"]["unknowns"]
+    for k, anchor in enumerate(ANCHORS):
+        place = unknowns[f"bar{k}"]
+        assert np.hypot(*[place[a] - v for a, v in zip("xy", anchor, strict=False)]) < 3e-3
+        assert ("offset" in place) is bool(offset)
+        assert not offset or abs(place["offset"] - offset) < 1e-3
+
+
+def test_another_file_has_planes_of_its_own() -> None:
+    rng = np.random.default_rng(7)
+    arm = TrueArm.drawn(rng)
+    given = problem(["30 mm", "-20 mm", "120 mm"])
+    data, other = (po.read_measurements(plane_table(arm, rng, n, SIGMA), given) for n in (40, 12))
+    found = po.calibrate(given, data, test=other, plan=False)
+    assert found.test is not None
+    assert found.test.models["calibrated"].rms < 2 * SIGMA < 0.2 * found.test.models["nominal"].rms
+    wire = po.read_measurements(distance_table(arm, rng, 5, SIGMA), given)
+    with pytest.raises(InputError, match="the test file holds distances, the first file touches of planes"):
+        po.calibrate(given, data, test=wire, plan=False)
+
+
+def test_each_plane_counts_by_its_own_flatness() -> None:
+    rng = np.random.default_rng(8)
+    arm = TrueArm.drawn(rng)
+    table = plane_table(arm, rng, 30, SIGMA)
+    given = problem(["30 mm", "-20 mm", "120 mm"], data={"planes": {"plate1": {"flatness": "0.2 mm"}}})
+    residuals = po.calibrate(given, po.read_measurements(table, given), plan=False).residuals
+    sigma = dict(zip(table["plane"].tolist(), residuals.row_sigma.tolist(), strict=True))
+    assert sigma == pytest.approx({"plate0": 2e-5, "plate1": np.hypot(2e-5, 2e-4), "plate2": 2e-5})

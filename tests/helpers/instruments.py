@@ -1,0 +1,123 @@
+"""Simulated instruments at a DH arm with hidden errors: matrices of its own, nothing from the package."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+UR10 = np.array(
+    [
+        # d [m], a [m], alpha [rad]; data sheet of Universal Robots
+        [0.1273, 0.0, np.pi / 2],
+        [0.0, -0.612, 0.0],
+        [0.0, -0.5723, 0.0],
+        [0.163941, 0.0, np.pi / 2],
+        [0.1157, 0.0, -np.pi / 2],
+        [0.0922, 0.0, 0.0],
+    ]
+)
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+@dataclass
+class TrueArm:
+    """A UR10 with a ball on its flange, errors of its geometry, and perhaps backlash in one joint."""
+
+    tool: np.ndarray = field(default_factory=lambda: np.array([0.03, -0.02, 0.12]))
+    errors: np.ndarray = field(default_factory=lambda: np.zeros((6, 4)))  # theta, d, a, alpha
+    backlash: tuple[int, float] = (0, 0.0)
+
+    def pose(self, q: np.ndarray, side: np.ndarray | None = None) -> np.ndarray:
+        """(N, 4, 4) of the ball's frame in the base, for postures (N, 6) and sides of approach (N, 6)."""
+        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for i, ((d, a, alpha), (et, ed, ea, el)) in enumerate(zip(UR10, self.errors, strict=True)):
+            theta = q[:, i] + et
+            if side is not None and i == self.backlash[0]:
+                theta = theta - self.backlash[1] * side[:, i] / 2
+            A = np.zeros((len(q), 4, 4))
+            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha + el), np.sin(alpha + el)
+            A[:, 0, :3] = np.stack([c, -s * ca, s * sa], axis=1)
+            A[:, 1, :3] = np.stack([s, c * ca, -c * sa], axis=1)
+            A[:, 0, 3], A[:, 1, 3], A[:, 2, 3] = (a + ea) * c, (a + ea) * s, d + ed
+            A[:, 2, 1], A[:, 2, 2], A[:, 3, 3] = sa, ca, 1.0
+            T = T @ A
+        T = T.copy()
+        T[:, :3, 3] += T[:, :3, :3] @ self.tool
+        return T
+
+    def point(self, q: np.ndarray, side: np.ndarray | None = None) -> np.ndarray:
+        """(N, 3) the ball's centre."""
+        return self.pose(q, side)[:, :3, 3]
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, size: float = 5e-4, **more: object) -> TrueArm:
+        """Errors of 0.5 mm and 0.5 mrad in all parameters."""
+        return cls(errors=rng.normal(0, size, (6, 4)), **more)  # type: ignore[arg-type]
+
+
+def postures(rng: np.random.Generator, n: int) -> np.ndarray:
+    """(n, 6) in front of the arm, elbow up, every joint moving."""
+    low = np.array([-1.2, -2.2, 0.6, -2.2, -2.2, -2.5])
+    high = np.array([1.2, -0.7, 2.2, 0.2, -0.6, 2.5])
+    return rng.uniform(low, high, (n, 6))
+
+
+def touching(arm: TrueArm, q: np.ndarray, normal: np.ndarray, distance: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """Postures near q (N, 6) at which the ball's centre has ``normal · p = distance``: Newton steps of least length."""
+    for _ in range(12):
+        left = arm.point(q, side) @ normal - distance
+        slope = np.stack([arm.point(q + h, side) @ normal - distance - left for h in 1e-6 * np.eye(6)], axis=1) / 1e-6
+        q = q - slope * (left / np.sum(slope**2, axis=1))[:, None]
+    return q
+
+
+def table_of(q: np.ndarray, **columns: object) -> dict[str, object]:
+    """A table of measurements: joints in radians and further columns."""
+    return {**{f"{name} [rad]": q[:, i] for i, name in enumerate(JOINTS)}, **columns}
+
+
+PLANES = (
+    (np.array([0.0, 0.0, 1.0]), -0.10),
+    (np.array([0.9, 0.1, 0.42]) / np.linalg.norm([0.9, 0.1, 0.42]), 0.95),
+    (np.array([0.25, 0.9, 0.35]) / np.linalg.norm([0.25, 0.9, 0.35]), 0.45),
+)
+
+
+def plane_table(
+    arm: TrueArm, rng: np.random.Generator, each: int, sigma: float, radius: float = 0.005
+) -> dict[str, object]:
+    """Touches of three planes, radius of the ball counted on the side of the arm; sides of approach stated."""
+    rows, names, sides = [], [], []
+    for k, (normal, distance) in enumerate(PLANES):
+        toward = 1.0 if distance < 0 else -1.0  # the base, at the origin, is on this side of the plane
+        side = rng.choice([-1.0, 1.0], (3 * each, 6))
+        reached = distance + toward * radius + rng.normal(0, sigma, 3 * each)
+        q = touching(arm, postures(rng, 3 * each), normal, reached, side)
+        near = np.abs(arm.point(q, side) @ normal - reached) < 1e-9
+        kept = np.flatnonzero(near & np.all(np.abs(q) < 3.1, axis=1))[:each]
+        assert len(kept) == each
+        rows += list(q[kept])
+        names += [f"plate{k}"] * each
+        sides += list(side[kept])
+    q, side = np.array(rows), np.array(sides)
+    return table_of(q, plane=np.array(names), **{f"{name}.approach": side[:, i] for i, name in enumerate(JOINTS)})
+
+
+ANCHORS = np.array([[0.7, 0.0, -0.6], [0.3, 0.9, 0.0], [0.3, -0.8, 0.3], [1.1, 0.3, 0.9]])
+
+
+def distance_table(
+    arm: TrueArm, rng: np.random.Generator, each: int, sigma: float, offset: float = 0.0
+) -> dict[str, object]:
+    """Lengths of a wire from four anchors, up to a constant ``offset``; sides of approach stated."""
+    q = postures(rng, each * len(ANCHORS))
+    side = rng.choice([-1.0, 1.0], q.shape)
+    code = np.arange(len(q)) % len(ANCHORS)
+    p = arm.point(q, side)
+    length = np.linalg.norm(p - ANCHORS[code], axis=1) + offset + rng.normal(0, sigma, len(q))
+    names = np.array([f"bar{k}" for k in code])
+    return table_of(
+        q, anchor=names, **{"distance [m]": length},
+        **{f"{name}.approach": side[:, i] for i, name in enumerate(JOINTS)},
+    )  # fmt: skip

@@ -1,0 +1,117 @@
+"""Every listed kind of measurement: derivatives against differences, words, columns, and faulty files."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import InputError
+from posture_opt.measurements.kinds import KINDS, Kind, Seen
+from posture_opt.measurements.kinds.kind import stacked
+from tests.helpers.instruments import JOINTS, TrueArm, distance_table, plane_table
+
+ROWS, PLACES = 12, 3
+
+
+def seen_by(kind: Kind, position: np.ndarray, R: np.ndarray, values: np.ndarray) -> Seen:
+    """Rows of three places with readings of about a metre."""
+    place = np.arange(ROWS) % PLACES
+    reading = np.full((ROWS, 3), 0.9)
+    return Seen(list(position.T), [list(R[:, :, j].T) for j in range(3)], reading, place, values[place])
+
+
+def a_kind(listed: type[Kind], rng: np.random.Generator) -> tuple[Kind, np.ndarray, np.ndarray, np.ndarray]:
+    """A kind prepared for random rows, their points (N, 3), rotations (N, 3, 3), and unknowns (P, u)."""
+    names = tuple("abc")
+    position, R = rng.uniform(-1, 1, (ROWS, 3)), np.linalg.qr(rng.normal(size=(ROWS, 3, 3)))[0]
+    kind = replace(listed(), names=names)
+    kind = kind.prepared(seen_by(kind, position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool))
+    return kind, position, R, rng.uniform(-0.2, 0.2, (PLACES, 6))
+
+
+def small_turn(w: np.ndarray) -> np.ndarray:
+    """(3, 3) the rotation by a vector w, by its series."""
+    W = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    return np.eye(3) + W + W @ W / 2
+
+
+@pytest.mark.parametrize("listed", KINDS)
+def test_derivatives_are_those_of_differences(listed: type[Kind]) -> None:
+    rng = np.random.default_rng(3)
+    kind, position, R, values = a_kind(listed, rng)
+    h, n = 1e-6, 3
+
+    def reading(shift: np.ndarray, turn: np.ndarray, more: np.ndarray) -> np.ndarray:
+        moved = np.einsum("ij,njk->nik", small_turn(turn), R)
+        slots = kind.error(seen_by(kind, position + shift, moved, values + more))
+        return stacked([*slots, *[0.0] * (3 - len(slots))], ROWS)
+
+    zero, none = np.zeros(3), np.zeros_like(values)
+    at = seen_by(kind, position, R, values)
+    for v, w in ((rng.normal(size=3), zero), (zero, rng.normal(size=3))):
+        slots = kind.slope(at, v, w)
+        numeric = (reading(h * v, h * w, none) - reading(-h * v, -h * w, none)) / (2 * h)
+        assert np.allclose(stacked([*slots, *[0.0] * (n - len(slots))], ROWS), numeric, atol=1e-7)
+    for axis in range(len(kind.unknowns("a"))):
+        step = none.copy()
+        step[:, axis] = h
+        slots = kind.unknown_slope(at, axis)
+        numeric = (reading(zero, zero, step) - reading(zero, zero, -step)) / (2 * h)
+        assert np.allclose(stacked([*slots, *[0.0] * (n - len(slots))], ROWS), numeric, atol=1e-7)
+
+
+def test_kinds_are_frozen_named_once_and_say_what_they_are() -> None:
+    names = [kind.kind for kind in KINDS]
+    columns = [column for kind in KINDS for column in (*kind.columns, kind.label) if column]
+    assert len(set(names)) == len(names)
+    assert len(set(columns)) == len(columns)
+    for kind in KINDS:
+        assert is_dataclass(kind)
+        assert fields(kind)
+        assert Path(__import__(kind.__module__, fromlist=["_"]).__file__).stem == kind.kind
+        assert kind.__doc__
+        assert kind.noun
+        assert kind.error_words
+        assert kind.example
+        assert kind.size_known or kind.remedy  # who cannot see the size of the arm says how to state it
+
+
+def problem(**data: object) -> po.Problem:
+    return po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}, "data": data})
+
+
+def test_a_table_of_each_kind_comes_back_from_a_data_frame() -> None:
+    rng = np.random.default_rng(0)
+    for table in (plane_table(TrueArm(), rng, 3, 0.0), distance_table(TrueArm(), rng, 3, 0.0)):
+        data = po.read_measurements(table, problem())
+        again = po.read_measurements(data.to_dataframe(), problem())
+        assert again.kind.kind == data.kind.kind
+        assert again.point_names == data.point_names
+        assert np.array_equal(again.reading, data.reading)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("distance [m]",), "distance is given without anchor|anchor is given without distance"),
+        (("anchor",), "distance is given without anchor"),
+        (("distance [m]", "anchor"), "nothing is measured"),
+    ],
+)
+def test_a_file_with_half_a_reading_is_refused(change: tuple[str, ...], words: str) -> None:
+    table = distance_table(TrueArm(), np.random.default_rng(0), 2, 0.0)
+    with pytest.raises(InputError, match=words):
+        po.read_measurements({key: value for key, value in table.items() if key not in change}, problem())
+
+
+def test_two_kinds_in_one_file_are_refused_and_idle_places_reported() -> None:
+    table = distance_table(TrueArm(), np.random.default_rng(0), 2, 0.0)
+    with pytest.raises(InputError, match=r"both .*plane.* are given"):
+        po.read_measurements({**table, "plane": np.array(["a"] * len(table["anchor"]))}, problem())
+    data = po.read_measurements(table, problem(anchors={"bar0": {"offset": "free"}, "baz1": {}}))
+    assert [w for w in data.warnings if "data.anchors names 'baz1'" in w and "bar1" in w]
+    assert data.joint_names == JOINTS
