@@ -6,12 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import posture_opt as po
 from tests.hidden.draw import draw
 from tests.hidden.files import write
 
 
+@pytest.mark.long
 def test_a_base_that_is_off_does_not_hide_how_lengths_vary(tmp_path: Path) -> None:
     case = draw(61, "batch")
     base, tool = (np.array([f.value for f in part]) for part in (case.nominal.base, case.nominal.tool))

@@ -263,6 +263,7 @@ def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path:
     assert "Comparison of plans" in result.stdout
 
 
+@pytest.mark.long
 def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path, tmp_path: Path) -> None:
     task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], time: 1 h}\n"
     (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")

@@ -72,6 +72,7 @@ def test_without_a_folder_it_stands_in_the_current_one_and_is_never_replaced(
     assert po.load_problem(file).task is not None
 
 
+@pytest.mark.long
 def test_an_edited_file_in_the_folder_of_results_is_not_replaced(tmp_path: Path) -> None:
     words = ["calibrate", LOADED, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots"]
     assert invoke(*words).exit_code == 0
@@ -108,6 +109,7 @@ def test_columns_of_no_joint_are_named(tmp_path: Path, columns: str, message: st
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_foreign_file_is_read_by_its_heads_on_the_command_line(tmp_path: Path) -> None:
     """What a tracker in Germany saved: heads of its own, decimal commas, a line before the header, Latin-1."""
     head, *rows = LOADED.read_text(encoding="utf-8").splitlines()

@@ -73,6 +73,7 @@ def test_frames_and_masses_that_are_none_are_refused(words: tuple[str, ...], tol
         assert told in result.stderr
 
 
+@pytest.mark.long
 def test_the_robot_of_a_problem_file_brings_what_is_known_of_it() -> None:
     name = "insert_ur10_extended"
     source = po.load_problem(name if Path(name).exists() else f"problems/{name}.yaml")

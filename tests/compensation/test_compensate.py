@@ -222,6 +222,7 @@ def test_postures_beyond_the_limits_are_refused() -> None:
         po.compensate(ur10(), table(ur10(), q))
 
 
+@pytest.mark.long
 def test_targets_of_another_frame_are_told_at_once() -> None:
     """The mistake after a calibration with a tracker: targets in the robot's frame, a base 2.5 m off in the file."""
     base = {"xyz": ["2.5 m", "-0.8 m", "0.15 m"], "rpy": ["0 deg", "0 deg", "0 deg"]}
@@ -235,6 +236,7 @@ def test_targets_of_another_frame_are_told_at_once() -> None:
     assert po.compensate(inside, targets).reached.all()
 
 
+@pytest.mark.long
 def test_oriented_targets_far_from_the_middle_are_searched_for() -> None:
     problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
     quaternion = {"qw": [0.0], "qx": [0.6], "qy": [0.8], "qz": [0.0]}

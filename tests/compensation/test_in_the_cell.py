@@ -120,6 +120,7 @@ def test_joint_values_along_the_direction_stay_along_it() -> None:
     assert np.abs(found.q - q).max() < 0.02
 
 
+@pytest.mark.long
 def test_what_the_cell_or_a_term_forbids_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     problem, file, out = in_cell(), tmp_path / "targets.csv", tmp_path / "out"
     for name, content in problem.files("arm").items():

@@ -47,6 +47,7 @@ def learnt(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return Learnt(true, folder / "extended.yaml", wanted, drawn.p, drawn.R_link[:, -1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("oriented", [True, False], ids=["pose", "position"])
 def test_the_true_arm_misses_its_targets_by_what_is_said_to_be_left(
     learnt: Learnt, oriented: bool, tmp_path: Path

@@ -71,6 +71,7 @@ def narrow(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, dict[s
     return rows, *diagnosed(tmp_path_factory.mktemp("narrow"), rows)
 
 
+@pytest.mark.long
 def test_the_plan_that_is_measured_leaves_one_cause(narrow: Any, tmp_path: Path) -> None:
     rows, document, _, out = narrow
     first = document["effects"][0]

@@ -64,6 +64,7 @@ def test_a_last_joint_that_slips_is_named_with_the_tool_as_a_rival() -> None:
     assert [(c.kind, c.target) for c in slip.confounded_with] == [("slip", "tool")]
 
 
+@pytest.mark.long
 def test_measured_orientations_show_that_the_tool_turned() -> None:
     case = SimulatedSession(104)
     turn, R = vector(case, TURN), case.site.walk.R_link[:, -1]

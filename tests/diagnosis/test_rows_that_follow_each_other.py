@@ -61,6 +61,7 @@ def test_a_joint_that_scatters_from_row_to_row_is_named(seed: int, shuffled: boo
     assert not found.repeat_plans
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", conformance([31, 32, 33], [31]))
 def test_an_instrument_that_scatters_otherwise_than_stated_is_named_from_readings(seed: int) -> None:
     _, found = found_in(seed, factor=2.0)

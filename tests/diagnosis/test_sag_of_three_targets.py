@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+import pytest
 
 import posture_opt as po
 
@@ -25,6 +26,7 @@ def frames(q: np.ndarray) -> list[np.ndarray]:
     return found
 
 
+@pytest.mark.long
 def test_rows_that_agree_are_kept_and_their_cause_is_found() -> None:
     rng = np.random.default_rng(4)
     rows = []

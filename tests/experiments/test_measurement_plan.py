@@ -76,6 +76,7 @@ def hidden(rng: np.random.Generator, size: float = 3e-4) -> dict[str, float]:
     return {f"{row[0]}.{key}": rng.normal(0, size) for row in TABLE for key in ("theta", "d", "a", "alpha")}
 
 
+@pytest.mark.long
 def test_a_calibration_finds_the_standard_errors_that_were_promised() -> None:
     plan, problem, z = plan_of(), problem_of(), []
     for seed in range(4):
@@ -114,6 +115,7 @@ def test_the_tool_point_at_the_task_is_as_sure_as_was_promised() -> None:
     assert rms == pytest.approx(plan.after.task, rel=0.48)
 
 
+@pytest.mark.long
 def test_a_plan_for_the_task_serves_the_task_and_one_for_parameters_the_parameters() -> None:
     task, parameters = plan_of("task"), po.plan_measurements(task_problem(), 30)
     assert task.after.task < 0.75 * parameters.after.task
@@ -121,6 +123,7 @@ def test_a_plan_for_the_task_serves_the_task_and_one_for_parameters_the_paramete
     assert task.after.observability["O1"] < parameters.after.observability["O1"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("purpose", ["parameters", "task"])
 def test_chosen_postures_do_what_more_random_ones_would(purpose: str) -> None:
     plan = plan_of(purpose)

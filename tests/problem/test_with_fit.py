@@ -106,6 +106,7 @@ def measured() -> tuple[Problem, po.Diagnosis]:
     return problem, po.diagnose(problem, po.read_measurements(problems_folder() / "ur10_measured.csv", problem))
 
 
+@pytest.mark.long
 def test_calibrated_and_extended_arms_come_back(measured: tuple[Problem, po.Diagnosis], tmp_path: Path) -> None:
     problem, found = measured
     for model in (*found.models.values(), problem.with_fit(found.calibration), problem.with_fit(found)):

@@ -55,7 +55,7 @@ def geometry_at(preset: str, draw: int, cell: Any = None) -> ArmGeometry:
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("draw", conformance(range(2), [0]))
 @pytest.mark.parametrize("cell", [None, CELL], ids=["bare", "cell"])
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", conformance(PRESETS, ["panda", "scara"]))
 def test_labels_are_apart_and_the_picture_is_filled(preset: str, cell: Any, draw: int) -> None:
     geometry = geometry_at(preset, draw, cell)
     figure = draw_in_space(geometry, preset, [(f"joint {k}", "0.0 deg") for k in range(6)])

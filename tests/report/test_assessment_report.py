@@ -244,6 +244,7 @@ def test_visits_stand_beside_the_ellipse_that_joints_and_instrument_predict(
         np.testing.assert_allclose(dots.get_xydata(), offsets, atol=1e-9)
 
 
+@pytest.mark.long
 def test_the_command_writes_the_figures_or_leaves_them_out(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     q = rng.uniform(-2.5, 2.5, (40, 2))

@@ -60,6 +60,7 @@ def rows(document, file):
     return {cell[0]: cell for cell in cells}
 
 
+@pytest.mark.long
 def test_the_committed_document_is_what_the_package_computes_now(document, lecture):
     now = lecture.text()
     assert NUMBER.sub("#", now) == NUMBER.sub("#", document), "run: python docs/lecture/make_lecture.py"

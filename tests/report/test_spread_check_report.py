@@ -93,6 +93,7 @@ def test_the_figures_are_drawn(understated: SpreadCheck) -> None:
     assert [label.get_text() for label in axes.get_yticklabels()] == ["j1", "j2"]
 
 
+@pytest.mark.long
 def test_calibrate_writes_it_all(tmp_path: Path) -> None:
     q, points = measured(np.random.default_rng(4), 15, 3)
     (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")

@@ -123,6 +123,7 @@ def test_usage_names_two_files(given):
     assert ended.value.code == 2
 
 
+@pytest.mark.long
 def test_presets_are_compared_at_a_task_of_the_command_line(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["compare", "ur5e", "ur10e", "--task", "insert", "--position", "0.4 m, 0.1 m, 0.2 m", "--json"])

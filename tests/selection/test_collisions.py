@@ -68,6 +68,7 @@ def test_an_arm_of_known_shape_keeps_clear_of_itself(preset: str, position) -> N
     assert "no obstacles are stated" in solution.report()
 
 
+@pytest.mark.long
 def test_a_selector_keeps_clear_at_every_target() -> None:
     problem = problem_in_cell("ur10", TABLE, POST, clearance="20 mm", position=["0.6 m", "0.2 m", "0.2 m"])
     selector = po.PostureSelector(problem, compiled=False)

@@ -85,6 +85,7 @@ def test_every_feature_is_reached_where_the_workpiece_is(name: str) -> None:
         assert station.critical.sigma_max == pytest.approx(math.sqrt(np.linalg.eigvalsh(C)[-1]), rel=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", conformance(["insert_ur10_plate", "insert_scara_tray"], ["insert_scara_tray"]))
 def test_no_random_placement_is_better(name: str) -> None:
     """Each feature on its own at placements that the search did not draw, neighbours of the best one among them."""
@@ -142,6 +143,7 @@ def test_document_holds_what_the_interface_says() -> None:
     assert document["clearance"] is None or document["clearance"]["distance"] > 0
 
 
+@pytest.mark.long
 def test_probability_of_all_against_the_whole_chain_sampled() -> None:
     """Errors under sigma are one draw for all pins, scatter a new one each; nothing is linear here."""
     problem, found = solved("insert_scara_tray, success")
@@ -175,6 +177,7 @@ def plate(robot: str = "ur10", features: Any = None, **task: Any) -> Problem:
     )
 
 
+@pytest.mark.long
 def test_failure_names_the_feature_and_a_move_that_suffices() -> None:
     stands = {"x": ["1.18 m", "1.3 m"], "y": ["-0.1 m", "0.1 m"], "z": "0.1 m"}
     problem = plate(workpiece=stands)

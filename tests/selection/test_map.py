@@ -153,6 +153,7 @@ def test_a_grid_lies_across_the_direction_or_where_it_is_asked_to() -> None:
         assert found.plot().axes
 
 
+@pytest.mark.long
 def test_an_oblique_direction_has_its_own_plane() -> None:
     problem = load_builtin("insert_ur10").with_task(direction=[1, 0, -1], position=["0.6 m", "0.2 m", "0.3 m"])
     found = map_targets(problem, counts=(3, 3), compiled=False)

@@ -9,6 +9,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.factors import joint_jacobian
+from tests.helpers.variants import conformance
 
 ARMS = {
     "ur10": {"position": ["0.6 m", "0.2 m", "0.2 m"]},
@@ -36,7 +37,7 @@ def test_the_planar_arm_is_most_manipulable_with_its_elbow_at_a_right_angle() ->
     assert found.manipulability == pytest.approx(1.0, rel=1e-4)
 
 
-@pytest.mark.parametrize("robot", ARMS)
+@pytest.mark.parametrize("robot", conformance(ARMS, ["panda"]))
 def test_no_feasible_posture_of_the_search_is_more_manipulable(robot: str) -> None:
     solution = solved(robot, **ARMS[robot])
     found, arm = solution.most_manipulable, solution.problem.robot

@@ -121,6 +121,7 @@ def test_features_and_maps_drop_the_plane_together() -> None:
     assert "below its mounting plane" in found.report().splitlines()[1]
 
 
+@pytest.mark.long
 def test_the_tool_is_part_of_the_arm_but_for_its_end() -> None:
     tool = {"tool": {"xyz": ["0 m", "0 m", "0.4 m"]}}
     plate = {"name": "plate", "kind": "box", "size": ["0.2 m", "0.2 m", "10 mm"], "xyz": ["0.7 m", "0.1 m", "0.25 m"]}

@@ -188,6 +188,7 @@ def test_spatial_motions_keep_speed_and_close():
     assert robot.joint_names[np.unravel_index(used.argmax(), used.shape)[1]] == document["limiting_joint"]
 
 
+@pytest.mark.long
 def test_a_long_path_is_as_good_as_all_ways_through_its_elbows():
     """More points than are searched one by one; every way without a jump keeps one of both elbows."""
     points = ring(301, (0.9, 0.6), 0.5, 4.5)

@@ -154,6 +154,7 @@ def test_the_answer_keeps_its_word(problem):
     assert document["posture"] == document["path"][0]["posture"]
 
 
+@pytest.mark.long
 def test_workers_do_not_change_the_answer_and_progress_is_reported():
     points = bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 4)
     problem, calls = preset("panda", points, (0, 0, -1)), []
@@ -197,6 +198,7 @@ def test_a_joint_with_wide_limits_turns_on_past_half_a_turn():
     assert found.largest_joint_step < math.radians(20)
 
 
+@pytest.mark.long
 def test_a_step_that_is_too_small_is_refused_with_the_least_that_does():
     points = bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 5)
     with pytest.raises(NoSolutionError, match=r"from point \d to point \d .* set largest_step: [\d.]+ deg") as caught:

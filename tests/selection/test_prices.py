@@ -84,6 +84,7 @@ def test_prices_are_those_of_new_solves(name: str) -> None:
         assert price.gain == pytest.approx(found.sigma_max - solved(whole, starts=8).sigma_max, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_degree_of_tilt_has_a_price_where_none_is_allowed() -> None:
     data = document("ur5e", {"position": ["0.4 m", "-0.25 m", "0.2 m"], "tilt": "0 rad"})
     found = solved(data)

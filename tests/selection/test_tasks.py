@@ -149,6 +149,7 @@ def test_the_yaw_turns_with_the_workpiece() -> None:
         assert heading(station) == pytest.approx(50.0, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_yaw_that_cannot_be_had_is_named() -> None:
     held = {"kind": "fixed_joints", "values": {"joint4": "0 deg"}}
     with pytest.raises(NoSolutionError) as caught:
@@ -201,6 +202,7 @@ def test_custom_is_the_task_that_its_keys_describe(kind: str, robot: str) -> Non
     assert custom.critical.sigma_max == pytest.approx(named.critical.sigma_max, rel=1e-4)
 
 
+@pytest.mark.long
 def test_custom_leaves_the_spread_out_where_it_is_told_to() -> None:
     torque = {"kind": "joint_torque"}
     given = problem("ur10", "custom", within="across", criterion="none", minimize=[torque])
@@ -257,6 +259,7 @@ def command(*arguments: str, env: dict[str, str]) -> Any:
     return subprocess.run([sys.executable, "-m", "posture_opt", *arguments], env=env, capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_the_documented_task_of_an_installed_package_is_solved(tmp_path: Path) -> None:
     (code,) = blocks("python")
     env = installed(tmp_path, code, entry_points_text())
@@ -287,6 +290,7 @@ def test_a_registered_task_can_be_imported_before_everything_else(tmp_path: Path
     assert done.stdout.split() == ["True"], done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("code", "reason"),
     [

@@ -132,6 +132,7 @@ def test_budget_bound_and_what_helps_name_the_workpiece(single):
     assert "halve σ of workpiece.position (to 0.025 mm)" in text
 
 
+@pytest.mark.long
 def test_the_angle_tilts_the_hole_of_a_peg():
     errors = {"workpiece": {"angle": "0.1 deg"}}
     found = po.select_posture(
@@ -152,6 +153,7 @@ def test_the_angle_tilts_the_hole_of_a_peg():
     assert shares["workpiece.angle"] == pytest.approx((0.06 * angle / found.sigma_max) ** 2, rel=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", ["sigma", pytest.param("scatter", marks=pytest.mark.conformance)])
 def test_features_share_the_draw_of_their_workpiece(plate, word):
     found = plate if word == "sigma" else po.select_posture(

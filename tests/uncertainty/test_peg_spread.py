@@ -156,6 +156,7 @@ def test_the_worse_end_is_what_is_made_small() -> None:
     assert worse(solution.q) <= least * 1.0005
 
 
+@pytest.mark.long
 def test_a_longer_peg_scatters_no_less_and_may_want_another_posture() -> None:
     sizes = [po.select_posture(problem("ur10", length=f"{mm} mm")).critical.sigma_max for mm in (1, 100, 400)]
     assert sizes[0] <= sizes[1] * (1 + 1e-6)

@@ -170,6 +170,7 @@ def along_any_direction(C, reference):
     return np.abs(np.linalg.eigvalsh(W.T @ (C - reference) @ W)).max()
 
 
+@pytest.mark.long
 def test_dense_correlations_of_ten_degrees_are_those_of_drawn_arms():
     """Eighteen errors that all vary together: to 1 % of the variance along any direction, beside the scatter."""
     given = problem("ur5", angle=np.radians(10), length=0.001, coupled=True)
@@ -181,6 +182,7 @@ def test_dense_correlations_of_ten_degrees_are_those_of_drawn_arms():
     assert np.trace(spread_at(q)) == pytest.approx(np.trace(drawn), rel=0.01)
 
 
+@pytest.mark.long
 def test_the_stated_error_is_that_of_large_correlated_errors():
     """Four factors, which `propagate` integrates to 1e-8; none of the postures is one that the error was taken at."""
     given = problem("ur5", angle=np.radians(10), kinds=("theta",))

@@ -125,6 +125,7 @@ def test_nobody_there_is_told_at_once() -> None:
     assert "no scheduler answers (connection refused) – start one" in result.stderr
 
 
+@pytest.mark.long
 def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     result = invoke("map", "--problem", "insert_scara", "--grid", "3x3", "--scheduler", "local")
