@@ -17,7 +17,7 @@ from posture_opt.cli.asked.named_values import PATH
 from posture_opt.cli.asked.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import print_rate, progress_bar
-from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
+from posture_opt.cli.scheduler import checkpoint_option, digest_of, digest_of_file, scheduler_option, working
 from posture_opt.errors import InputError, Issue
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def map_command(
     where = {**_where(grid, low, high), "plane": plane, "seed": common.seed}
     problem = deferred.requested_problem(**given)
     with output(common), deferred.placed(problem):
-        asked = {"problem": digest_of(problem), "quantity": quantity, "data": str(data) if data else None, **where}
+        asked = {"problem": digest_of(problem), "quantity": quantity, "data": digest_of_file(data), **where}
         with working(common, scheduler, checkpoint, command="map", **asked) as workers:
             found = _mapped(problem, quantity, data, common, {**where, "executor": workers})
         save_result(common, found)

@@ -14,7 +14,10 @@ import click
 
 from posture_opt.cli.asked.named_values import PATH
 from posture_opt.cli.asked.options import Command, Common, add_options
-from posture_opt.files import located
+from posture_opt.errors import InputError
+from posture_opt.files import located, naming
+from posture_opt.files import opened as opened_file
+from posture_opt.measurements.text_lines import MAX_BYTES
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
@@ -22,6 +25,9 @@ from posture_opt.workers.dask_cluster import scheduled
 if TYPE_CHECKING:
     from posture_opt.numerics import Json
     from posture_opt.problem.problem import Problem
+
+_BLOCK_BYTES = 1 << 20
+"""Bytes of a file that are read at a time."""
 
 
 def scheduler_option(command: Command) -> Command:
@@ -59,6 +65,24 @@ def digest_of(problem: Problem) -> str:
     """
     whole = {"file": problem.to_yaml(), "robot": asdict(problem.robot), "covariance": problem.sources.covariance}
     return hashlib.sha256(json.dumps(whole, default=_plain).encode()).hexdigest()[:16]
+
+
+def digest_of_file(path: Path | None) -> str | None:
+    """Name of a file and hash of its content; None without a file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if path is None:
+        return None
+    try:
+        with opened_file(path, MAX_BYTES) as stream:
+            found = hashlib.sha256()
+            for block in iter(lambda: stream.read(_BLOCK_BYTES), b""):
+                found.update(block)
+    except InputError as error:
+        raise naming(path, error) from None
+    return f"{path} ({found.hexdigest()[:16]})"
 
 
 def _plain(value: object) -> Json:

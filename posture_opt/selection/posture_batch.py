@@ -16,6 +16,7 @@ from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.workers import Executor, opened
+from posture_opt.workers.record_pattern import Either, recorded
 
 _DEFECT_EXIT_CODE = 1  # exit code of what is no one's input
 
@@ -142,6 +143,18 @@ def select_postures(
     return PostureBatch(readable[names[0]], answers, time.perf_counter() - began)
 
 
+_UNKNOWN = {"status": str}
+_KNOWN = {
+    "status": str,
+    "sigma_max": float,
+    "worst_station": Either(str, None),
+    "success_probability": Either(float, None),
+}
+_ANSWER = Either((frozenset({0}), [str], _KNOWN), (frozenset({1, 2, 3, 4}), [str], Either(None, _UNKNOWN)))
+"""The pattern of what `solved` returns: of a document what is read of it."""
+
+
+@recorded(lambda seed, problem: _ANSWER)
 def solved(seed: int | None, problem: ProblemData) -> list[Any]:
     """Exit code, reasons and document of one problem: a part of the work.
 

@@ -1,12 +1,15 @@
 """``Checkpoint``: what is done is kept in a file, so that a computation that was ended goes on where it was.
 
 The first line says what was asked; every further line is one part that is done: its round, its number and its result,
-with a digest before it. A line counts when it is whole, so the file is sound at any instant; it only grows.
+with a digest before it, whose key is the first line: no line counts in the file of another question. A line counts when
+it is whole, so the file is sound at any instant; it only grows. What a line holds is compared with what the part
+returns before it is used.
 """
 
 from __future__ import annotations
 
 import hashlib
+import hmac
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,12 +18,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, overload
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
+from posture_opt.workers.record_pattern import is_result, matches
 from posture_opt.workers.workers import Part, R, S, T, Workers
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Json
 
-_FILE_FORMAT = "posture_opt checkpoint 1"
+_FILE_FORMAT = "posture_opt checkpoint 2"
 """Name and version of the format, in the first line of a file."""
 _DIGEST_DIGITS = 16
 """Hexadecimal digits of a digest, before each line: 64 bits find a line that was cut off."""
@@ -49,6 +53,7 @@ class Checkpoint(Workers):
     def __init__(self, path: Path, asked: Mapping[str, Json], workers: Workers) -> None:
         self._workers, self._rounds, self._path = workers, 0, path
         first_line = json.loads(json.dumps({"format": _FILE_FORMAT, "version": __version__, **asked}))
+        self._key = _json_bytes(first_line)
         try:
             self._file = _locked_file(path)
         except OSError as error:
@@ -70,7 +75,7 @@ class Checkpoint(Workers):
         self._file.truncate(whole)
         self._file.seek(whole)
         if not whole:
-            self._write_record(first_line)
+            self._write_line(self._key, b"")
         return done
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
@@ -86,18 +91,20 @@ class Checkpoint(Workers):
         """The parts of one round: those of the file, then the others as they are done and written down."""
         known = self._done.pop(number, {})
         left = [k for k in range(len(items)) if k not in known]
-        yield from known.items()
+        for k, result in known.items():
+            if not (k < len(items) and is_result(part, shared, items[k], result)):
+                raise _foreign_issue(self._path, f"round {number}, part {k}")
+            yield k, result
         for i, result in self._workers.run(part, shared, Chosen(items, left)):
             try:
-                self._write_record([number, left[i], result])
+                self._write_line(_json_bytes([number, left[i], result]), self._key)
             except OSError as error:
                 raise _write_issue(self._path, error) from error
             yield left[i], result
 
-    def _write_record(self, record: Json | Sequence[object]) -> None:
+    def _write_line(self, text: bytes, key: bytes) -> None:
         """Append one line with its digest, and wait until it is on the disk."""
-        text = json.dumps(record, separators=(",", ":")).encode()
-        self._file.write(_line_digest(text) + b" " + text + b"\n")
+        self._file.write(_line_digest(text, key) + b" " + text + b"\n")
         self._file.flush()
         os.fsync(self._file.fileno())
 
@@ -160,29 +167,34 @@ def _read_records(
         InputError: it was made for something else.
     """
     line = stream.readline(_MAX_FIRST_LINE_BYTES)
-    first = _record_of(line)
+    first = _record_of(line, b"")
     if first is None:
         _check_begun(path, line, first_line)
         return {}, 0
     _check_first_line(path, first, first_line)
     done: dict[int, dict[int, Any]] = {}
-    whole = len(line)
-    for line in stream:
-        record = _record_of(line)
+    whole, key = len(line), _json_bytes(first_line)
+    for at, line in enumerate(stream, start=2):
+        record = _record_of(line, key)
         if record is None:
             break  # the run was ended while it wrote this; what follows cannot be trusted
+        if not (matches(record, (int, int, object)) and min(record[:2]) >= 0):
+            raise _foreign_issue(path, f"line {at}")
         number, k, result = record
         done.setdefault(number, {})[k] = result
         whole += len(line)
     return done, whole
 
 
-def _record_of(line: bytes) -> Any:
-    """What a line holds; None where it is not whole."""
+def _record_of(line: bytes, key: bytes) -> Any:
+    """What a line holds; None where it is not whole, or no JSON that could be written by this program."""
     digest, _, text = line.partition(b" ")
-    if not line.endswith(b"\n") or digest != _line_digest(text[:-1]):
+    if not line.endswith(b"\n") or digest != _line_digest(text[:-1], key):
         return None
-    return json.loads(text)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _check_begun(path: Path, content: bytes, first_line: Mapping[str, Json]) -> None:
@@ -191,8 +203,8 @@ def _check_begun(path: Path, content: bytes, first_line: Mapping[str, Json]) -> 
     Raises:
         InputError: it is anything else.
     """
-    text = json.dumps(first_line, separators=(",", ":")).encode()
-    if not (_line_digest(text) + b" " + text + b"\n").startswith(content):
+    text = _json_bytes(first_line)
+    if not (_line_digest(text, b"") + b" " + text + b"\n").startswith(content):
         hint = "name a new file, or one that --checkpoint made"
         raise InputError(Issue("this is no checkpoint", _OPTION, str(path), hint, str(path)))
 
@@ -225,6 +237,17 @@ def _write_issue(path: Path, error: OSError) -> InputError:
     return InputError(Issue(what, _OPTION, str(path), "what it holds is kept; go on by the same command", str(path)))
 
 
-def _line_digest(text: bytes) -> bytes:
-    """The first hexadecimal digits of the SHA-256 of a text."""
-    return hashlib.sha256(text).hexdigest()[:_DIGEST_DIGITS].encode()
+def _foreign_issue(path: Path, where: str) -> InputError:
+    """The error of a record that this computation does not write."""
+    hint = "name a new file, and keep this one from other programs"
+    return InputError(Issue(f"{where} holds no result of this computation", _OPTION, str(path), hint, str(path)))
+
+
+def _json_bytes(value: object) -> bytes:
+    """JSON in one line, as this file has it."""
+    return json.dumps(value, separators=(",", ":")).encode()
+
+
+def _line_digest(text: bytes, key: bytes) -> bytes:
+    """The first hexadecimal digits of the keyed SHA-256 of a text (RFC 2104)."""
+    return hmac.new(key, text, hashlib.sha256).hexdigest()[:_DIGEST_DIGITS].encode()

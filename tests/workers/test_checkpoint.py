@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import json
 import multiprocessing
 import random
@@ -11,9 +12,11 @@ from typing import Any
 
 import pytest
 
+from posture_opt import __version__
 from posture_opt.errors import InputError
 from posture_opt.problem.load import load_builtin
 from posture_opt.selection.maps.target_map import map_targets
+from posture_opt.selection.posture_batch import select_postures
 from posture_opt.workers import Part, Serial, Workers
 from posture_opt.workers.checkpoint import Checkpoint
 from tests.helpers.command_line import invoke
@@ -170,3 +173,63 @@ def test_the_command_goes_on_and_refuses_another_grid(tmp_path: Path) -> None:
     assert once == twice
     assert other.exit_code == 2
     assert "another counts ([5, 5] there, [5, 6] here)" in other.stderr
+
+
+FORGED: list[tuple[str, Any]] = [
+    ("no list", 5), ("a number more", [1, 2, 3, 4]), ("a text for a round", ["1", 0, []]), ("below zero", [-1, 0, []]),
+    ("another part", [1, 10**6, []]), ("nothing", [1, 0, None]), ("no row", [1, 0, []]), ("a text", [1, 0, "x" * 9]),
+    ("a row too few", lambda rows: rows[1:]), ("another arm", lambda rows: [cut(row, 2, [0.1]) for row in rows]),
+    ("no number", lambda rows: [cut(row, 3, "0.1") for row in rows]), ("NaN", lambda rows: nan(rows)),
+    ("unknown status", lambda rows: [cut(row, 0, "best") for row in rows]),
+    ("no fields", lambda rows: [[]] * len(rows)),
+]  # fmt: skip
+
+
+def cut(row: list[Any], at: int, value: Any) -> list[Any]:
+    """The packed candidate with another entry."""
+    return [*row[:at], value, *row[at + 1 :]]
+
+
+def nan(rows: list[Any]) -> list[Any]:
+    return [cut(row, 2, [float("nan")] * 4) for row in rows]
+
+
+def signed(record: Any, key: bytes) -> bytes:
+    """A line of the file, written from its description: a keyed digest, a blank, JSON."""
+    text = json.dumps(record, separators=(",", ":")).encode()
+    return hmac.new(key, text, "sha256").hexdigest()[:16].encode() + b" " + text + b"\n"
+
+
+def test_forged_records_are_refused(tmp_path: Path) -> None:
+    """With the right digest, as only somebody who knows this program writes them."""
+    file, problem = tmp_path / "kept", load_builtin("insert_scara")
+    grid: dict[str, Any] = {**GRID, "counts": (3, 3)}
+
+    def run() -> Any:
+        with Checkpoint(file, {"grid": "3x3"}, Serial()) as workers:
+            return map_targets(problem, executor=workers, **grid)
+
+    found = run()
+    head, first, *_ = file.read_bytes().splitlines(keepends=True)
+    key, (number, part, rows) = head.partition(b" ")[2][:-1], json.loads(first.partition(b" ")[2])
+    assert signed([number, part, rows], key) == first
+    for what, forged in FORGED:
+        record = [number, part, forged(rows)] if callable(forged) else forged
+        file.write_bytes(head + signed(record, key))
+        with pytest.raises(InputError, match="no result of this computation"):
+            pytest.fail(f"{what}: {run()}")
+    file.write_bytes(head + signed([number, part, rows], b"of another problem"))
+    assert run().to_json() | {"seconds": 0} == found.to_json() | {"seconds": 0}, "a foreign line is done again"
+
+
+def test_forged_answers_of_a_batch_are_refused(tmp_path: Path) -> None:
+    file, problems = tmp_path / "kept", {"a": load_builtin("insert_planar_2r")}
+    head = signed({"format": "posture_opt checkpoint 2", "version": __version__}, b"")
+    key = head.partition(b" ")[2][:-1]
+    for forged in ([], [0, [], None], [0, [], {}], ["0", [], None], [2, "why", None], [7, [], None], [2, [1], None]):
+        file.write_bytes(head + signed([1, 0, forged], key))
+        with (
+            Checkpoint(file, {}, Serial()) as workers,
+            pytest.raises(InputError, match="no result of this computation"),
+        ):
+            select_postures(problems, executor=workers)

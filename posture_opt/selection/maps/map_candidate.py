@@ -6,11 +6,12 @@ A map is worked on in rounds by several workers; between them candidates travel 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from posture_opt.selection.search.engine import CandidatePosture
+from posture_opt.workers.record_pattern import FINITE, Either, Pattern
 
 PackedRow = list[Any]
 """Numbers, texts and lists of them in an order that their class knows, as they travel between processes."""
@@ -40,6 +41,12 @@ class MapCandidate:
             return [self.status, self.scale]
         numbers = (float(c.objective), float(c.violation), float(c.sigma))
         return [self.status, float(self.scale), c.q.tolist(), *numbers, bool(c.optimal), c.message, int(c.count)]
+
+    @staticmethod
+    def pattern(joints: int) -> Pattern:
+        """That of `packed`, of an arm with so many joints."""
+        found = (frozenset(["feasible"]), float, (FINITE,) * joints, *(float,) * 3, bool, str, int)
+        return Either(found, (frozenset(get_args(MapStatus)) - {"feasible"}, float))
 
     @classmethod
     def unpacked(cls, row: PackedRow) -> MapCandidate:

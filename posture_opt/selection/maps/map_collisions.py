@@ -18,6 +18,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
+from posture_opt.workers.record_pattern import recorded
 
 POSTURES_PER_CHUNK = 256  # postures that are looked at together
 
@@ -71,6 +72,7 @@ def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers
     ]
 
 
+@recorded(lambda scene, Q: (bool,) * len(Q))
 def _clear(scene: Scene, Q: Array) -> list[bool]:
     """Of each posture of Q (N, n) whether it is clear."""
     return [bool(yes) for yes in is_clear(scene, Q)]

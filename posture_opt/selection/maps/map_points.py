@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.coverage_radius import central_radii, coverage_radius
 from posture_opt.uncertainty.spread.task_spread import sigma_along
+from posture_opt.workers.record_pattern import FINITE, Either, Pattern, recorded
 
 ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
 
@@ -172,6 +174,13 @@ class MapPoint:
         rest = (self.sigma_max, self.sigma_along, self.radius95, self.success_probability)
         return [self.status, self.optimal, *(array.tolist() for array in numbers), *map(float, rest)]
 
+    @staticmethod
+    def pattern(joints: int) -> Pattern:
+        """That of `packed`, of an arm with so many joints; numbers are known where the target is feasible."""
+        found = (frozenset(["feasible"]), bool, (FINITE,) * joints, (FINITE,) * 9, (FINITE,) * 3, *(float,) * 4)
+        none = (frozenset(get_args(MapStatus)), bool, (float,) * joints, (float,) * 9, (float,) * 3, *(float,) * 4)
+        return Either(found, (none[0] - {"feasible"}, *none[1:]))
+
     @classmethod
     def unpacked(cls, position: Array, row: PackedRow) -> MapPoint:
         """The one at ``position`` (3,) [m] that was packed."""
@@ -193,6 +202,7 @@ class MapPoint:
         }
 
 
+@recorded(lambda engine, item: (MapPoint.pattern(engine.optimisation_problem.robot.n),) * len(item[0]))
 def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[MapCandidate]]) -> list[PackedRow]:
     """Targets with what was found there, as packed points: a part of the work."""
     return [map_point.packed() for map_point in map_points_of(engine.optimisation_problem, *item)]

@@ -27,6 +27,7 @@ from posture_opt.selection.maps.map_trials import BETTER
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.workers import Workers
+from posture_opt.workers.record_pattern import recorded
 
 FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
 FINE_EFFORT: Effort = (24, 24, 24)
@@ -129,6 +130,7 @@ class Exploration:
     seed: int
 
 
+@recorded(lambda engine, item: (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(item.targets))
 def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
     """The packed candidate of every target, by random starts, or the known one where that is better.
 

@@ -15,6 +15,7 @@ from posture_opt.selection.maps.map_starts import best_among, freedom, is_near, 
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.selection.search.multistart import distinct, rank
+from posture_opt.workers.record_pattern import FINITE, Pattern, recorded
 
 BETTER = 1e-4
 """Of the objective: what is no difference."""
@@ -77,6 +78,12 @@ class Trial:
         lists = ([q.tolist() for q in self.tried], [q.tolist() for q in self.lost], list(map(float, self.bends)))
         return [self.candidate.packed(), *lists, self.better]
 
+    @staticmethod
+    def pattern(joints: int) -> Pattern:
+        """That of `packed`, of an arm with so many joints."""
+        postures = [(FINITE,) * joints]
+        return (MapCandidate.pattern(joints), postures, postures, [float], bool)
+
     @classmethod
     def unpacked(cls, row: PackedRow) -> Trial:
         """The one that was packed."""
@@ -86,11 +93,18 @@ class Trial:
         )
 
 
+def _candidates(engine: Engine, items: Sequence[NeighbourStarts]) -> Pattern:
+    """The pattern of a packed candidate for every target."""
+    return (MapCandidate.pattern(engine.optimisation_problem.robot.n),) * len(items)
+
+
+@recorded(lambda engine, items: (Trial.pattern(engine.optimisation_problem.robot.n),) * len(items))
 def try_all(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """At every target, polish those postures of neighbours that may become the best one, best first: packed trials."""
     return [_tried(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
 
 
+@recorded(_candidates)
 def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """Targets without a posture sought about those of their neighbours: packed candidates."""
     found = [item.candidate for item in items]
@@ -105,6 +119,7 @@ def try_around(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedR
     return [candidate.packed() for candidate in found]
 
 
+@recorded(_candidates)
 def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[PackedRow]:
     """At every target the posture of a neighbour, where it is another one and as good: packed candidates."""
     return [_agreed(engine, item, led).packed() for item, led in zip(items, _carried_over(engine, items), strict=True)]
