@@ -60,7 +60,8 @@ class Explorer:
         arm = ArmSolids(first.spread.tool_point.robot)
         self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged)
         self._panel = Panel(
-            self._server, problem.name, self._typed, self._changed, self._turned, self._save, self.command,
+            self._server, problem.name, self._typed, self._changed, self._turned, self._redraw,
+            self._save, self.command,
             problem.robot.joints, settings_of(problem),
         )  # fmt: skip
         stated = _position(problem)
@@ -179,13 +180,21 @@ class Explorer:
             if answer.request is not self._request or self._closed.is_set():
                 return
             self._shown, self._solution = answer, answer.solution
-        if answer.own is not None:
-            self._scene.show_own(answer.own)
-        elif answer.solution is None:
-            self._scene.fade()
-        else:
-            self._scene.show(answer.solution)
+        self._draw(answer)
         self._panel.show(answer)
+
+    def _redraw(self) -> None:
+        """The latest answer once more, with the layers that are asked for now."""
+        if self._shown is not None:
+            self._draw(self._shown)
+
+    def _draw(self, answer: Answer) -> None:
+        if answer.own is not None:
+            self._scene.show_own(answer.own, self._panel.layers)
+        elif answer.solution is None:
+            self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
+        else:
+            self._scene.show(answer.solution, self._panel.layers)
 
     def _save(self) -> str:
         """Write the problem with what it needs into the folder that the program was started in."""

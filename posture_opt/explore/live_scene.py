@@ -7,6 +7,7 @@ error region, is sent again.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
-from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, LIGHT, ORANGE, VERMILLION
+from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids, Role, Solid
+from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
     import viser
@@ -32,9 +34,20 @@ _PALE = 0.25  # opacity of the last posture where there is none for the target
 _HANDLE_SHARE = 0.22  # of the arm's extent: the handle that is dragged
 _ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
 _RIM_POINTS = 64
+_DRAWS = 2000  # of the Monte Carlo cloud: takes 2 ms
+_POINT_SHARE, _BALL_SHARE = 0.006, 0.02  # of the arm's extent: a draw, and the ball at the nearest point
 _VIEW = np.array([0.9, -1.35, 0.9])  # from the middle of the arm to the viewer, in extents: room for the arm to move
 _VIEW_ONTO_PLANE = np.array([0.0, -1e-3, 2.6])
 _LABEL_SHARE = 0.2  # of the arm's extent: the label is so far below the error region
+
+
+@dataclass(frozen=True)
+class Layers:
+    """What is laid over the error region: a Monte Carlo cloud, the region of first order."""
+
+    cloud: bool = False
+    first_order: bool = False
+
 
 Moved = Callable[[Array, bool], None]
 """Called with the place (3,) [m] that a handle was dragged to, and whether it was let go."""
@@ -62,18 +75,23 @@ class LiveScene:
             _drawn(server, f"/cell/{k}", solid)
         self.handle = self._handle(geometry.planar, moved)
         self._label: Any = None
+        self._reachable = server.scene.add_icosphere(
+            "/reachable", _BALL_SHARE * self._extent, rgb(VERMILLION), visible=False, cast_shadow=False
+        )
         self._look(geometry)
 
-    def show(self, solution: Solution) -> None:
+    def show(self, solution: Solution, layers: Layers = Layers()) -> None:
         """The posture of a solution with its error region, and its target with the play on the same scale."""
-        self._show(ArmGeometry.of_solution(solution))
+        self._show(ArmGeometry.of_solution(solution), solution.spread, layers)
 
-    def show_own(self, spread: Spread) -> None:
+    def show_own(self, spread: Spread, layers: Layers = Layers()) -> None:
         """A posture of the user's own with its error region."""
-        self._show(ArmGeometry.of_spread(spread))
+        self._show(ArmGeometry.of_spread(spread), spread, layers)
 
-    def _show(self, geometry: ArmGeometry) -> None:
+    def _show(self, geometry: ArmGeometry, spread: Spread, layers: Layers) -> None:
         with self._server.atomic():
+            self._lay_over(spread, geometry.region.factor, layers)
+            self._reachable.visible = False
             self._pose(geometry.frames)
             self._region(geometry.region)
             if geometry.target is not None:
@@ -85,10 +103,31 @@ class LiveScene:
         """The handle at a place [m], as nobody drags it."""
         self.handle.position = tuple(position)
 
-    def fade(self) -> None:
-        """The last posture pale: it is no answer to what is asked."""
+    def fade(self, reachable: Array | None = None) -> None:
+        """The last posture pale: it is no answer to what is asked; a ball at the nearest point (3,) that is reached."""
         self._fade(_PALE)
+        if reachable is not None:
+            self._reachable.position = tuple(reachable)
+        self._reachable.visible = reachable is not None
         self._server.flush()
+
+    def _lay_over(self, spread: Spread, factor: float, layers: Layers) -> None:
+        """The cloud and the region of first order, on the scale of the error region and about its middle."""
+        scene, middle = self._server.scene, spread.position + spread.bias
+        if layers.cloud:
+            points = middle + factor * (cloud_of(spread, _DRAWS, 0).points - middle)
+            size = _POINT_SHARE * self._extent
+            scene.add_point_cloud(
+                "/layers/cloud", points, rgb(BLUE), point_size=size, point_shape="circle", precision="float32"
+            )
+        else:
+            scene.remove_by_name("/layers/cloud")
+        if layers.first_order:
+            first = replace(spread, covariance=spread.covariance_first_order, bias=np.zeros(3))
+            surface = ErrorRegion.of(first, factor).surface()
+            _add_grid(self._server, "/layers/first_order", surface, PURPLE)
+        else:
+            scene.remove_by_name("/layers/first_order")
 
     def _fade(self, opacity: float) -> None:
         for body in self._bodies:
@@ -181,6 +220,14 @@ def _add(server: viser.ViserServer, name: str, mesh: Triangles, colour: str, opa
         cast_shadow=False,
         receive_shadow=False,
     )
+
+
+def _add_grid(server: viser.ViserServer, name: str, surface: Array, colour: str) -> None:
+    """The lines of a surface (a, b, 3) [m]: along its rims, and every fourth along its rows."""
+    lines = [surface[k] for k in range(0, len(surface), 4)] if len(surface) > 4 else [surface[-1]]
+    lines += [surface[:, k] for k in range(0, surface.shape[1], 4)] if len(surface) > 4 else []
+    segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    server.scene.add_line_segments(name, segments, rgb(colour), thickness=2.0, thickness_units="screen")
 
 
 def _frame_along(axis: Array) -> Array:

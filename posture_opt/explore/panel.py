@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.explore.answers import Answer
+from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.settings import Setting
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
+from posture_opt.report.measured_parts.diagnosis_sizes import sentence
 from posture_opt.report.page.colours import BLUE, LIGHT
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ class Panel:
         moved: called with the place (3,) [m] that was typed.
         changed: called with key -> value of the problem file when a setting is changed.
         turned: called with the posture (n,) [rad or m] that the joints were set to; with None, to go back to the best.
+        redraw: called when other layers are asked for.
         save: writes the problem, returns what to say of it.
         command: the command line that gives the answer.
         joints: those of the arm; ``settings`` what else has a slider.
@@ -46,6 +49,7 @@ class Panel:
         moved: Callable[[Array], None],
         changed: Callable[[dict[str, Plain]], None],
         turned: Callable[[tuple[float, ...] | None], None],
+        redraw: Callable[[], None],
         save: Callable[[], str],
         command: Callable[[], str],
         joints: Sequence[Joint],
@@ -57,6 +61,10 @@ class Panel:
         self._numbers = gui.add_html("")
         self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
         self._budget = gui.add_html("")
+        self._cloud = gui.add_checkbox("Monte Carlo cloud", False, hint="draws of the errors through the full model")
+        self._first_order = gui.add_checkbox("First order", False, hint="the 95 % region by the Jacobian alone")
+        for box in (self._cloud, self._first_order):
+            box.on_update(lambda _event: redraw())
         with gui.add_folder("Errors and task", expand_by_default=False):
             self._settings = [(setting, _setting_slider(gui, setting)) for setting in settings]
             self._stated = gui.add_html("")
@@ -93,13 +101,21 @@ class Panel:
         def _(_event: Any) -> None:
             self._saved.content = _line(save())
 
+    @property
+    def layers(self) -> Layers:
+        """What is to be laid over the error region."""
+        return Layers(cloud=self._cloud.value, first_order=self._first_order.value)
+
     def show(self, answer: Answer) -> None:
         """An answer in numbers; of none, the reason."""
         self._text.value = self._command()
         self._stated.content = _settings_table([(s, slider.value) for s, slider in self._settings])
         if answer.solution is None:
             self._numbers.content = self._budget.content = ""
-            self._state.content = _line(answer.reason or "No posture found here; looking for the reason …", alarm=True)
+            self._state.content = _line(
+                sentence(answer.reason) if answer.reason else "No posture found here; looking for the reason …",
+                alarm=True,
+            )
             return
         if answer.own is not None:
             self._state.content = _line(_compared(answer.solution, answer.own))
