@@ -86,10 +86,9 @@ def refitted_errors(
                 weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
             x, not_converged = again.x, not_converged + (not again.at_rest)
-        rest = residuals.take(left_out)
-        errors[left_out] = position_errors(rest, x)
+        errors[left_out] = _held_out_errors(residuals, x, left_out)
         taught = position_errors(training, x)[:, residuals.axes]
-        inside[left_out] = _inside_regions(rest, errors[left_out], taught, x, again)
+        inside[left_out] = _inside_regions(residuals, left_out, errors[left_out], taught, x, again)
         report_step()
     return HeldOut(errors, inside, unsettled=not_converged)
 
@@ -124,7 +123,7 @@ def linear_held_out_errors(
         theirs = residual_indices(left_out, block)
         step, spread = refit_of_fold(linear, r, kept, theirs)
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
-        e = positions_of(residuals, refitted[theirs], left_out)
+        e = positions_of(residuals, refitted[residual_indices(judged_rows(residuals, left_out), block)], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
         unit_steps = linear.U @ (linear.K[:, kept] @ spread)
         inside[left_out] = in_regions(e, *_expected_covariance(residuals, refitted, unit_steps, left_out, root))
@@ -156,7 +155,7 @@ def _expected_covariance(
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
     others = np.delete(r, residual_indices(left_out, block))
     variance = float(others @ others) / max(len(others) - unit_steps.shape[1], 1)
-    L = residuals.metres(residuals.data.take(left_out).about_points(rows[left_out]), left_out)
+    L = residuals.data.held_out_touches(residuals.metres(rows))[left_out]
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 
@@ -180,30 +179,51 @@ def residual_indices(rows: Codes, block: int) -> Codes:
     return np.asarray((rows[:, None] * block + np.arange(block)).ravel())
 
 
+def judged_rows(residuals: Residuals, rows: Codes) -> Codes:
+    """The rows whose residuals `positions_of` needs for the errors of ``rows``: of touched points all of them."""
+    return np.arange(len(residuals.data)) if residuals.data.touches else rows
+
+
 def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
-    """(rows, axes) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
-    e = residuals.metres(r.reshape(-1, residuals.block)[:, : len(residuals.axes)], rows)
-    if residuals.data.touches:
-        points = residuals.data.point[rows]
-        for code in np.unique(points):
-            e[points == code] -= e[points == code].mean(axis=0)
-    return np.asarray(e)
+    """Errors (rows, axes) [m] of rows that a fit has not seen.
+
+    The place of a touched point is not known: errors count from the mean of all its touches, see
+    `Measurements.held_out_touches`. From that of the few that one fold leaves out they would be too small.
+
+    Args:
+        r: residuals of `judged_rows`, (n·block,).
+    """
+    judged = judged_rows(residuals, rows)
+    e = residuals.metres(r.reshape(-1, residuals.block)[:, : len(residuals.axes)], judged)
+    return residuals.data.held_out_touches(e)[rows] if residuals.data.touches else e
 
 
-def _inside_regions(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit | None) -> Mask:
-    """Whether errors (n, 3) lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to expect.
+def _held_out_errors(residuals: Residuals, x: Array, rows: Codes) -> Array:
+    """Position errors (rows, 3) [m] of rows that a fit has not seen; of touched points as `positions_of` has them."""
+    if not residuals.data.touches:
+        return position_errors(residuals.take(rows), x)
+    return residuals.data.held_out_touches(residuals.error(x))[rows]
+
+
+def _inside_regions(
+    residuals: Residuals, rows: Codes, errors: Array, taught: Array, x: Array, found: Fit | None
+) -> Mask:
+    """Whether errors (n, 3) of ``rows`` lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to
+    expect.
 
     They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
     itself is estimated.
     """
-    e, d = errors[:, rest.axes], len(rest.axes)
-    frames = sum(p.group != "geometry" for p in rest.parameters)
+    e, d = errors[:, residuals.axes], len(residuals.axes)
+    frames = sum(p.group != "geometry" for p in residuals.parameters)
     fitted = frames if found is None else found.directions.shape[1]
     free = max(len(taught) - fitted / d, d + 1.0)
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:
-        J = rest.residuals_and_jacobian(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d]
-        J = rest.data.about_points(rest.metres(J))
+        used = residuals.take(judged_rows(residuals, rows))
+        J = used.residuals_and_jacobian(x)[1][: used.measured].reshape(len(used.data), used.block, -1)[:, :d]
+        J = used.data.held_out_touches(used.metres(J))
+        J = J[rows] if used.data.touches else J
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
     return in_regions(e, C, free)
 

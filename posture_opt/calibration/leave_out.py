@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.cross_validation import Folds, positions_of, refit_of_fold, residual_indices
+from posture_opt.calibration.cross_validation import Folds, judged_rows, positions_of, refit_of_fold, residual_indices
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, rms_length
@@ -51,8 +51,9 @@ def leave_out(residuals: Residuals, linear: LinearModel, folds: Folds, parts: Se
     for left_out in folds:
         theirs = residual_indices(left_out, block)
         step, spread = refit_of_fold(linear, linear.r, every, theirs)
-        A = linear.U[theirs] @ linear.K
-        r = linear.r[theirs] + A @ step
+        judged = residual_indices(judged_rows(residuals, left_out), block)
+        A = linear.U[judged] @ linear.K
+        r = linear.r[judged] + A @ step
         whole[left_out] = positions_of(residuals, r, left_out)
         for i, g in enumerate(parts):
             C = spread @ spread[g].T

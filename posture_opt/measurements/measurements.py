@@ -131,6 +131,19 @@ class Measurements(Summarised):
         """
         return values - self.point_means(values) if self.touches else values
 
+    def held_out_touches(self, values: Array) -> Array:
+        """Rows ``values`` (N, …) about the mean of all touches of their point, times ``√(n / (n − 1))`` for n touches.
+
+        A mean takes a share 1/n of each touch with it; with that factor the RMS of independent touches is theirs about
+        the point itself. Of one touch alone nothing is known, and 0 is left.
+        """
+        if not self.touches:
+            return values
+        codes = np.unique(self.point, return_inverse=True)[1]
+        n = np.bincount(codes)[codes].astype(float)
+        scale = np.sqrt(n / np.maximum(n - 1, 1))
+        return np.asarray(self.about_points(values) * scale.reshape(-1, *[1] * (values.ndim - 1)))
+
     def point_means(self, values: Array) -> Array:
         """(N, …) the mean of ``values`` (N, …) over all touches of the same point, for each row."""
         codes = np.unique(self.point, return_inverse=True)[1]

@@ -12,7 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.cross_validation import Folds, HeldOut, linear_held_out_errors, positions_of
+from posture_opt.calibration.cross_validation import (
+    Folds,
+    HeldOut,
+    judged_rows,
+    linear_held_out_errors,
+    positions_of,
+    residual_indices,
+)
 from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
@@ -120,10 +127,11 @@ def _fold_path(
     learn = np.setdiff1d(np.arange(len(linearised.r)), theirs)
     G, r = linearised.G, linearised.r
     subsets = nested_subsets([c.Z[learn] for c in chosen], G[learn], r[learn])
-    A = np.concatenate([G[theirs], *(c.Z[theirs] for c in chosen)], axis=1)
+    judged = residual_indices(judged_rows(residuals, left_out), residuals.block)
+    A = np.concatenate([G[judged], *(c.Z[judged] for c in chosen)], axis=1)
     losses = np.zeros((most + 1, len(left_out)))
     for size, subset in enumerate(subsets[: most + 1]):
-        e = positions_of(residuals, r[theirs] - A @ subset.coefficients, left_out)
+        e = positions_of(residuals, r[judged] - A @ subset.coefficients, left_out)
         losses[size:] = np.sum(e**2, axis=1)
     named = [[c.what for i in subset.members if isinstance((c := chosen[i]).what, Effect)] for subset in subsets]
     return tuple(map(tuple, named)), losses
