@@ -73,7 +73,7 @@ def test_rows_that_are_held_out_teach_nothing(two_errors: LinearisedData) -> Non
 
 def test_pursuits_side_by_side_choose_what_each_chooses_alone(two_errors: LinearisedData) -> None:
     words, folds = dictionary(two_errors), [np.arange(k, 160, 4) for k in range(4)]
-    together = pursue_in_folds(words, 4, folds)
+    together = list(pursue_in_folds(words, 4, folds))
     alone = [pursue_candidates(words, 4, rows) for rows in folds]
     assert [[str(c.what) for c in one.chosen] for one in together] == [[str(c.what) for c in o.chosen] for o in alone]
 

@@ -6,7 +6,7 @@ Ramasamy, Madhow (2016), who fit the frequencies of all lines after each step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 
@@ -23,7 +23,7 @@ from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
 _RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
-_MAX_BASIS_NUMBERS = 20_000_000  # of the bases of pursuits side by side: 160 MB
+_MAX_BASIS_NUMBERS = 10_000_000  # of the bases of pursuits side by side: 80 MB
 _BASIS_COLUMNS = 100  # of one basis: geometry, and some forty effects
 
 
@@ -51,14 +51,12 @@ def pursue_candidates(dictionary: Dictionary, most: int, held_out: Codes | None 
     return _pursue_together(dictionary, most, [held_out])[0]
 
 
-def pursue_in_folds(dictionary: Dictionary, most: int, folds: Sequence[Codes]) -> list[Pursued]:
-    """`pursue_candidates` without the rows of each fold, as many side by side as memory allows."""
+def pursue_in_folds(dictionary: Dictionary, most: int, folds: Sequence[Codes]) -> Iterator[Pursued]:
+    """`pursue_candidates` without the rows of each fold, one after another, as many side by side as memory allows."""
     rows = len(dictionary.linearised.r)
     together = max(1, _MAX_BASIS_NUMBERS // (rows * _BASIS_COLUMNS))
-    found = list[Pursued]()
     for first in range(0, len(folds), together):
-        found += _pursue_together(dictionary, most, folds[first : first + together])
-    return found
+        yield from _pursue_together(dictionary, most, folds[first : first + together])
 
 
 def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes | None]) -> list[Pursued]:

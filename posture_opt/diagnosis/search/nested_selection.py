@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -56,10 +57,10 @@ class NestedSelection:
         return NestedSelections.of(dictionary, most, [Folding(groups, folds)]).each[0]
 
     @classmethod
-    def of_pursued(cls, dictionary: Dictionary, most: int, way: Folding, pursued: Sequence[Pursued]) -> NestedSelection:
-        """From what each fold has pursued."""
+    def of_pursued(cls, dictionary: Dictionary, most: int, way: Folding, pursued: Iterator[Pursued]) -> NestedSelection:
+        """From what each fold has pursued, the next ones of ``pursued``."""
         losses, sets = np.zeros((most + 1, len(way.groups))), []
-        for left_out, found in zip(way.folds, pursued, strict=True):
+        for left_out, found in zip(way.folds, islice(pursued, len(way.folds)), strict=True):
             own, losses[:, left_out] = _fold_path(dictionary, found.chosen, left_out, most)
             sets.append(own)
         return cls(dictionary.linearised, way.folds, way.groups, tuple(sets), losses)
@@ -172,9 +173,8 @@ class NestedSelections:
     def of(cls, dictionary: Dictionary, most: int, foldings: Sequence[Folding]) -> NestedSelections:
         """One for each way to leave rows out; the folds of all of them are pursued side by side."""
         folds = [left_out for way in foldings for left_out in way.folds]
-        pursued = iter(pursue_in_folds(dictionary, most + levels.FURTHER_FOLD_EFFECTS, folds))
-        parts = ((way, [next(pursued) for _ in way.folds]) for way in foldings)
-        return cls(tuple(NestedSelection.of_pursued(dictionary, most, way, own) for way, own in parts))
+        pursued = pursue_in_folds(dictionary, most + levels.FURTHER_FOLD_EFFECTS, folds)
+        return cls(tuple(NestedSelection.of_pursued(dictionary, most, way, pursued) for way in foldings))
 
     @property
     def size(self) -> int:

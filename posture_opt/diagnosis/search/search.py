@@ -30,7 +30,7 @@ from posture_opt.diagnosis.search.selection_criterion import (
     sizes_plausible,
     substantial_members,
 )
-from posture_opt.diagnosis.search.shape_refinement import refine_shape, separate_lines
+from posture_opt.diagnosis.search.shape_refinement import has_shape, refine_shape, separate_lines
 from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import CyclicError
 
@@ -253,7 +253,7 @@ def _refined_members(linearised: LinearisedData, members: Sequence[Candidate]) -
     """The members, each at the shape that explains most given the others."""
     found = list(members)
     for i, member in enumerate(found):
-        if not isinstance(member.what, CyclicError):
+        if not isinstance(member.what, CyclicError) and has_shape(linearised.sensitivities, member):
             others = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
             found[i] = refine_shape(linearised.sensitivities, others, member)
     return found

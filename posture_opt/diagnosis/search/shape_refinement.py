@@ -36,6 +36,14 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
     return _best_smooth(sensitivities, baseline, candidate, effect) if effect.smooth_shape else candidate
 
 
+def has_shape(sensitivities: EffectSensitivities, candidate: Candidate) -> bool:
+    """Whether `refine_shape` has anything to choose from."""
+    effect = candidate.what
+    if isinstance(effect, UnnamedComponent):
+        return any(True for _ in finer_phases(sensitivities, effect))
+    return bool(effect.smooth_shape) or len(effect.shape_steps(sensitivities.state)) > 0
+
+
 def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> Iterator[Candidate]:
     """The candidate at some shapes between its neighbours on the grid, its own among them.
 
