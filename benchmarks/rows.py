@@ -12,9 +12,10 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -121,16 +122,24 @@ def cost(task: str, kind: str, rows: int, turned: bool, *options: str, clean: bo
         write_files(folder, kind, rows, turned, clean)
         command = [sys.executable, "-m", "posture_opt", task, str(folder / "data.csv"), "--quiet"]
         command += ["--problem", str(folder / "problem.yaml"), "--json", *options]
-        with (folder / "out.json").open("wb") as out:
-            process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
-            _, status, used = os.wait4(process.pid, 0)
-        code = os.waitstatus_to_exitcode(status)
-        told = json.loads((folder / "out.json").read_text()) if not code else {}
-        said = told.get("verdict", "done") if not code else process.stderr.read().decode()[-300:]  # type: ignore[union-attr]
-        effects = " ".join(f"{e['kind']}({e['target']})" for e in told.get("effects", ()))
-    seconds, megabytes = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+        seconds, megabytes, told = measured_run(command)
+    effects = " ".join(f"{e['kind']}({e['target']})" for e in told.get("effects", ()))
+    said = told.get("verdict", "done")
     measured = ("pose" if turned else "position") + ", clean" * clean
     return Cost(task, kind, measured, rows, seconds, megabytes, f"{said} {effects}".strip())
+
+
+def measured_run(command: Sequence[str]) -> tuple[float, float, dict[str, Any]]:
+    """Processor seconds and peak memory [MB] of a command, and the document that it writes; its message as verdict."""
+    with tempfile.TemporaryFile() as out:
+        process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
+        _, status, used = os.wait4(process.pid, 0)
+        out.seek(0)
+        if os.waitstatus_to_exitcode(status):
+            told = {"verdict": process.stderr.read().decode()[-300:]}  # type: ignore[union-attr]
+        else:
+            told = json.load(out)
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, told
 
 
 def costs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from benchmarks import diagnosis_rows
 from benchmarks.results.section import Chart, Section
 from benchmarks.rows import TASKS, cost
 
@@ -21,4 +22,11 @@ def measure(quick: bool) -> Iterator[Section]:
         "`calibrate` and `diagnose` from the command line, cold: positions of a UR10-like arm with a soft elbow and "
         "backlash in its first joint, of the simulator of the hidden tests. Processor time of the whole command.",
         HEADERS, tuple(rows), ("d", ".1f", ".1f", ".0f", ".0f"), tuple(notes), Chart("CPU time [s]", (1, 2)),
+    )  # fmt: skip
+    yield Section(
+        "diagnosis_rows", "Diagnosis beside calibration",
+        "`diagnose` beside `calibrate` on the same file, cold, one after the other: the ratio holds. "
+        "110 rows of the shipped UR10, with and without the plans of its task; the others are simulated as above.",
+        diagnosis_rows.HEADERS, tuple(diagnosis_rows.comparisons(None, (1000,) if quick else (1000, 10_000))),
+        diagnosis_rows.FORMATS,
     )  # fmt: skip

@@ -22,7 +22,7 @@ _RUNNERS_UP_PER_KIND = 4  # of atoms of a kind at each step: neighbours on a gri
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Taken:
     """What one pursuit took: a candidate, its new directions q (m, p), and what they explain (p,) of the residuals.
 
     Args:
@@ -65,7 +65,7 @@ class AtomStates:
         for candidate in chosen:
             self.closed[place, self.atoms.excluded(candidate)] = True
 
-    def project(self, steps: Sequence[Step]) -> None:
+    def project(self, steps: Sequence[Taken]) -> None:
         """Takes the new directions of some pursuits, and what they explain, off the columns."""
         places = [step.place for step in steps]
         width = max(step.q.shape[1] for step in steps)

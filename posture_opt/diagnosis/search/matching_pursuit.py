@@ -15,7 +15,7 @@ import numpy as np
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
-from posture_opt.diagnosis.search.atom_states import AtomStates, Step
+from posture_opt.diagnosis.search.atom_states import AtomStates, Taken
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
@@ -105,7 +105,7 @@ class _Pursuit:
         """Whether there is anything left to explain, and anything that would."""
         return not self._ended and self.freedom >= 1 and self.rss > 0
 
-    def take_best(self, states: Sequence[AtomStates], drops: Sequence[Array]) -> Step | None:
+    def take_best(self, states: Sequence[AtomStates], drops: Sequence[Array]) -> Taken | None:
         """Takes the candidate that lowers the criterion most; the states are told by the caller of what it returns.
 
         Args:
@@ -131,7 +131,7 @@ class _Pursuit:
             return None
         explained = q.T @ self.e
         self.e, self.Q = self.e - q @ explained, np.concatenate([self.Q, q], axis=1)
-        return Step(self.place, candidate, q, explained)
+        return Taken(self.place, candidate, q, explained)
 
     def _sharpen(self, states: Sequence[AtomStates]) -> None:
         """Fits the lines together, and begins anew with what was chosen."""
