@@ -13,8 +13,8 @@ from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.settings import Setting
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
-from posture_opt.report.measured_parts.diagnosis_sizes import sentence
 from posture_opt.report.page.colours import BLUE, LIGHT
+from posture_opt.report.parts.parts import sentence
 
 if TYPE_CHECKING:
     import viser
