@@ -13,7 +13,9 @@ from posture_opt.changes.hypotheses import Hypotheses, Probabilities
 from posture_opt.changes.new_rows import NewRows
 from posture_opt.changes.visibility import visibilities
 from posture_opt.changes.what_changed import LikelyChange, Recheck, Verdict
-from posture_opt.errors import InsufficientDataError
+from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
+from posture_opt.experiments.measurement_plan import MeasurementPlan
+from posture_opt.experiments.plan_measurements import plan_measurements
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
@@ -21,11 +23,14 @@ from posture_opt.selection.problem_data import ProblemData
 
 LEAST_POSTURES = 4
 """Fewer cannot tell a frame from a joint: a shift and a turn of a frame alone have six coordinates."""
+NEXT_POSTURES = 10
+"""Proposed where more than one thing changed, or it is not clear which."""
+_CANDIDATES = 500  # of these postures
 _LEAST_PROBABILITY = 0.5  # of a verdict, and of the one change that is named
 
 
 @interruptible()
-def recheck(problem: ProblemData, data: Measurements) -> Recheck:
+def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None) -> Recheck:
     """What changed on a calibrated arm since its file was made: nothing, one thing, or more than one.
 
     The new rows are ``r = J u − A θ + ε`` at the arm of the file, u ~ N(0, C) what the file leaves uncertain of it,
@@ -36,6 +41,7 @@ def recheck(problem: ProblemData, data: Measurements) -> Recheck:
     Args:
         problem: the calibrated arm, with its covariance under ``uncertainty``.
         data: new measurements; 5 to 30 postures are enough, `plan_measurements` for ``recheck`` chooses them.
+        seed: of the postures that are proposed where it is not one change, or not clear which; 0 by default.
 
     Raises:
         InputError: measurements of several robots.
@@ -68,12 +74,27 @@ def recheck(problem: ProblemData, data: Measurements) -> Recheck:
     shares = found.involved
     order = [*named, *(i for i in np.argsort(-shares, kind="stable").tolist() if i not in named)]
     changes = tuple(_change(models, i, estimates[i], float(shares[i])) for i in order)
+    plan, why = _next_postures(problem, data, seed) if verdict in ("several", "unclear") else (None, ())
     updated = changed_problem(problem, changes[0].possible, changes[0].deviations) if verdict == "changed" else None
     return Recheck(
         problem=problem, data=data, verdict=verdict, changes=changes, probabilities=found,
         visible=visibilities(models), errors_before=_errors(rows, ()),
-        errors_after=_errors(rows, changes[: len(named)]), updated=updated, notes=rows.notes,
+        errors_after=_errors(rows, changes[: len(named)]), named_count=len(named), updated=updated, plan=plan,
+        notes=(*rows.notes, *why),
     )  # fmt: skip
+
+
+def _next_postures(
+    problem: ProblemData, data: Measurements, seed: int | None
+) -> tuple[MeasurementPlan | None, tuple[str, ...]]:
+    """The postures that tell changes apart best on top of the rows; none, and why, where none can be planned."""
+    try:
+        plan = plan_measurements(
+            problem, NEXT_POSTURES, given=data, purpose="recheck", seed=seed, candidates=_CANDIDATES
+        )
+    except (InputError, InsufficientDataError, NoSolutionError) as error:
+        return None, (f"no further postures are proposed: {str(error).splitlines()[0]}",)
+    return plan, ()
 
 
 def _verdict(found: Probabilities) -> tuple[Verdict, tuple[int, ...]]:

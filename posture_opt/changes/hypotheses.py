@@ -6,6 +6,7 @@ is sparse: one change is likelier than two.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,8 +21,11 @@ from posture_opt.numerics import Array, Codes
 PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03}
 """Before the new rows: an arm is checked after an incident, and is most often found as it was."""
 SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
-"""Root mean square motion of the tool by a change: 0.06 to 64 mm, all alike probable."""
-_PAIR_SIZES_M = SIZES_M[::2]
+"""Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad."""
+_USUAL_M = 0.25e-3
+_LOG_SIZES = -np.log(np.maximum(SIZES_M / _USUAL_M, 1.0))
+LOG_SIZES = np.asarray(_LOG_SIZES - log_sum(_LOG_SIZES))
+"""Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare."""
 _NOISE_SPREAD = 0.2
 NOISE_LEVELS = np.exp(_NOISE_SPREAD * np.linspace(-2, 2, 7))
 """Noise over what instrument and scatter are stated as: known to 20 %."""
@@ -41,11 +45,19 @@ class Form:
     Args:
         columns: (p,) places of the parameters among those of the rows.
         W: (p, q).
+        lever: motion of the tool [m] per m or rad of the size, by which sizes are stated: of a turning joint its root
+            mean square lever, else 1.
     """
 
     change: PossibleChange
     columns: Codes
     W: Array
+    lever: float
+
+    @property
+    def sizes(self) -> Array:
+        """(S,) root mean square motion of the tool by each size [m]."""
+        return SIZES_M * self.lever
 
     @classmethod
     def of(cls, rows: NewRows, change: PossibleChange) -> list[Form]:
@@ -57,7 +69,9 @@ class Form:
             kept = values > _MIN_MOTION_SHARE * np.trace(motion)
             if kept.sum() > (found[-1].W.shape[1] if found else 0):
                 W = vectors[:, kept] / np.sqrt(values[kept])
-                found.append(cls(change, np.array(rows.columns(change)[:count]), W))
+                angle = len(change.parameters) == 1 and change.parameters[0].unit == "rad"
+                lever = math.sqrt(float(motion[0, 0])) if angle else 1.0
+                found.append(cls(change, np.array(rows.columns(change)[:count]), W, lever))
         return found
 
 
@@ -112,9 +126,9 @@ class Hypotheses:
         """Of each change (F, L, S) its log evidence by form, noise level and size, their prior included."""
         found = []
         for forms in self.forms:
-            gains = [[self.sized(f, k).log_gains(SIZES_M) for k in range(len(NOISE_LEVELS))] for f in forms]
-            prior = self._densities + LOG_LEVELS - np.log(len(forms) * len(SIZES_M))
-            found.append(np.array(gains) + prior[None, :, None])
+            gains = [[self.sized(f, k).log_gains(f.sizes) for k in range(len(NOISE_LEVELS))] for f in forms]
+            prior = self._densities + LOG_LEVELS - np.log(len(forms))
+            found.append(np.array(gains) + prior[None, :, None] + LOG_SIZES)
         return found
 
     @cached_property
@@ -140,11 +154,11 @@ class Hypotheses:
     def _log_pair(self, a: int, b: int) -> float:
         """Log evidence of two changes by the widest form of each, at one noise level, as that of all levels."""
         first, second = self.forms[a][-1], self.forms[b][-1]
-        _, gains = _pair_gains(*self._pair_equations(first, second), first.W.shape[1])
+        _, gains = _pair_gains(*self._pair_equations(first, second), first, second)
         best, level = self._likeliest
         ratio = self.log_singles[best] - log_sum(self.tables[best][:, level])
         density = self._densities[level] + LOG_LEVELS[level] + ratio
-        return log_sum(gains) - float(np.log(len(gains))) + float(density)
+        return log_sum(gains) + float(density)
 
     def _pair_equations(self, first: Form, second: Form) -> tuple[Array, Array]:
         """The normal equations of both forms together at the likeliest noise level."""
@@ -187,7 +201,7 @@ class Hypotheses:
         parts, shares = [], []
         for f, k, s in np.argwhere(weights > _MIN_WEIGHT):
             form = self.forms[index][f]
-            parts.append(self._of_parameters(form, self.sized(form, int(k)).estimate(float(SIZES_M[s]))))
+            parts.append(self._of_parameters(form, self.sized(form, int(k)).estimate(float(form.sizes[s]))))
             shares.append(weights[f, k, s])
         return Estimate.mixture(parts, np.array(shares) / np.sum(shares))
 
@@ -202,7 +216,7 @@ class Hypotheses:
         """The estimates of two changes with one another, at the likeliest noise level and the likeliest sizes."""
         first, second = self.forms[a][-1], self.forms[b][-1]
         H, h = self._pair_equations(first, second)
-        sizes, gains = _pair_gains(H, h, first.W.shape[1])
+        sizes, gains = _pair_gains(H, h, first, second)
         d = sizes[int(np.argmax(gains))]
         covariance = np.asarray(np.linalg.inv(H + np.diag(d**-2)), dtype=float)
         mean, p = covariance @ h, first.W.shape[1]
@@ -223,9 +237,9 @@ class Hypotheses:
         values = self.sized(form, len(NOISE_LEVELS) // 2).spectrum[0]
         z = draws[:, : len(values)] * np.sqrt(values)
         z[:, 0] += values[0] * shift
-        gains = log_gains(values, z, SIZES_M)
+        gains = log_gains(values, z, form.sizes) + LOG_SIZES
         top = gains.max(axis=1)
-        log_factor = top + np.log(np.mean(np.exp(gains - top[:, None]), axis=1)) - np.log(len(self.forms[index]))
+        log_factor = top + np.log(np.sum(np.exp(gains - top[:, None]), axis=1)) - np.log(len(self.forms[index]))
         odds = np.log(PRIOR["one"] * self.weights[index] / PRIOR["unchanged"])
         return float(np.mean(log_factor + odds > 0))
 
@@ -264,17 +278,18 @@ class Probabilities:
         return found * (1 - self.unchanged) / total if total else found
 
 
-def _pair_gains(H: Array, h: Array, first: int) -> tuple[Array, Array]:
+def _pair_gains(H: Array, h: Array, first: Form, second: Form) -> tuple[Array, Array]:
     """Prior standard deviations (S, p) of two changes on the grid of their sizes, and the gain (S,) of each pair of
-    sizes.
+    sizes, their prior included; every other size of the grid.
 
     Args:
-        H: (p, p) and h (p,) normal equations, the ``first`` ones of them of one change.
+        H: (p, p) and h (p,) normal equations of both.
     """
-    p = len(h)
-    grid = np.array([(s / first**0.5, t / (p - first) ** 0.5) for s in _PAIR_SIZES_M for t in _PAIR_SIZES_M])
-    d = np.repeat(grid, (first, p - first), axis=1)
-    M = np.eye(p) + d[:, :, None] * H * d[:, None, :]
+    p, q = first.W.shape[1], second.W.shape[1]
+    a, b = (form.sizes[::2] / form.W.shape[1] ** 0.5 for form in (first, second))
+    d = np.repeat(np.array([(s, t) for s in a for t in b]), (p, q), axis=1)
+    share = LOG_SIZES[::2] - log_sum(LOG_SIZES[::2])
+    M = np.eye(p + q) + d[:, :, None] * H * d[:, None, :]
     u = d * h
     fit = np.sum(u * np.linalg.solve(M, u[:, :, None])[:, :, 0], axis=1)
-    return d, 0.5 * (fit - np.linalg.slogdet(M)[1])
+    return d, 0.5 * (fit - np.linalg.slogdet(M)[1]) + np.add.outer(share, share).ravel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from posture_opt.uncertainty.sources.sources import Sources
 
 TURN_LEVER_M = 0.1
 """A turn of the tool counts as what it shifts a point so far from the tool point by: the size of a tool."""
+_FRAME_SHIFTS = tuple(f"{frame}.{axis}" for frame in ("base", "tool") for axis in "xyz")
 _FREE_SIGMA = 1e4  # of what is free, in standard deviations of the rows: next to nothing is known of it
 _RANK_TOLERANCE = 1e-9
 
@@ -74,11 +76,17 @@ class NewRows:
 
         World axes; a turn counts by `TURN_LEVER_M` [m], as nothing where orientations are not measured.
         """
+        return np.array([self._motions[name] for name in names])
+
+    @cached_property
+    def _motions(self) -> dict[str, Array]:
+        """Parameter -> (6 N,) motion of the tool per unit of it, of all that may change and both frames."""
         R = self.residuals
+        names = list(dict.fromkeys([*_FRAME_SHIFTS, *(p for change in self.changes for p in change.names)]))
         found = R.arm.twists(names, R.q, R.walk(self.x), R.deviations(self.x))
         levers = [1.0] * 3 + [TURN_LEVER_M * R.oriented] * 3
         rows = [stacked_rows([f * v for f, v in zip(levers, (*s, *w), strict=True)], len(R.data)) for s, w in found]
-        return np.array(rows).reshape(len(names), -1)
+        return {name: row.ravel() for name, row in zip(names, rows, strict=True)}
 
 
 def _in_all_parameters(

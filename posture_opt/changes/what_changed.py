@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.changes.gaussian_evidence import Estimate
 from posture_opt.changes.hypotheses import Probabilities
 from posture_opt.changes.visibility import Visibility
+from posture_opt.experiments.measurement_plan import MeasurementPlan
 from posture_opt.experiments.possible_changes import PossibleChange
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Json, rms_length
@@ -82,7 +83,9 @@ class Recheck(Result):
         visible: how large each change must be to be seen on these rows.
         errors_before, errors_after: (N, 3) position errors of the arm as it is in the file, and with what is named [m];
             0 where a coordinate was not measured.
+        named_count: so many of the changes, from the first, are what the verdict names: 1, 2 or none.
         updated: the problem with the one change; None where none is named.
+        plan: the postures to measure next, where more than one thing changed or it is not clear which.
         notes: sentences for the report.
     """
 
@@ -94,7 +97,9 @@ class Recheck(Result):
     visible: tuple[Visibility, ...]
     errors_before: Array
     errors_after: Array
+    named_count: int
     updated: ProblemData | None
+    plan: MeasurementPlan | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -111,6 +116,11 @@ class Recheck(Result):
     def unchanged(self) -> float:
         """Probability that nothing changed."""
         return self.probabilities.unchanged
+
+    @property
+    def named(self) -> tuple[LikelyChange, ...]:
+        """The one change, or the two, that the verdict names."""
+        return self.changes[: self.named_count]
 
     @property
     def rivals(self) -> tuple[LikelyChange, ...]:
@@ -133,10 +143,12 @@ class Recheck(Result):
             "changes": [change.to_json() for change in self.changes],
             "unchanged": p.unchanged,
             "probability": {"unchanged": p.unchanged, "one": p.one, "several": p.several},
+            "named": [{"kind": c.kind, "target": c.target} for c in self.named],
             "rivals": [{"kind": c.kind, "target": c.target} for c in self.rivals],
             "detectable": {kind: v if np.isfinite(v) else None for kind, v in self.detectable.items()},
             "visible": [visible.to_json() for visible in self.visible],
             "rms": {"before": self.before, "after": self.after},
             "rows": len(self.data),
+            "measure": [] if self.plan is None else [dict(posture) for posture in self.plan.postures],
             "notes": list(self.notes),
         }

@@ -25,6 +25,8 @@ from posture_opt.errors import InputError, Issue
 if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import Purpose
 
+_USUAL_COUNTS = {"recheck": 10}
+"""Postures of a plan where no number is stated and 30 are too many."""
 Corner = tuple[float, ...]
 Box = tuple[Corner, Corner]
 
@@ -32,15 +34,18 @@ Box = tuple[Corner, Corner]
 @click.command("plan-measurements")
 @problem_options
 @task_options
-@click.option("--count", type=click.IntRange(min=1), default=30, show_default=True, help="Postures to measure.")
+@click.option(
+    "--count", "--poses", "count", type=click.IntRange(min=1),
+    help="Postures to measure.  [default: 30; 10 for a recheck]",
+)  # fmt: skip
 @click.option("--given", "data", type=PATH, metavar="DATA.csv", help="Measurements made already.")
 @click.option(
     "--for",
     "purpose",
-    type=click.Choice(["parameters", "task"]),
+    type=click.Choice(["parameters", "task", "recheck"]),
     default="parameters",
     show_default=True,
-    help="All parameters of the arm, or the tool point at the task's posture.",
+    help="All parameters of the arm, the tool point at the task's posture, or what changed on a calibrated arm.",
 )
 @click.option(
     "--candidates", type=click.IntRange(min=10, max=50_000), default=2000, show_default=True,
@@ -55,7 +60,7 @@ Box = tuple[Corner, Corner]
 @scheduler_option
 @common_options
 def plan_measurements_command(
-    common: Common, count: int, data: Path | None, purpose: Purpose, candidates: int, link_height: str | None,
+    common: Common, count: int | None, data: Path | None, purpose: Purpose, candidates: int, link_height: str | None,
     repeats: int, low: str | None, high: str | None, motion: ProgramRequest, scheduler: str | None,
     **given: str | None,
 ) -> None:  # fmt: skip
@@ -65,7 +70,7 @@ def plan_measurements_command(
         measured = None if data is None else po.read_measurements(data, problem)
         with working(common, scheduler) as workers, progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
-                problem, count, given=measured, purpose=purpose, seed=common.seed,
+                problem, count or _USUAL_COUNTS.get(purpose, 30), given=measured, purpose=purpose, seed=common.seed,
                 link_height=None if link_height is None else deferred.height_of(link_height), within=box,
                 repeats=repeats, candidates=candidates, executor=workers, progress=progress,
             )  # fmt: skip

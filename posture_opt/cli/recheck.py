@@ -39,7 +39,7 @@ def recheck_command(common: Common, data: Path, update: bool, **given: str | Non
     problem = deferred.requested_problem(**given)
     with output(common), deferred.placed(problem):
         with progress_bar(common, "comparing what may have changed"):
-            found = po.recheck(problem, po.read_measurements(data, problem))
+            found = po.recheck(problem, po.read_measurements(data, problem), seed=common.seed)
         files: Mapping[str, bytes] = found.updated.files("rechecked") if update and found.updated is not None else {}
         save_result(common, found, files)
         if common.out is None:

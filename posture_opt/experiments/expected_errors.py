@@ -143,10 +143,10 @@ class Unknowns:
     def criterion(self, purpose: str) -> Criterion:
         """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z.
 
-        ``parameters`` is D-optimal, ``task`` L-optimal: the summed variance of the tool point along the directions that
-        count.
+        ``parameters`` and ``recheck`` are D-optimal, ``task`` L-optimal: the summed variance of the tool point along
+        the directions that count.
         """
-        return Determinant() if purpose == "parameters" else Variance(self.L)
+        return Variance(self.L) if purpose == "task" else Determinant()
 
     def blocks(self, J: Array) -> Array:
         """(N, b, r) what candidates measure of z, in standard deviations of the measurement."""

@@ -20,7 +20,7 @@ from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 
-Purpose = Literal["parameters", "task"]
+Purpose = Literal["parameters", "task", "recheck"]
 _NO_TABLE_NOTE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
 
 
@@ -50,7 +50,7 @@ class MeasurementPlan(Result):
         q: (count, n) the postures [rad, m], rounded to 0.01 deg and 0.01 mm.
         points: (count, 3) where the nominal tool point comes to lie, world [m].
         repeats: how often each is measured.
-        purpose: ``parameters`` or ``task``.
+        purpose: ``parameters``, ``task`` or ``recheck``.
         parameters: the (k,) unknowns; ``settled`` (k,) which of them measurements with this instrument can determine.
         undetermined: what no measurement can determine, a sentence each.
         before, after, random: what is known without the plan, with it, and with random postures (medians).

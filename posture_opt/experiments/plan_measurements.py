@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
+from posture_opt.experiments.change_information import change_information, change_model, change_prior
 from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
 from posture_opt.experiments.information import (
     GivenInformation,
@@ -59,8 +60,9 @@ def plan_measurements(
 
     For ``parameters`` the determinant of their covariance is made smallest (D-optimal); for ``task`` the variance of
     the tool point at the task's best posture, along the directions that count there: ``trace(B J C Jᵀ Bᵀ)``
-    (L-optimal), B (t, 3) those directions, J the Jacobian by the parameters, C their covariance. Stated σ's, and the
-    tolerance of what has none, count as knowledge as they do in ``calibrate``.
+    (L-optimal), B (t, 3) those directions, J the Jacobian by the parameters, C their covariance; for ``recheck`` the
+    determinant of what may have changed on a calibrated arm, each change of a size that is worth telling.
+    Stated σ's, and the tolerance of what has none, count as knowledge as they do in ``calibrate``.
 
     Postures keep to the joint limits (by 2° and 2 mm at least, or by the task's ``limit_margin``), to one turn of a
     joint that has more, above the task's ``link_height`` with links and tool point, off the arm itself and the
@@ -96,7 +98,9 @@ def plan_measurements(
             Issue(f"{repeats} repeats are none", ("--repeats",), repeats, "measure each posture at least once")
         )
     if purpose not in get_args(Purpose):
-        raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
+        raise InputError(
+            Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters, task or recheck")
+        )
     with opened(workers, executor) as pool:
 
         def planned(one: ProblemData) -> MeasurementPlan:
@@ -180,11 +184,21 @@ def plan_postures(
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)
     pool, share = workspace.postures(max(candidates, 2 * count), rng)
-    known = _information_given(problem, given, measuring, repeat_variance(problem, measuring.residuals.sigma, pool))
+    variance = repeat_variance(problem, measuring.residuals.sigma, pool)
+    if purpose == "recheck":
+        measuring = change_model(problem, measuring, pool)
+        known = change_information(measuring, given, variance)
+    else:
+        known = _information_given(problem, given, measuring, variance)
     rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
     J = measuring.blocks(pool, known.x)
-    unknowns = Unknowns.of(PriorInformation.of(problem, measuring.parameters), J, known, rows, count)
-    _check_count(unknowns, measuring, count)
+    if purpose == "recheck":
+        prior = change_prior(problem, measuring, J)
+    else:
+        prior = PriorInformation.of(problem, measuring.parameters)
+    unknowns = Unknowns.of(prior, J, known, rows, count)
+    if purpose != "recheck":  # a few postures tell changes apart that they could not all determine together
+        _check_count(unknowns, measuring, count)
     search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
     q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
     way = shortest_tour(q, _unit_travel(workspace), workspace.allowed)

@@ -24,6 +24,7 @@ _MIN_REACH_M = 1e-6  # m
 _PARAMETER_TITLES = {
     "parameters": "Each parameter by itself",
     "task": "Each parameter by itself: the plan serves the task, not these",
+    "recheck": "Each parameter by itself, with a change of it",
 }
 _ROW_HEIGHT_INCH = 0.23  # inch: height of a row
 _MAX_DRAWN_RATIO = 3.0  # times the largest: what is farther is named in the title
@@ -99,7 +100,7 @@ def _merits(plan: MeasurementPlan) -> list[tuple[str, float, float]]:
     The value before is NaN for the parameters: some of them were not determined at all.
     """
     found = []
-    if plan.purpose == "parameters":
+    if plan.purpose != "task":
         found.append(("all parameters (geometric mean)", math.nan, plan.gain))
     if plan.target is not None and plan.after.task > 0:
         before, random = (stage.task / plan.after.task for stage in (plan.before, plan.random))

@@ -37,7 +37,9 @@ def planned_block(problem: ProblemData, plan: MeasurementPlan) -> Block:
 
 
 def _purpose(plan: MeasurementPlan) -> str:
-    """The criterion of the plan: D-optimal for the parameters, L-optimal for the task."""
+    """The criterion of the plan: D-optimal for the parameters and for a recheck, L-optimal for the task."""
+    if plan.purpose == "recheck":
+        return "a recheck: what may have changed, each by 0.3 mm at the tool, told apart best (D-optimal)"
     if plan.purpose == "parameters":
         return "the parameters of the arm: smallest volume of their confidence ellipsoid (D-optimal)"
     return "the task: smallest variance of the tool point at its posture, in the critical direction (L-optimal)"

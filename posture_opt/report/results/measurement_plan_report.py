@@ -38,6 +38,7 @@ _MAX_ROWS = 60
 _MAX_HEADER_WIDTH = 100
 _ZERO_INDEX = 1e-6  # an index below it says that something is open
 _UNKNOWN = "unknown"
+_FOR = {"parameters": "for the parameters", "task": "for the task", "recheck": "for telling changes apart"}
 _INDEX_WORDS = {
     "O1": "geometric mean of the singular values, a pose",
     "O2": "smallest over largest",
@@ -70,7 +71,7 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     """
     n = len(plan.q)
     chosen = f"{n} planned postures are" if n > 1 else "1 planned posture is"
-    what = "for the parameters" if plan.purpose == "parameters" else "for the task"
+    what = _FOR[plan.purpose]
     if plan.equivalent is None:
         first = f"{chosen} worth more than {plan.tried} random ones {what}."
     elif plan.equivalent <= n:
@@ -103,7 +104,7 @@ def gain_block(plan: MeasurementPlan) -> Block:
         f"Before: from {given}the stated σ's. "
         f"Random: the median of {count(plan.draws, 'plan')} of {count(n, 'random posture')} that keep clear as well. "
     )
-    what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
+    what = "error at the task" if plan.purpose == "task" else "standard errors (geometric mean)"
     text += f"The {what} would be {_larger(plan.gain)} with random ones." if plan.gain > 1.005 else ""
     return Block("What it brings", (text, Table(("", "before", "planned", "random"), tuple(rows))), "plan_points")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from posture_opt.errors import enumerated
 from posture_opt.model.effects import FittedSizes
 from posture_opt.report.figures.recheck import plot_recheck_changes, plot_recheck_rows
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.results.measurement_plan_report import postures_block
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, percent, stated_length
 from posture_opt.units import fixed, number, plus_minus, shown
@@ -40,12 +42,22 @@ def recheck_lead(found: Recheck) -> tuple[str, ...]:
     if found.verdict == "unchanged":
         return (f"Nothing changed that these rows can show (probability {percent(found.unchanged)}).", _power(found))
     if found.verdict == "changed":
-        sized = f"One thing changed: {phrase(first)} by {size_words(first)} (probability {percent(first.probability)})."
-        return (sized, errors, _rivals(found), f"Look at: {inspection(found, first)}.")
+        changed = f"One thing changed: {sized(first)}; probability {percent(first.probability)}."
+        return (changed, errors, _rivals(found), f"Look at: {inspection(found, first).rstrip('.?')}.")
     if found.verdict == "unclear":
         names = enumerated([short(change) for change in (first, *found.rivals)])
-        return (f"Something changed, and these rows do not tell what: {names}.", errors)
-    return ("More than one thing changed, or something that none of the possible changes explains.", errors)
+        return (f"Something changed, and these rows do not tell what: {names}.", errors, *_next(found))
+    if found.named:
+        both = enumerated([sized(change) for change in found.named])
+        return (f"More than one thing changed; likeliest: {both}.", errors, *_next(found))
+    return ("The rows err in a way that neither one change nor two explain.", errors, *_next(found))
+
+
+def sized(change: LikelyChange) -> str:
+    """What changed and by how much, in one clause."""
+    if change.possible.effect is not None:
+        return f"{phrase(change)} ({size_words(change)})"
+    return f"{phrase(change)} by {size_words(change)}"
 
 
 def phrase(change: LikelyChange) -> str:
@@ -90,6 +102,13 @@ def inspection(found: Recheck, change: LikelyChange) -> str:
     return GeometricDeviation(_INSPECTED.get(change.kind, change.kind), target).inspect(found.problem.robot)
 
 
+def _next(found: Recheck) -> tuple[str, ...]:
+    """What to measure next, where postures are proposed."""
+    if found.plan is None:
+        return ()
+    return (f"Measure the {len(found.plan.q)} postures below as well: with them, changes are told apart best.",)
+
+
 def _errors(found: Recheck) -> str:
     """The errors before, and after what is named."""
     among = [found.before, found.after]
@@ -132,7 +151,8 @@ def changes_block(found: Recheck) -> Block:
     p = found.probabilities
     text = (
         f"Probability of no change {percent(p.unchanged)}, of one {percent(p.one)}, of more than one, or of errors "
-        f"that no change explains, {percent(p.several)}. Each size is that of the change alone."
+        f"that no change explains, {percent(p.several)}. Each size is that of "
+        f"{'both together' if len(found.named) > 1 else 'the change alone'}."
     )
     return Block("What may have changed", (text, table), "recheck_changes")
 
@@ -173,7 +193,6 @@ class RecheckPresenter(Presenter["Recheck"]):
     """What changed on a calibrated arm."""
 
     document = "recheck"
-    delivers: ClassVar[tuple[str, ...]] = ()
 
     def summary(self) -> Summary:
         """Verdict, the likeliest change, errors before and after."""
@@ -190,7 +209,8 @@ class RecheckPresenter(Presenter["Recheck"]):
     def report(self) -> Report:
         """The whole report."""
         found = self.result
-        blocks = (changes_block(found), visible_block(found), measured_block(found))
+        further = (postures_block(found.plan),) if found.plan is not None else ()
+        blocks = (changes_block(found), *further, visible_block(found), measured_block(found))
         return Report(found.problem.name or "Recheck", recheck_lead(found), blocks)
 
     def drawings(self) -> Drawings:
@@ -199,6 +219,15 @@ class RecheckPresenter(Presenter["Recheck"]):
             "recheck_changes": partial(plot_recheck_changes, self.result),
             "recheck_rows": partial(plot_recheck_rows, self.result),
         }
+
+    def files(self) -> Files:
+        """``plan.csv`` with the postures to measure next, where there are some."""
+        plan = self.result.plan
+        return {} if plan is None else {"plan.csv": plan.to_csv().encode()}
+
+    def delivered(self) -> tuple[str, ...]:
+        """``plan.csv`` where it is written."""
+        return tuple(self.files())
 
     def columns(self) -> Columns:
         """Every possible change with its probability and the motion of the tool by it [mm], the likeliest first."""
