@@ -55,7 +55,8 @@ def instruments_of(
     """
     data, kind = residuals.data, residuals.data.kind
     values, left = residuals.places(x), rms_length(errors[kept])
-    places = {name: kind.described(name, values[k]) for k, name in enumerate(data.point_names if kind.label else ())}
+    named = enumerate(kind.places(data.point_names))
+    places = {name or kind.kind: kind.described(name, values[k]) for k, name in named}
     sigma = position_sigma(problem, data)
     blind = f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
     return {kind.kind: Instrument(kind.kind, kind.noun, len(kept), left, sigma, kind.unit, places, blind)}

@@ -133,8 +133,11 @@ def _with_instrument(data: Measurements, cells: Cells, problem: HasData) -> Meas
     data = replace(data, reading=reading, instrument=kind.of(problem.data, data.point_names))
     q = carried_joint_values(problem.arm, data.q)
     points, rotations = nominal_poses(problem.robot, q)
-    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), np.zeros((len(data.point_names), 0)))
-    return replace(data, instrument=data.kind.prepared(seen, ~still_axes(problem.robot)))
+    none = np.zeros((max(len(data.point_names), 1), 0))
+    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), none)
+    gravity = np.array(problem.robot.gravity)
+    up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+    return replace(data, instrument=data.kind.prepared(seen, ~still_axes(problem.robot), up))
 
 
 def _is_read(name: str, cells: Cells) -> bool:

@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from tests.helpers.instruments import ANCHORS, JOINTS, PLANES, TrueArm, distance_table, plane_table
+from tests.helpers.instruments import ANCHORS, JOINTS, PLANES, TrueArm, distance_table, level_table, plane_table
 
 SIGMA = 2e-5  # m
 KINDS = ("theta", "d", "a", "alpha")
@@ -67,8 +67,8 @@ def test_lengths_of_a_wire_are_drawn() -> None:
     given = problem(["30 mm", "-20 mm", "120 mm"])
     data = po.read_measurements(distance_table(TrueArm.drawn(rng), rng, 15, SIGMA), given)
     figures = po.calibrate(given, data, plan=False).figures()
-    assert set(figures) >= {"residual_joints", "residual_region"}
-    assert "residual_vectors" not in figures
+    assert set(figures) >= {"residual_joints", "residual_shape"}
+    assert not {"residual_vectors", "residual_region"} & set(figures)  # of one number a row there is neither
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.05])
@@ -88,6 +88,24 @@ def test_distances_find_the_arm_its_size_and_the_anchors(offset: float) -> None:
         assert np.hypot(*[place[a] - v for a, v in zip("xy", anchor, strict=False)]) < 3e-3
         assert ("offset" in place) is bool(offset)
         assert not offset or abs(place["offset"] - offset) < 1e-3
+
+
+def test_a_level_finds_the_angles_that_it_sees() -> None:
+    rng = np.random.default_rng(9)
+    arm = TrueArm.drawn(rng)
+    text = {"robot": {"kind": "preset", "name": "ur10"}, "uncertainty": {"measurement": {"level": "0.002 deg"}}}
+    given = po.problem_from_dict(text)
+    found = po.calibrate(given, po.read_measurements(level_table(arm, rng, 60, np.radians(0.002)), given), plan=False)
+    z = deviations(found, arm)
+    assert len(z) > 6
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.6
+    fixed = [p.name for p, known in zip(found.parameters, found.fixed, strict=True) if known and p.group == "geometry"]
+    assert not [name for name in fixed if name.endswith((".a", ".d"))]  # no lengths
+    assert "shoulder_pan.theta" not in fixed  # no turn about the vertical
+    document = found.to_json()["instruments"]["level"]
+    assert document["unit"] == "rad"
+    assert document["sigma"] == pytest.approx(np.radians(0.002))
+    assert "A level sees neither lengths nor a turn about the vertical" in " ".join(found.report().split())
 
 
 def test_another_file_has_planes_of_its_own() -> None:

@@ -121,3 +121,17 @@ def distance_table(
         q, anchor=names, **{"distance [m]": length},
         **{f"{name}.approach": side[:, i] for i, name in enumerate(JOINTS)},
     )  # fmt: skip
+
+
+MOUNTING = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+"""Axes of the inclinometer in the frame of the tool, as columns."""
+
+
+def level_table(arm: TrueArm, rng: np.random.Generator, n: int, sigma: float) -> dict[str, object]:
+    """Angles of both axes of an inclinometer on the tool; sides of approach stated."""
+    q = postures(rng, n)
+    side = rng.choice([-1.0, 1.0], q.shape)
+    axes = arm.pose(q, side)[:, :3, :3] @ MOUNTING
+    angles = np.arcsin(axes[:, 2, :2]) + rng.normal(0, sigma, (n, 2))
+    shown = {f"level_{axis} [deg]": np.degrees(column) for axis, column in zip("xy", angles.T, strict=True)}
+    return table_of(q, **shown, **{f"{name}.approach": side[:, i] for i, name in enumerate(JOINTS)})

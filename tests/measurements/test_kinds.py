@@ -12,15 +12,16 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.measurements.kinds import KINDS, Kind, Seen
 from posture_opt.measurements.kinds.kind import stacked
-from tests.helpers.instruments import JOINTS, TrueArm, distance_table, plane_table
+from tests.helpers.instruments import JOINTS, TrueArm, distance_table, level_table, plane_table
 
 ROWS, PLACES = 12, 3
+UP = np.array([0.6, 0.0, 0.8])
 
 
 def seen_by(kind: Kind, position: np.ndarray, R: np.ndarray, values: np.ndarray) -> Seen:
     """Rows of three places with readings of about a metre."""
     place = np.arange(ROWS) % PLACES
-    reading = np.full((ROWS, 3), 0.9)
+    reading = np.full((ROWS, 3), 0.9)  # as a length [m] or an angle [rad]
     return Seen(list(position.T), [list(R[:, :, j].T) for j in range(3)], reading, place, values[place])
 
 
@@ -29,7 +30,7 @@ def a_kind(listed: type[Kind], rng: np.random.Generator) -> tuple[Kind, np.ndarr
     names = tuple("abc")
     position, R = rng.uniform(-1, 1, (ROWS, 3)), np.linalg.qr(rng.normal(size=(ROWS, 3, 3)))[0]
     kind = replace(listed(), names=names)
-    kind = kind.prepared(seen_by(kind, position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool))
+    kind = kind.prepared(seen_by(kind, position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool), UP)
     return kind, position, R, rng.uniform(-0.2, 0.2, (PLACES, 6))
 
 
@@ -86,7 +87,8 @@ def problem(**data: object) -> po.Problem:
 
 def test_a_table_of_each_kind_comes_back_from_a_data_frame() -> None:
     rng = np.random.default_rng(0)
-    for table in (plane_table(TrueArm(), rng, 3, 0.0), distance_table(TrueArm(), rng, 3, 0.0)):
+    makers = (plane_table, distance_table, level_table)
+    for table in (make(TrueArm(), rng, 3, 0.0) for make in makers):
         data = po.read_measurements(table, problem())
         again = po.read_measurements(data.to_dataframe(), problem())
         assert again.kind.kind == data.kind.kind

@@ -48,11 +48,11 @@ def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, t
     sigma = position_sigma(problem, data)
     if not sigma:
         sigma = DEFAULT_SIGMA_M
-        notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken")
+        notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} m{data.kind.unit} taken")
     rotation = rotation_sigma(problem)
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
-    if data.position is None:
+    if data.kind.fixed_to_base:
         offset = problem.robot.factors[problem.robot.driven[0]].parameter
         notes.append(
             f"{data.kind.noun} say nothing of {offset} and what lies before it: it moves arm and {data.kind.label}s "

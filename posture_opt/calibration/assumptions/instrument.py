@@ -29,10 +29,17 @@ def position_sigma(problem: ProblemData, data: Measurements) -> float:
 
     ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
     """
-    if data.kind.settings:
+    if data.kind.sigma_key != "position":
         own = place_sigmas(problem, data)
+        if not data.point_names:
+            return stated_sigma_of(problem, data)
         return rms(np.array([own.get(name, 0.0) for name in data.point_names])[data.point])
     return _rms_sigma(reading_sigmas(problem, _measured_points(data)))
+
+
+def stated_sigma_of(problem: ProblemData, data: Measurements) -> float:
+    """σ of a reading that the file states for data of this kind [m or rad]; 0 where there is none."""
+    return float(getattr(problem.measurement, data.kind.sigma_key, None) or 0.0)
 
 
 def place_sigmas(problem: ProblemData, data: Measurements) -> dict[str, float]:
@@ -43,7 +50,7 @@ def place_sigmas(problem: ProblemData, data: Measurements) -> dict[str, float]:
     kind = data.kind
     if not kind.settings:
         return {}
-    stated = float(getattr(problem.measurement, kind.sigma_key, None) or 0.0)
+    stated = stated_sigma_of(problem, data)
     found = {name: kind.sigma_of(name, stated) for name in data.point_names}
     return found if all(found.values()) else {}
 

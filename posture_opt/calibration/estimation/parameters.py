@@ -68,7 +68,7 @@ def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool 
         group = prefix if prefix in ("base", "tool") else "geometry"
         if group == "geometry" and not _is_fitted(robot, prefix, last):
             continue
-        if data.position is None and (group == "base" or index <= robot.driven[0]):
+        if data.kind.fixed_to_base and (group == "base" or index <= robot.driven[0]):
             continue
         if group == "tool":
             if orientation or last in _AXES:
@@ -107,8 +107,8 @@ def place_parameters(data: Measurements) -> tuple[Parameter, ...]:
     """The unknowns of all places: touched points, planes, anchors; none where positions were measured."""
     kind = data.kind
     return tuple(
-        Parameter(f"{kind.label}[{place}].{name}", "place", unit, 0.0, "", k, i)
-        for k, place in enumerate(data.point_names if kind.label else ())
+        Parameter(kind.parameter(place, name), "place", unit, 0.0, "", k, i)
+        for k, place in enumerate(kind.places(data.point_names))
         for i, (name, unit) in enumerate(kind.unknowns(place))
     )
 

@@ -243,10 +243,10 @@ def _place_starts(residuals: Residuals, flange: _Flange, offset: Array) -> dict[
     R_b, t_b = _base_pose(residuals)
     points, columns = flange.reached(offset) @ R_b.T + t_b, np.moveaxis(R_b @ flange.R, 0, -1).swapaxes(0, 1)
     none = np.zeros((max(len(data.point_names), 1), 0))
-    found = kind.start(data.seen(points.T, list(columns), none), len(data.point_names))
+    found = kind.start(data.seen(points.T, list(columns), none), len(none))
     return {
-        f"{kind.label}[{place}].{name}": float(found[k, i])
-        for k, place in enumerate(data.point_names)
+        kind.parameter(place, name): float(found[k, i])
+        for k, place in enumerate(kind.places(data.point_names))
         for i, (name, _) in enumerate(kind.unknowns(place))
     }
 

@@ -2,11 +2,12 @@
 
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, Seen
+from posture_opt.measurements.kinds.level import Level
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
 from posture_opt.measurements.kinds.position import Position
 
-KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance)
+KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance, Level)
 """All kinds; the columns of a file say which of them it holds."""
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "AnchorDistance",
     "AnchorSpec",
     "Kind",
+    "Level",
     "PlaneContact",
     "PlaneSpec",
     "PointContact",

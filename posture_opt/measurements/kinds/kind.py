@@ -68,6 +68,8 @@ class Kind:
     """Whether it contains a length, so that an arm of half the size would not fit as well."""
     held_out_by: ClassVar[Literal["pose", "place"]] = "pose"
     """What a cross-validation leaves out together."""
+    fixed_to_base: ClassVar[bool] = True
+    """Whether its places are taken in the frame of the base, which is then no unknown."""
     about_mean: ClassVar[bool] = False
     """Whether errors count from the mean of a place, as nothing else says where it is."""
     error_words: ClassVar[str] = "position error"
@@ -93,17 +95,25 @@ class Kind:
         """(d,) places of the numbers of a reading in a vector of three; ``measured`` (3,) are coordinates in a file."""
         return np.arange(1)
 
-    def prepared(self, seen: Seen, moving: Mask) -> Kind:
+    def prepared(self, seen: Seen, moving: Mask, up: Array) -> Kind:
         """The kind with reference values for its unknowns, by the nominal arm.
 
         Args:
-            seen: of the nominal arm; moving: (3,) world axes along which the tool can move.
+            seen: of the nominal arm; moving: (3,) world axes along which the tool can move; up: (3,) against gravity.
         """
         return self
 
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
         """(u,) names and SI units of what is unknown of a place."""
         return ()
+
+    def places(self, names: Sequence[str]) -> Sequence[str]:
+        """Its places: those that the file ``names``, or one without a name where something else is unknown."""
+        return names if self.label else ("",) if self.unknowns("") else ()
+
+    def parameter(self, place: str, name: str) -> str:
+        """What an unknown of a place is called among the parameters of a fit."""
+        return f"{self.label}[{place}].{name}" if place else f"{self.kind}.{name}"
 
     def start(self, seen: Seen, places: int) -> Array:
         """(P, u) the unknowns that suit the tool at N rows best, roughly; NaN nowhere."""

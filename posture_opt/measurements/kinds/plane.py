@@ -52,7 +52,7 @@ class PlaneContact(Kind):
     centres: Array = field(default_factory=lambda: np.zeros((0, 3)))
     sides: Array = field(default_factory=lambda: np.zeros(0))
 
-    def prepared(self, seen: Seen, moving: Mask) -> PlaneContact:
+    def prepared(self, seen: Seen, moving: Mask, up: Array) -> PlaneContact:
         """Planes through the nominal tool points; across the still axes of a planar arm no normal has a part."""
         points, count = stacked(seen.position, len(seen.place)), len(self.names)
         frames, centres = np.zeros((count, 3, 3)), np.zeros((count, 3))

@@ -53,7 +53,7 @@ def plot_shape(shown: Shown) -> Figure:
         values = shown.errors["calibrated"][:, axis]
         _histogram(column[0], values)
         _quantiles(column[1], values)
-        column[0].set_xlabel(f"error in {'xyz'[axis]} [mm]")
+        column[0].set_xlabel(shown.error_label(axis))
         column[1].set_xlabel("normal quantile [std. dev.]")
     grid[0][0].set_ylabel("rows")
     grid[1][0].set_ylabel("measured [std. dev.]")
@@ -134,7 +134,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
             circle = Ellipsoid(np.zeros(2), (1e3 * found.instrument) ** 2 * np.eye(2))
             label = "95 % circle of the instrument"
             axes.plot(*boundary(circle, coverage_factor(0.95, 2)).T, "--", color=GREEN, zorder=5, label=label)
-        axes.set(xlabel=f"error in {'xyz'[pair[0]]} [mm]", ylabel=f"error in {'xyz'[pair[1]]} [mm]")
+        axes.set(xlabel=shown.error_label(pair[0]), ylabel=shown.error_label(pair[1]))
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.locator_params(nbins=5 if len(pairs) > 1 else 9)
     (legend_beside if len(pairs) == 1 else legend_below)(figure)

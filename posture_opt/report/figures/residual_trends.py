@@ -201,7 +201,9 @@ def _over(axes: Axes, shown: Shown, errors: Array, x: Array) -> None:
     """The mean error of each axis over x (n,), in bins."""
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for axis in shown.axes:
-        Binned.of(x, errors[:, axis], _MAX_INPUT_BINS).draw(axes, label="xyz"[axis], **_AXIS_LOOKS[axis])
+        Binned.of(x, errors[:, axis], _MAX_INPUT_BINS).draw(
+            axes, label=shown.data.kind.axis_names[axis], **_AXIS_LOOKS[axis]
+        )
 
 
 def _both_sides(shown: Shown) -> list[int]:

@@ -69,6 +69,11 @@ class Shown:
             tuple(int(axis) for axis in residuals.axes),
         )  # fmt: skip
 
+    def error_label(self, axis: int) -> str:
+        """The label of an axis of a figure over errors of one number of a reading."""
+        name = self.data.kind.axis_names[axis]
+        return f"error in {name} [mm]" if len(name) == 1 else f"error {name} [mm]"
+
     @property
     def robot(self) -> Robot:
         """The arm that was calibrated."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.report.measured_parts.calibration_parameters import determined_words, differing, undetermined_names
-from posture_opt.report.measured_parts.error_table import ELSEWHERE, mm
+from posture_opt.report.measured_parts.error_table import ELSEWHERE, mm, reading_size
 from posture_opt.report.measured_parts.large_file_words import thinned_words
 from posture_opt.report.measured_parts.other_file_words import file_words
 from posture_opt.report.text.blocks import Block, Facts, Report
-from posture_opt.report.text.units_text import count, stated_length
+from posture_opt.report.text.units_text import count
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
@@ -60,8 +60,9 @@ def _measured(problem: ProblemData, found: Calibration) -> str:
         return f"{rows} at {count(len(data.point_names), 'touched point')}"
     sigma = position_sigma(problem, data)
     per = " per coordinate" if data.position is not None else ""
-    rows += "" if data.position is not None else f", {data.kind.noun}: {', '.join(data.point_names)}"
-    return f"{rows}; " + (f"instrument σ {stated_length(sigma)}{per}" if sigma else "no σ of the instrument")
+    places = f": {', '.join(data.point_names)}" if data.point_names else ""
+    rows += "" if data.position is not None else f", {data.kind.noun}{places}"
+    return f"{rows}; " + (f"instrument σ {reading_size(data, sigma)}{per}" if sigma else "no σ of the instrument")
 
 
 def _errors(found: Calibration) -> str:

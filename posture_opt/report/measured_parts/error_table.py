@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -62,11 +63,16 @@ def mm(metres: float) -> str:
     return number(metres * 1e3)
 
 
+def reading_size(data: Measurements, sigma: float) -> str:
+    """The σ of a reading with its unit: a length, or an angle in deg."""
+    return stated_length(sigma) if data.kind.unit == "m" else f"{number(math.degrees(sigma), 2)} deg"
+
+
 def instrument_words(problem: ProblemData, data: Measurements) -> str:
     """How well the instrument measures a coordinate, where there is an instrument and its accuracy is stated."""
-    if data.kind.settings:
+    if data.kind.sigma_key != "position":
         sigma = position_sigma(problem, data)
-        return f"{stated_length(sigma)} (one standard deviation)" if sigma else "no accuracy is stated"
+        return f"{reading_size(data, sigma)} (one standard deviation)" if sigma else "no accuracy is stated"
     if data.position is None:
         return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
     sigma = position_sigma(problem, data)

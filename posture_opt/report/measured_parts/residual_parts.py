@@ -34,6 +34,9 @@ def scatter_block(found: Assessment) -> Block:
     half = lengths([float(s) for s in (left.factor * ellipse.semi_axes)[::-1][: ellipse.rank]])
     if len(found.axes) < 3:
         along = ", ".join(_in_plane(found, a) for a in ellipse.axes.T[::-1][: ellipse.rank])
+    names = found.calibration.request.data.kind.axis_names
+    if len(names) < 3:  # numbers of a reading that are no coordinates
+        along = f"the errors {', '.join(names)}"
     poses = "" if left.dof == left.samples else f" in {count(left.dof, 'pose')}"
     texts = [
         f"C = (1/l) Σ Δx Δxᵀ over l = {left.samples} rows{poses} is the vector uncertainty of the calibrated model.",
@@ -43,7 +46,7 @@ def scatter_block(found: Assessment) -> Block:
     ]
     if not found.calibrated.zero:
         texts.append("As the mean is not zero everywhere, C contains systematic errors besides scatter.")
-    return Block("Residual scatter", tuple(texts), "residual_region")
+    return Block("Residual scatter", tuple(texts), "residual_region" if len(found.axes) > 1 else "")
 
 
 def _in_plane(found: Assessment, axis: np.ndarray) -> str:

@@ -125,7 +125,11 @@ def _mean_text(found: Assessment, name: str) -> str:
     blocks = _blocks_text(found, model.blocks) if model.blocks else ""
     if model.mean is None:
         one = found.calibration.request.data.kind.label
-        overall = f"the mean of every {one} is zero, since where it is follows from these rows only"
+        overall = (
+            f"the mean of every {one} is zero, since where it is follows from these rows only"
+            if one
+            else "the mean over all rows is not tested, as the mounting of the instrument follows from these rows"
+        )
     elif np.all(np.abs(model.mean.mean) <= _ZERO_MEAN_SHARE * model.mean.error):
         overall = "the mean over all rows is zero, as the fit enforces"
     else:
@@ -267,7 +271,8 @@ def assessment_drawings(found: Assessment) -> Drawings:
         "residual_inputs": partial(plot_residuals_over_inputs, rows),
     }
     if found.residual_scatter is not None:
-        drawings["residual_region"] = partial(plot_region, rows, found)
+        if len(found.axes) > 1:
+            drawings["residual_region"] = partial(plot_region, rows, found)
         drawings["residual_shape"] = partial(plot_shape, rows)
     if found.repeats is not None:
         drawings["residual_repeats"] = partial(plot_repeats, problem_of(found.calibration.request), rows, found)

@@ -96,7 +96,7 @@ def _measured(data: Measurements) -> str:
     if data.touches:
         return f"touches of {len(data.point_names)} points"
     if data.position is None:
-        return f"{data.kind.noun}: {', '.join(data.point_names)}"
+        return f"{data.kind.noun}: {', '.join(data.point_names)}" if data.point_names else data.kind.noun
     axes = ", ".join(name for name, seen in zip("xyz", data.measured_axes, strict=True) if seen)
     return f"position ({axes})" + (" and orientation" if data.rotation is not None else "")
 

@@ -39,6 +39,7 @@ class MeasurementSpec(Spec):
     orientation: Angle | None = Field(None, ge=0, description="of each component of the measured rotation")
     plane: Length | None = Field(None, ge=0, description="of each touch of a plane, its flatness left out")
     distance: Length | None = Field(None, ge=0, description="of each measured distance")
+    level: Angle | None = Field(None, ge=0, description="of each angle of a level on the tool")
     degrees_of_freedom: int | None = Field(
         None, ge=1, description="of an estimate of it (GUM, G.3), as from repeats; left out where it is known"
     )

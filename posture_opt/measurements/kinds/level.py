@@ -1,0 +1,120 @@
+"""An inclinometer on the tool: the angles of its two axes against the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import permutations, product
+from typing import ClassVar
+
+import numpy as np
+
+from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, dot
+from posture_opt.numerics import Array, Codes, Mask
+
+_LEAST_COSINE = 1e-6
+"""Of an angle that is read: at a right angle to the horizon, an axis shows no direction any more."""
+_ROUNDS = 8
+"""Of fitting the mounting and saying which rows are upside down; three are enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class Level(Kind):
+    """``h = (asin(s_x · z), asin(s_y · z))`` with z the vertical and s the axes of the inclinometer in the world.
+
+    ``s = R_world_tool M₀ Rz(c) Ry(b) Rx(a)`` with M₀ the mounting on the tool that suits the nominal arm, and a, b, c
+    small. Neither lengths nor a turn about the vertical are seen. Errors are angles: 1 mrad is 1 mm at a lever of 1 m.
+
+    Args:
+        up: (3,) the vertical z, world; mounting: (3, 3) the reference M₀.
+    """
+
+    kind: ClassVar[str] = "level"
+    noun: ClassVar[str] = "readings of a level"
+    unit: ClassVar[str] = "rad"
+    columns: ClassVar[Mapping[str, str]] = {"level_x": "angle", "level_y": "angle"}
+    example: ClassVar[str] = "level_x [deg] and level_y [deg] for an inclinometer"
+    sigma_key: ClassVar[str] = "level"
+    fixed_to_base: ClassVar[bool] = False
+    error_words: ClassVar[str] = "error of the level at 1 m"
+    number_words: ClassVar[str] = "angle, at a lever of 1 m"
+    axis_names: ClassVar[tuple[str, ...]] = ("level_x", "level_y")
+    blind_spot: ClassVar[str] = "a level sees neither lengths nor a turn about the vertical"
+    remedy: ClassVar[str] = "for these, measure positions, distances or touches of planes too"
+
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    mounting: Array = field(default_factory=lambda: np.eye(3))
+
+    def axes(self, measured: Mask) -> Codes:
+        """Both angles."""
+        return np.arange(2)
+
+    def prepared(self, seen: Seen, moving: Mask, up: Array) -> Level:
+        """The mounting that suits the nominal arm best."""
+        in_tool = np.stack([np.broadcast_to(dot(column, up), len(seen.place)) for column in seen.columns], axis=1)
+        return replace(self, up=up, mounting=_mounting(in_tool, np.sin(seen.reading[:, :2])))
+
+    def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
+        """Three small turns of the mounting."""
+        return (("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"))
+
+    def start(self, seen: Seen, places: int) -> Array:
+        """Zeros: the reference suits the nominal arm."""
+        return np.zeros((places, 3))
+
+    def error(self, seen: Seen) -> Slots:
+        """``asin(s · z) − m``."""
+        height = self.up @ self._axes(seen)
+        return tuple(np.arcsin(np.clip(height[:, i], -1, 1)) - seen.reading[:, i] for i in range(2))
+
+    def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
+        """``ω · (s × z) / cos h``."""
+        s = self._axes(seen)
+        across, height = np.cross(s, self.up, axisa=1, axisb=0, axisc=1), self.up @ s
+        return tuple(dot(turn, across[:, :, i].T) / _cosine(height[:, i]) for i in range(2))
+
+    def unknown_slope(self, seen: Seen, axis: int) -> Slots:
+        """``(∂s/∂a · z) / cos h``."""
+        height, moved = self.up @ self._axes(seen), self.up @ self._axes(seen, axis)
+        return tuple(moved[:, i] / _cosine(height[:, i]) for i in range(2))
+
+    def _axes(self, seen: Seen, by: int | None = None) -> Array:
+        """(N, 3, 3) the axes of the inclinometer in the world as columns, or their derivative by one of the turns."""
+        n = len(seen.place)
+        R = np.stack([np.stack([np.broadcast_to(v, n) for v in c], axis=1) for c in seen.columns], axis=2)
+        turns = [_turn(axis, seen.values[:, axis], by == axis) for axis in range(3)]
+        return np.asarray(R @ self.mounting @ turns[2] @ turns[1] @ turns[0])
+
+
+def _cosine(height: Array) -> Array:
+    """(N,) the cosine of the angle whose sine is the ``height`` of an axis."""
+    return np.asarray(np.sqrt(np.maximum(1 - height**2, _LEAST_COSINE**2)))
+
+
+def _turn(axis: int, angle: Array, derivative: bool) -> Array:
+    """(N, 3, 3) rotations about a coordinate axis by angles (N,), or their derivatives."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    c, s = (-np.sin(angle), np.cos(angle)) if derivative else (np.cos(angle), np.sin(angle))
+    found = np.zeros((len(angle), 3, 3))
+    found[:, axis, axis] = 0.0 if derivative else 1.0
+    found[:, i, i], found[:, i, j], found[:, j, i], found[:, j, j] = c, -s, s, c
+    return found
+
+
+def _mounting(up: Array, heights: Array) -> Array:
+    """(3, 3) M with ``Mᵀ up ≈ (heights, ±√(1 − |heights|²))``, by Kabsch from 24 starts.
+
+    Args:
+        up: (N, 3) the vertical in the frame of the tool; heights: (N, 2) of both axes of the inclinometer.
+    """
+    third = np.sqrt(np.maximum(1 - np.sum(heights**2, axis=1), 0.0))
+
+    def improved(M: Array) -> tuple[float, Array]:
+        for _ in range(_ROUNDS):
+            seen = np.column_stack([heights, np.where(up @ M[:, 2] < 0, -third, third)])
+            U, _, Vt = np.linalg.svd(up.T @ seen)
+            M = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        return float(np.sum((up @ M[:, :2] - heights) ** 2)), M
+
+    axes = [np.eye(3)[list(p)] * signs for p in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+    return min((improved(M) for M in axes if np.linalg.det(M) > 0), key=lambda one: one[0])[1]
