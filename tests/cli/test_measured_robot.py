@@ -42,8 +42,8 @@ def counted(file: Path, stem: str) -> Path:
 @pytest.mark.parametrize("stem", conformance(["", "q", "joint_"], ["q"]))
 def test_the_file_that_is_made_says_the_same(tmp_path: Path, stem: str) -> None:
     data = counted(tmp_path / "data.csv", stem) if stem else LOADED
-    made = invoke("calibrate", data, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots", "--json")
-    again = invoke("calibrate", data, "--problem", tmp_path / "out" / "problem.yaml", "--json")
+    made = invoke("calibrate", data, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots", "--json", "--no-plan")
+    again = invoke("calibrate", data, "--problem", tmp_path / "out" / "problem.yaml", "--json", "--no-plan")
     assert document(made) == document(again)
     problem = po.load_problem(tmp_path / "out" / "problem.yaml")
     assert problem.robot.base_free
@@ -60,21 +60,21 @@ def test_without_a_folder_it_stands_in_the_current_one_and_is_never_replaced(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "ur10_measured_problem.yaml"
-    invoke("calibrate", LOADED, "--robot", "ur10", "--json")
+    invoke("calibrate", LOADED, "--robot", "ur10", "--json", "--no-plan")
     assert not file.exists()
     first = invoke("calibrate", LOADED, "--robot", "ur10").stdout
     assert "ur10_measured_problem.yaml is the problem file of this call" in first
     assert len(first.splitlines()) <= 24
     edited = file.read_text(encoding="utf-8") + "task: {kind: insert, direction: [0, 0, -1]}\n"
     file.write_text(edited, encoding="utf-8")
-    assert "exists and was left as it is" in invoke("calibrate", LOADED, "--robot", "ur10").stdout
+    assert "exists and was left as it is" in invoke("calibrate", LOADED, "--robot", "ur10", "--no-plan").stdout
     assert file.read_text(encoding="utf-8") == edited
     assert po.load_problem(file).task is not None
 
 
 @pytest.mark.long
 def test_an_edited_file_in_the_folder_of_results_is_not_replaced(tmp_path: Path) -> None:
-    words = ["calibrate", LOADED, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots"]
+    words = ["calibrate", LOADED, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots", "--no-plan"]
     assert invoke(*words).exit_code == 0
     assert invoke(*words).exit_code == 0  # it says the same
     (tmp_path / "out" / "problem.yaml").write_text("name: mine\n", encoding="utf-8")

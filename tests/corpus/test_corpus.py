@@ -29,7 +29,11 @@ def name_of(case: dict[str, Any]) -> str:
     return re.sub(r"\W+", "_", f"{case['file']}_{case['command']}".replace("FILE", ""))[:80]
 
 
-@pytest.mark.parametrize("case", CASES, ids=name_of)
+LIMITED = [pytest.param(case, marks=pytest.mark.long) if "cpu" in case else case for case in CASES]
+"""A limit of its own has what takes seconds."""
+
+
+@pytest.mark.parametrize("case", LIMITED, ids=name_of)
 def test_it_gets_its_answer(case: dict[str, Any], server: CommandServer, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()

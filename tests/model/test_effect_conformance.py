@@ -39,7 +39,7 @@ from tests.hidden.files import write
 from tests.hidden.noise import SIGMA
 from tests.hidden.sizes import KINDS
 
-QUICK = ("backlash", "joint_compliance")
+QUICK = ("joint_compliance",)
 """Kinds that every run of the tests searches for; the others are a campaign."""
 STRONG = 60.0  # λ: missed once in a hundred thousand
 JARGON = ("gives way", "has play", "stands elsewhere", "comes back", "by chance", "a turn")

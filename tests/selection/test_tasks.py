@@ -129,7 +129,7 @@ def heading(solution: Any) -> float:
 
 @pytest.mark.parametrize(
     ("robot", "yaw"),
-    conformance(product(POINTS, YAWS), [*(("scara", yaw) for yaw in YAWS), ("panda", -170.0)]),
+    conformance(product(POINTS, YAWS), [("scara", 75.0), ("panda", -170.0)]),
 )
 def test_the_yaw_is_held_where_it_is_asked_for(robot: str, yaw: float) -> None:
     solution = po.select_posture(problem(robot, "place", yaw=f"{yaw} deg"))
@@ -193,7 +193,7 @@ DESCRIBED: dict[str, dict[str, Any]] = {
     ("kind", "robot"),
     conformance(
         product(DESCRIBED, ("panda", "scara")),
-        [("insert", "scara"), ("probe", "scara"), ("measure", "scara"), ("drill", "panda")],
+        [("probe", "scara"), ("drill", "panda")],
     ),
 )
 def test_custom_is_the_task_that_its_keys_describe(kind: str, robot: str) -> None:
