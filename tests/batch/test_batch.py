@@ -94,6 +94,7 @@ def test_lengths_that_vary_together_are_found(batch: tuple[Batch, np.ndarray]) -
     assert not any(pair.significant for pair in found.pairs[1:])
 
 
+@pytest.mark.long
 def test_what_does_not_vary_is_not_said_to(batch: tuple[Batch, np.ndarray]) -> None:
     found, _ = batch
     j = found.names.index("joint2.theta")

@@ -61,6 +61,7 @@ def run(*words: str) -> Told:
     return Told(tuple(texts), tuple(times), time.monotonic() - begun)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "stages"),
     [

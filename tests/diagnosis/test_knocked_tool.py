@@ -55,6 +55,7 @@ def test_a_knocked_tool_is_named_with_its_shift_and_moment(seed: int, kind: str,
     assert "the tool or its reflector was knocked out of place" in found.report()
 
 
+@pytest.mark.long
 def test_a_last_joint_that_slips_is_named_with_the_tool_as_a_rival() -> None:
     """What turns about the last axis shifts the tool in its flange: the joint is the simpler cause."""
     case = SimulatedSession(103)

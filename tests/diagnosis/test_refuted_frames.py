@@ -127,6 +127,7 @@ def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None
     assert not po.calibrate(problem, rows(problem, q, right)).contradictions
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", conformance([441, 442, 443], [441]))
 def test_sigmas_that_are_all_wrong_are_set_aside_together(seed: int) -> None:
     """Zeros stated to 5 µrad and off by 1 mrad, all of them: each alone explains little. Made on seeds 1 to 4."""

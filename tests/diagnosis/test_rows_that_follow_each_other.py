@@ -71,6 +71,7 @@ def test_an_instrument_that_scatters_otherwise_than_stated_is_named_from_reading
     assert abs(value - 2.0) < 4 * std
 
 
+@pytest.mark.long
 def test_readings_that_agree_do_not_refute_a_noisy_joint_nor_call_for_more_of_them() -> None:
     for repeats in ("", "readings"):
         _, found = found_in(41, scatter="poses", repeats=repeats)

@@ -250,6 +250,7 @@ def test_the_arms_own_scatter_is_counted_with() -> None:
     assert np.median(plan.after.std[known] / bare.after.std[known]) == pytest.approx(plan.spread, rel=0.3)
 
 
+@pytest.mark.long
 def test_the_task_turns_with_a_base_that_is_found_elsewhere() -> None:
     arm = SimulatedArm(TABLE, base=BASE, tool=TOOL)
     there = BASE @ np.array([0.5, 0.2, 0.2, 1.0])

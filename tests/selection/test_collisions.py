@@ -94,6 +94,7 @@ def test_every_target_of_a_map_keeps_clear() -> None:
     assert not np.any(found.feasible & ~without.feasible)
 
 
+@pytest.mark.long
 def test_what_was_checked_is_told() -> None:
     cell = problem_in_cell("ur10", TABLE, LAMP, position=["0.6 m", "0.2 m", "0.2 m"])
     told = " ".join(po.select_posture(cell).report().split())

@@ -194,6 +194,7 @@ def test_failure_names_the_feature_and_a_move_that_suffices() -> None:
     assert po.select_posture(changed(problem, relaxation)).status != "infeasible"
 
 
+@pytest.mark.long
 def test_a_change_does_for_every_feature_that_fails() -> None:
     """Two holes at two heights: the lower one lacks more, and the change that it needs is offered."""
     holes = [

@@ -40,8 +40,9 @@ BOUNDED: dict[str, dict[str, Any]] = {
     "limit_margin": {"at_least": "179 deg"},
 }
 UNWEIGHED = "scara"  # without masses, no torque
-BOUNDS = [pair for pair in product(POINTS, BOUNDED) if pair != (UNWEIGHED, "joint_torque")]
-ALWAYS = [*(("scara", kind) for kind in list(BOUNDED)[::2] if kind != "joint_torque"), ("ur10", "joint_torque")]
+HEAVY = ("ur10", "joint_torque")
+BOUNDS = [pair for pair in product(POINTS, BOUNDED) if pair not in ((UNWEIGHED, "joint_torque"), HEAVY)]
+ALWAYS = [("scara", kind) for kind in list(BOUNDED)[::2] if kind != "joint_torque"]
 
 
 def asked(robot: str, position: list[float], **task: Any) -> dict[str, Any]:
@@ -80,7 +81,9 @@ every_robot = pytest.mark.parametrize("robot", conformance(POINTS, ["scara"]))
 
 
 class TestWhatIsOffered:
-    @pytest.mark.parametrize(("robot", "kind"), conformance(BOUNDS, ALWAYS))
+    @pytest.mark.parametrize(
+        ("robot", "kind"), [*conformance(BOUNDS, ALWAYS), pytest.param(*HEAVY, marks=pytest.mark.long)]
+    )
     def test_a_term_is_named_and_each_change_helps(self, robot: str, kind: str) -> None:
         bound = {**BOUNDED[kind]}
         if kind == "limit_margin" and robot == "ur10":

@@ -110,7 +110,7 @@ def test_a_speed_that_no_motion_keeps_is_refused_with_one_that_does():
     assert caught.value.exit_code == 3
 
 
-@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("count", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_closed_path_ends_in_the_posture_in_which_it_begins(count):
     """Three links: one freedom, with which an open motion ends elsewhere."""
     points = ring(7, (0.9, 0.9), 0.35)

@@ -107,7 +107,7 @@ def test_reachable_targets_are_never_called_infeasible(name: str) -> None:
         assert np.linalg.norm(reached[:3, 2] - T[:3, 2]) < 2e-6
 
 
-@pytest.mark.parametrize("criterion", conformance(["worst", "trace", "area", "miss"], ["worst", "miss"]))
+@pytest.mark.parametrize("criterion", conformance(["worst", "trace", "area", "miss"], ["worst"]))
 def test_no_sampled_posture_beats_the_answer(criterion: str) -> None:
     """A Panda at a fixed hole: 300 random postures on the same target, judged by finite differences."""
     task = {"position": ["0.45 m", "0.1 m", "0.25 m"], "criterion": criterion, "clearance": "0.4 mm"}

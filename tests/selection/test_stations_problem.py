@@ -44,6 +44,7 @@ def test_station_is_the_single_problem_at_the_moved_target(task: dict[str, Any])
             assert np.max(beyond) == pytest.approx(worst, rel=1e-9)
 
 
+@pytest.mark.long
 def test_fixed_placement_gives_the_single_solves() -> None:
     selector = selector_of()
     engine = selector.engine(selector.target)

@@ -92,6 +92,7 @@ def plate():
     return po.select_posture(on_plate())
 
 
+@pytest.mark.long
 def test_one_target_is_the_origin_of_its_workpiece(single):
     arm = po.propagate(single.problem, single.q)
     plain = po.propagate(problem({}, position=["0.6 m", "0.2 m", "0.1 m"]), single.q)
