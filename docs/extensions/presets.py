@@ -15,7 +15,8 @@ def presets_table() -> str:
         preset = yaml.safe_load(preset_text(name))
         source = " ".join(preset["source"]["geometry"].split())
         joints = len(preset["robot"]["joints"])
-        payload, repeats = (preset.get(key, {}).get("value", "") for key in ("rated_payload", "repeatability"))
+        payload, given = preset.get("rated_payload", {}).get("value", ""), preset.get("repeatability", {})
+        repeats = given.get("value", "") + ("" if given.get("verified", True) else " \\*")
         kind = preset["robot"]["kind"]
         rows.append(f"| `{name}` | {preset['title']} | `{kind}` | {joints} | {payload} | {repeats} | {source} |")
-    return "\n".join(rows) + "\n"
+    return "\n".join([*rows, "", "\\* written down without the data sheet at hand"]) + "\n"

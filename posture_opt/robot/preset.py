@@ -24,9 +24,10 @@ from posture_opt.units import Length, Mass
 
 
 class RepeatabilitySpec(Spec):
-    """A data sheet's position repeatability, with its source."""
+    """A data sheet's position repeatability, with its source; not ``verified`` where the sheet was not at hand."""
 
     value: Length
+    verified: bool = True
     source: str
 
 
