@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Codes, Mask
 
+_SHAPES_AT_ONCE = 16  # shapes of one effect that are compared at a time
 _STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half way to the next
 
 
@@ -102,15 +104,21 @@ class WrittenAtoms(Atoms):
         return self.members[index]
 
     def finest(self, index: int, Q: Array, e: Array, learn: Mask) -> Candidate:
-        """The best of some shapes between this candidate and its neighbours on the grid."""
-        finer = list(finer_shapes(self._sensitivities, self.members[index]))
-        if len(finer) == 1:
-            return finer[0]
-        Z = np.concatenate([c.Z for c in finer], axis=1) * learn[:, None]
+        """The best of some shapes between this candidate and its neighbours on the grid, a few at a time for memory."""
+        finer = finer_shapes(self._sensitivities, self.members[index])
+        best, most = self.members[index], -np.inf
+        while some := list(islice(finer, _SHAPES_AT_ONCE)):
+            gains = self._gains(some, Q, e, learn) if len(some) > 1 or np.isfinite(most) else np.zeros(1)
+            if gains.max() > most:
+                best, most = some[int(np.argmax(gains))], float(gains.max())
+        return best
+
+    def _gains(self, some: Sequence[Candidate], Q: Array, e: Array, learn: Mask) -> Array:
+        """What each of some candidates of this width explains of e."""
+        Z = np.concatenate([c.Z for c in some], axis=1) * learn[:, None]
         own = Z.reshape(len(Z), -1, self.width)
         gram = np.einsum("mik,mil->ikl", own, own, optimize=True)
-        inner, score = (Z.T @ Q).reshape(-1, self.width, Q.shape[1]), (Z.T @ e).reshape(-1, self.width)
-        return finer[int(np.argmax(projected_gains(gram, inner, score)))]
+        return projected_gains(gram, (Z.T @ Q).reshape(-1, self.width, Q.shape[1]), (Z.T @ e).reshape(-1, self.width))
 
     def excluded(self, chosen: Candidate) -> Codes:
         """Indices of other shapes of the same effect."""

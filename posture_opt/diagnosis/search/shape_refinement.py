@@ -55,6 +55,8 @@ def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> It
         yield from (Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, effect))
         return
     shapes = effect.shape_steps(sensitivities.state)
+    if len(shapes) > 2 * levels.MOMENTS_TRIED:  # of thousands of rows: between two of these the model hardly changes
+        shapes = shapes[np.linspace(0, len(shapes) - 1, 2 * levels.MOMENTS_TRIED).astype(int)]
     if not len(shapes) and effect.smooth_shape:
         shapes = np.linspace(*effect.bracket(_joint_span(sensitivities, effect)), levels.SHAPES_BETWEEN)
     for shaped in (effect.with_shape(float(shape)) for shape in shapes):
