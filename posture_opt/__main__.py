@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 from posture_opt.interrupts import interruptible
@@ -51,5 +52,18 @@ def _end_process(code: int) -> NoReturn:
     os._exit(code)
 
 
+def _leave_working_directory() -> None:
+    """Take the working directory, which ``python -m`` puts first, off the way of imports and entry points.
+
+    Data lie there, perhaps of others. Where this package itself lies in it, it comes last.
+    """
+    if sys.flags.safe_path or not sys.path or Path(sys.path[0]).resolve() != Path.cwd():
+        return
+    here = sys.path.pop(0)
+    if Path(__file__).resolve().parents[1] == Path(here).resolve():
+        sys.path.append(here)
+
+
 if __name__ == "__main__":
+    _leave_working_directory()
     run()

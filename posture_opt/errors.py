@@ -127,11 +127,16 @@ class PostureOptError(Exception):
     exit_code = 1
 
 
+MAX_LISTED_ISSUES = 20
+"""A file of another kind is wrong throughout; what is wrong is seen from the first issues."""
+
+
 class InputError(PostureOptError):
     """Input that cannot be used.
 
     Args:
-        issues: everything wrong with it, not only the first thing; a plain text is one issue without a place.
+        issues: everything wrong with it, not only the first thing; a plain text is one issue without a place. Its text
+            has the first `MAX_LISTED_ISSUES`, and how many more there are.
     """
 
     exit_code = 2
@@ -140,7 +145,8 @@ class InputError(PostureOptError):
         if isinstance(issues, str):
             issues = Issue(issues)
         self.issues: tuple[Issue, ...] = (issues,) if isinstance(issues, Issue) else tuple(issues)
-        super().__init__("\n".join(map(str, self.issues)))
+        lines, left = [str(issue) for issue in self.issues[:MAX_LISTED_ISSUES]], len(self.issues) - MAX_LISTED_ISSUES
+        super().__init__("\n".join([*lines, f"and {left} more"] if left > 0 else lines))
 
 
 class NoSolutionError(PostureOptError):

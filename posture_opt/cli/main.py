@@ -23,7 +23,7 @@ from posture_opt import __version__
 from posture_opt.cli.asked.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.completion import VARIABLE, complete
 from posture_opt.cli.streams import discard, ended_by_signals, exit_code_of, open_standard_streams, output_fault
-from posture_opt.errors import PostureOptError, nearest
+from posture_opt.errors import InputError, Issue, PostureOptError, nearest
 from posture_opt.interrupts import interruptible
 
 COMMANDS = {
@@ -138,12 +138,24 @@ class PostureCommands(click.Group):
         if asked := os.environ.get(VARIABLE):
             complete(self, asked)
             return 0
+        _check_words(words)
         try:
             with self.make_context(prog_name, words, **extra) as ctx:
                 self.invoke(ctx)
         except click.exceptions.Exit as leaving:
             return leaving.exit_code
         return 0
+
+
+def _check_words(words: Sequence[str]) -> None:
+    """Refuse words whose bytes are no text: what Python makes of them can be neither printed nor written.
+
+    Raises:
+        InputError: each such word.
+    """
+    wrong = [word for word in words if any("\ud800" <= c <= "\udfff" for c in word)]
+    if wrong:
+        raise InputError([Issue("the argument is not UTF-8", (word,), word, "write it as UTF-8") for word in wrong])
 
 
 def _report_error(error: BaseException, debug: bool) -> int:
@@ -195,7 +207,7 @@ def _error_text(error: PostureOptError) -> str:
     lines = str(error).splitlines() or [type(error).__name__]
     if len(lines) == 1:
         return f"error: {lines[0]}"
-    head = f"{len(lines)} errors:" if error.exit_code == 2 else "error:"
+    head = f"{len(error.issues)} errors:" if isinstance(error, InputError) else "error:"
     return "\n  ".join([head, *lines])
 
 

@@ -81,7 +81,7 @@ def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
         if name not in (*_POINT, *_AXIS):
             near = nearest(name, (*_POINT, *_AXIS))
             hint = f"did you mean '{near}'?" if near else "a path has x [mm], y [mm], z [mm] and optionally dx, dy, dz"
-            raw.faults.add("unknown column", name, name, hint, raw.line)
+            raw.faults.add("unknown column", name if near else f"column {index + 1}", name, hint, raw.line)
         elif name in found:
             raw.faults.add("two columns have this name", name, hint="keep one", line=raw.line)
         else:
@@ -124,7 +124,7 @@ def _number(cell: str, name: str, line: int, faults: Faults) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        faults.add(f"'{str(cell).strip()}' is not a finite number", name, cell, "write a number like 12.5", line)
+        faults.add("this is not a finite number", name, cell, "write a number like 12.5", line)
     return value
 
 

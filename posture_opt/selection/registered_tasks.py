@@ -58,7 +58,7 @@ def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
     for point in sorted(points, key=lambda point: (point.name, point.value)):
         try:
             task = _checked(point.load(), point.name, taken)
-        except Exception as error:  # code of others may raise anything
+        except (Exception, SystemExit) as error:  # code of others may raise anything, and end the program
             reason = str(error) if isinstance(error, TypeError) else f"{type(error).__name__}: {error}"
             broken.append(BrokenTask(point.name, _package(point), reason))
             continue

@@ -6,9 +6,11 @@ import logging
 import socket
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -102,15 +104,7 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     # Whether there is an answer says what has become of the workers.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if address == LOCAL:
-        cluster = dask.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-        )
-        client = dask.Client(cluster, set_as_default=False)
-        return DaskWorkers(client, (client, cluster))
+        return _local_workers(dask, workers)
     _check_answer(address)
     try:
         client = dask.Client(address, timeout=_SCHEDULER_TIMEOUT_S, set_as_default=False)
@@ -124,6 +118,44 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
         found.close()
         raise
     return found
+
+
+def _local_workers(dask: DaskObject, workers: int) -> DaskWorkers:
+    """A scheduler and workers of this machine, whose files are in a folder that goes with them.
+
+    Raises:
+        InputError: they do not start, or end while they do: one may be killed for want of memory.
+    """
+    with ExitStack() as begun:
+        folder = begun.enter_context(TemporaryDirectory(prefix="posture_opt-", ignore_cleanup_errors=True))
+        try:
+            with import_module("dask").config.set({"temporary-directory": folder}):
+                cluster = dask.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                    local_directory=folder,
+                )
+            begun.callback(cluster.close, timeout=_SCHEDULER_TIMEOUT_S)
+            client = dask.Client(cluster, set_as_default=False)
+        except (OSError, RuntimeError, TimeoutError, ValueError) as error:
+            hint = "start it again with fewer --workers; without --scheduler it needs no Dask"
+            what = f"the workers did not start ({type(error).__name__})"
+            raise InputError(Issue(what, _OPTION, LOCAL, hint)) from error
+        return DaskWorkers(client, (client, _Closing(begun.pop_all())))
+
+
+@dataclass(frozen=True)
+class _Closing:
+    """What is closed at last, in the order of the stack."""
+
+    stack: ExitStack
+
+    def close(self, timeout: float) -> None:
+        """Close all of it; each has a time limit of its own."""
+        self.stack.close()
 
 
 def _check_answer(address: str) -> None:

@@ -419,3 +419,21 @@ def test_importing_the_package_is_quick() -> None:
         for _ in range(3)
     )
     assert seconds < 0.3
+
+
+def test_of_many_issues_the_first_and_their_number_are_told(tmp_path: Path) -> None:
+    keys = "".join(f"key{k}: 1\n" for k in range(500))
+    (tmp_path / "p.yaml").write_text(f"robot: {{kind: preset, name: planar_2r}}\n{keys}")
+    result = run("--problem", str(tmp_path / "p.yaml"))
+    assert result.exit_code == 2
+    lines = result.stderr.splitlines()
+    assert lines[0] == "500 errors:"
+    assert len(lines) == 22
+    assert lines[-1].strip() == "and 480 more"
+
+
+def test_words_that_are_no_text_are_refused() -> None:
+    for words in (("--task", "\udcff"), ("--task", "insert", "--robot", "ur5e", "--position", "\udcff m, 0 m, 0 m")):
+        result = run(*words)
+        assert result.exit_code == 2
+        assert r"the argument is not UTF-8" in result.stderr

@@ -337,11 +337,11 @@ def covariance_faults(folder: Path, table: str) -> list[str]:
         ("name, joint1.a\njoint1.a, 1\n", "cov.csv:1: joint1.a: the column has no unit – write joint1.a [m]"),
         ("name, joint1.a [deg]\njoint1.a, 1\n", "cov.csv:1: joint1.a: 'deg' is not a unit of length"),
         ("name, joint1.b [mm]\njoint1.b, 1\n", "cov.csv:1: joint1.b: the robot has no such parameter – did you mean"),
-        ("name, joint1.a [mm]\njoint1.a, nan\n", "cov.csv:2: joint1.a: 'nan' is not a finite number"),
+        ("name, joint1.a [mm]\njoint1.a, nan\n", "cov.csv:2: joint1.a: column 2 holds no finite number"),
         ("name, joint1.a [mm]\njoint1.a, 1, 2\n", "cov.csv:2: joint1.a: 2 numbers in the row, 1 columns"),
         (
             "name, joint1.a [mm], joint2.a [mm]\njoint1.a, 1, 0.5\njoint2.a, 0.4, 1\n",
-            "cov.csv:1: not symmetric: row joint1.a, column joint2.a holds 0.5, the reverse 0.4",
+            "cov.csv:1: not symmetric: row joint1.a, column joint2.a and the reverse differ by 20 %",
         ),
         (
             "name, joint1.a [mm], joint2.a [mm]\njoint1.a, 1, 2\njoint2.a, 2, 1\n",
@@ -356,6 +356,24 @@ def covariance_faults(folder: Path, table: str) -> list[str]:
 def test_fault_in_a_covariance_file(table: str, message: str, tmp_path: Path) -> None:
     (found,) = covariance_faults(tmp_path, table)
     assert found.startswith(message)
+
+
+@pytest.mark.parametrize("section", ["uncertainty: {covariance: other}", "task: {kind: trace, path: other}"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "root:x0r:0:0:/bin/sh\nbin:x0r:1:1\n", "name, x0rkey [mm]\nx0rkey, 1\n", "x [mm], y [mm]\n1, x0r\n2, 3\n",
+        "name, joint1.a [mm]\njoint1.a, x0r\nx0r, 1\n", 'name, "x0r\n', "x0r\0", "x0r\n\xff\n", "password = x0r\n",
+        "name, x0r.a [mm], x0r.b [mm]\nx0r.a, 1, 0.73\nx0r.b, 0.74, 1\n",
+    ],
+)  # fmt: skip
+def test_errors_of_a_named_file_do_not_print_it(section: str, content: str, tmp_path: Path) -> None:
+    """A problem of somebody else may name any file: what is in it is not theirs to see."""
+    (tmp_path / "other").write_bytes(content.encode("latin-1"))
+    found = faults(tmp_path, ROBOT + section + "\n")
+    assert found
+    assert not any(secret in line for line in found for secret in ("x0r", "root", "password", "0.73", "0.74"))
+    assert all("other" in line for line in found)
 
 
 def test_missing_covariance_file(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from itertools import product
 from typing import Any
 
@@ -13,6 +14,7 @@ import posture_opt as po
 from posture_opt.errors import NoSolutionError
 from posture_opt.selection.answer.infeasible import Infeasibility
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.search.relaxation import shown_apart
 from posture_opt.selection.terms import TERMS
 from tests.helpers.changes import changed
 from tests.helpers.variants import conformance
@@ -261,3 +263,9 @@ def test_requirements_that_are_met_one_by_one_and_not_together_are_no_error_of_t
     assert "no posture was found that meets all of the requirements" in first.message
     assert any(reason.requirement.startswith("link_height") for reason in missed)
     assert solution.to_json()["status"] == "infeasible"
+
+
+def test_two_numbers_of_a_message_differ_where_they_differ() -> None:
+    assert shown_apart(math.radians(17.192), math.radians(17.19), "rad") == ("17.192 deg", "17.19 deg")
+    assert shown_apart(0.99999999, 1.0, "m") == ("999.99999 mm", "1000 mm")
+    assert shown_apart(0.1, 0.1, "m")[0] == shown_apart(0.1, 0.1, "m")[1]

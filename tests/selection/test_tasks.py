@@ -321,3 +321,21 @@ def test_a_kind_that_is_taken_is_refused() -> None:
     none = read_tasks([EntryPoint("polish", "posture_opt.selection.tasks:TASKS", "posture_opt.tasks")])
     assert "is no subclass of posture_opt.Task" in none.broken[0].reason
     assert kind_of(Insert) == "insert"
+
+
+def test_a_package_that_ends_the_program_is_a_broken_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "leaving.py").write_text("raise SystemExit(7)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    (broken,) = read_tasks([EntryPoint("polish", "leaving:Polish", "posture_opt.tasks")]).broken
+    assert "SystemExit: 7" in broken.reason
+
+
+def test_no_task_is_loaded_from_the_working_directory(tmp_path: Path) -> None:
+    """Data of others may lie there, with a folder that calls itself an installed package, or a module of a library."""
+    env = installed(tmp_path, "raise SystemExit(7)", entry_points_text())
+    (tmp_path / "yaml.py").write_text("raise SystemExit(8)\n")
+    env["PYTHONPATH"] = env["PYTHONPATH"].partition(os.pathsep)[2]
+    words = [sys.executable, "-m", "posture_opt", "list", "--json"]
+    done = subprocess.run(words, env=env, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "polish" not in done.stdout

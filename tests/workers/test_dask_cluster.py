@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import socket
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -131,3 +132,38 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
     result = invoke("map", "--problem", "insert_scara", "--grid", "3x3", "--scheduler", "local")
     assert result.exit_code == 2
     assert "pip install 'posture_opt[cluster]'" in result.stderr
+
+
+LOCAL = """
+import os, signal, sys
+import posture_opt.workers.dask_cluster as cluster
+from posture_opt.errors import InputError
+from tests.workers.parts import squared
+
+if __name__ == "__main__":
+    with cluster.scheduled("local") as pool:
+        assert pool.in_order(squared, 3, range(4)) == [[3 * k * k] for k in range(4)]
+    import distributed
+    class Killed(distributed.LocalCluster):
+        def __init__(self, **given):
+            raise RuntimeError("Nanny failed to start.")
+    distributed.LocalCluster = Killed
+    try:
+        cluster.scheduled("local")
+    except InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.interrupts
+def test_local_workers_leave_nothing_behind_and_say_that_they_did_not_start(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    scratch, script = tmp_path / "scratch", tmp_path / "run.py"
+    scratch.mkdir()
+    script.write_text(LOCAL)
+    path = os.pathsep.join([str(Path(po.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    env = {**os.environ, "TMPDIR": str(scratch), "PYTHONPATH": path}
+    done = subprocess.run([sys.executable, str(script)], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("--scheduler: the workers did not start (RuntimeError) – start it again with fewer")
+    assert [*scratch.iterdir()] == []

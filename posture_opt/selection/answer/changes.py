@@ -22,7 +22,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.change import Change, Quantity, decimals_for, exact_text, rounded
 from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
-from posture_opt.selection.search.relaxation import VISIBLE_EXCESS, YAW, shown, stated_text, way_words
+from posture_opt.selection.search.relaxation import VISIBLE_EXCESS, YAW, shown, stated_apart, stated_text, way_words
 from posture_opt.selection.tasks import Task
 
 
@@ -94,7 +94,7 @@ class Changes:
         tilt = self._up(self.target.tilt, lacking, "rad")
         if self.task.heading is not None or tilt.value > math.pi / 2:
             return []
-        words = f"set tilt: {tilt.text} (now {shown(self.target.tilt, 'rad')})"
+        words = f"set tilt: {tilt.text} (now {stated_apart(self.target.tilt, tilt.value, 'rad')})"
         return [Change(("task", "tilt"), tilt.value, tilt.text, words, looser=1)]
 
     def _yaw(self) -> list[Change]:
@@ -108,7 +108,7 @@ class Changes:
         off, now = math.atan2(sine, cosine), math.atan2(heading[1], heading[0])
         turn = -off * math.copysign(1.0, self.target.axis[2])
         yaw = rounded(now + turn * (1 + self.attempt.more), "rad", 2 + self.attempt.digits, 1 if turn > 0 else -1)
-        words = f"set yaw: {yaw.text} (now {shown(now, 'rad')})"
+        words = f"set yaw: {yaw.text} (now {stated_apart(now, yaw.value, 'rad')})"
         return [Change(("task", "yaw"), yaw.value, yaw.text, words)]
 
     def _held(self) -> list[Change]:
@@ -119,7 +119,7 @@ class Changes:
             if abs(off) > VISIBLE_EXCESS:
                 there = self._beyond(value, off, joint.unit)
                 key = ("task", "subject_to", self._holding(k), "values", joint.name)
-                words = f"hold {joint.name} at {there.text} (now {shown(value, joint.unit)})"
+                words = f"hold {joint.name} at {there.text} (now {stated_apart(value, there.value, joint.unit)})"
                 changes.append(Change(key, there.value, there.text, words))
         return changes
 
@@ -164,7 +164,7 @@ class Changes:
                 there = self._beyond(bound, off, joint.unit)
                 ends = (there.value, joint.upper) if off < 0 else (joint.lower, there.value)
                 text = [there.text if end == there.value else exact_text(end, joint.unit) for end in ends]
-                words = f"let {joint.name} go to {there.text} (limit {shown(bound, joint.unit)})"
+                words = f"let {joint.name} go to {there.text} (limit {stated_apart(bound, there.value, joint.unit)})"
                 changes.append(Change(("robot", "joints", joint.name, "limits"), ends, text, words))
         return changes
 
@@ -193,7 +193,7 @@ class Changes:
             return []
         below = mounting.below + by.value
         text = exact_text(below, "m")
-        words = f"state the mounting plane {text} below the base (now {shown(mounting.below, 'm')})"
+        words = f"state the mounting plane {text} below the base (now {stated_apart(mounting.below, below, 'm')})"
         return [Change(("cell", "mounting", "below"), below, text, words, looser=1)]
 
     def _moved(self, k: int, name: str) -> list[Change]:
@@ -211,7 +211,7 @@ class Changes:
         left = rounded(margin - less * (1 + self.attempt.more), "m", self._decimals(less, "m"), -1)
         if not 0 <= left.value < margin:
             return []
-        words = f"set clearance of the cell to {left.text} (now {shown(margin, 'm')})"
+        words = f"set clearance of the cell to {left.text} (now {stated_apart(margin, left.value, 'm')})"
         return [Change(("cell", "clearance"), left.value, left.text, words, looser=-1)]
 
     # --- digits ---------------------------------------------------------------------------------------------------

@@ -127,10 +127,9 @@ class Reasons:
 
     def _axis(self, missing: float) -> Reason:
         """The angle that the tool axis comes to."""
-        allowed = math.degrees(self.target.tilt)
+        reached, allowed = shown_apart(self.target.tilt + missing, self.target.tilt, "rad")
         message = (
-            f"at this target the tool axis comes no closer than {allowed + math.degrees(missing):.3g} deg to the "
-            f"direction, and {allowed:.3g} deg are allowed"
+            f"at this target the tool axis comes no closer than {reached} to the direction, and {allowed} are allowed"
         )
         return Reason(AXIS, message, missing, "rad")
 
@@ -179,14 +178,15 @@ class Reasons:
     def _too_near(self, name: str, missing: float) -> Reason:
         """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it."""
         margin = self.elastic.cell.scene.margin
-        message = f"{name} is {shown(margin - missing, 'm')} at most, and at least {shown(margin, 'm')} is required"
+        reached, needed = shown_apart(margin - missing, margin, "m")
+        message = f"{name} is {reached} at most, and at least {needed} is required"
         return Reason(name, message, missing, "m")
 
 
 def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
     """What a row of a term reaches, and what is required."""
     reached, bound = row.shown(value), row.shown(low if value < low else high)
-    reached_text, stated = shown(reached, row.unit), shown(bound, row.unit)
+    reached_text, stated = shown_apart(reached, bound, row.unit)
     if reached < bound:
         message = f"{row.name} is {reached_text} at most, and at least {stated} is required"
     else:
@@ -222,17 +222,35 @@ def stated_text(value: float, unit: str) -> str:
     return f"{value:.6g}" if unit == "probability" else shown(value, "m" if unit == "m/rad" else unit)
 
 
-def shown(value: float, unit: str) -> str:
+def shown(value: float, unit: str, digits: int = 4) -> str:
     """A quantity [SI] with the unit that reports use: deg, mm, %.
 
     >>> shown(0.0125, "m"), shown(0.5, "probability")
     ('12.5 mm', '50 %')
     """
     if unit == "rad":
-        return f"{math.degrees(value):.4g} deg"
+        return f"{math.degrees(value):.{digits}g} deg"
     if unit == "probability":
-        return f"{100 * value:.6g} %"
-    return f"{value * 1e3:.4g} mm" if unit == "m" else f"{value:.4g} {unit}"
+        return f"{100 * value:.{digits + 2}g} %"
+    return f"{value * 1e3:.{digits}g} mm" if unit == "m" else f"{value:.{digits}g} {unit}"
+
+
+def shown_apart(reached: float, bound: float, unit: str) -> tuple[str, str]:
+    """Two quantities [SI] that differ, with as many digits as show that they do.
+
+    >>> shown_apart(0.01719, 0.0172, "m"), shown_apart(0.017190001, 0.01719, "m")
+    (('17.19 mm', '17.2 mm'), ('17.190001 mm', '17.19 mm'))
+    """
+    for digits in range(4, 16):
+        texts = shown(reached, unit, digits), shown(bound, unit, digits)
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
+def stated_apart(stated: float, other: float, unit: str) -> str:
+    """A stated quantity [SI] beside another value for it, with as many digits as show that they differ."""
+    return shown_apart(stated, other, unit)[0]
 
 
 def millimetres(vector: Array) -> str:

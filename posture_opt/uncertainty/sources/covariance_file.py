@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.csv_text import csv_line, unguarded
-from posture_opt.errors import BadValueError, InputError, Issue
+from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, nearest
 from posture_opt.files import content, naming
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
@@ -39,14 +40,15 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
         text: its content, where the file is not there yet.
 
     Raises:
-        InputError: everything wrong with the file, each with its line.
+        InputError: everything wrong with the file, each with its line. What the file holds is not repeated, but for
+            names of parameters and what is written like one: the problem that names it may be of somebody else.
     """
     rows = _file_rows(path) if text is None else _filled_rows(csv.reader(StringIO(text)))
     if not rows:
         raise InputError(Issue("the covariance file is empty", file=str(path)))
     line, header = rows[0]
     names, factors, issues = _read_header(header[1:], dimensions)
-    matrix, more = _read_body(rows[1:], names)
+    matrix, more = _read_body(rows[1:], names, dimensions)
     issues += more
     if issues:
         raise InputError([issue.placed(str(path), line) for issue in issues])
@@ -91,8 +93,10 @@ def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
         return _filled_rows(csv.reader(StringIO(text, newline="")))
     except InputError as error:
         raise naming(path, error) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(Issue(f"cannot read the covariance file {path}: {error}")) from None
+    except UnicodeDecodeError:
+        raise InputError(Issue("not UTF-8 text", hint="save the file as UTF-8", file=str(path))) from None
+    except csv.Error:
+        raise InputError(Issue("this is no CSV file", hint="are its quotes closed?", file=str(path))) from None
 
 
 def _filled_rows(reader: Any) -> list[tuple[int, list[str]]]:
@@ -105,16 +109,17 @@ def _read_header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list
     names: list[str] = []
     factors: list[float] = []
     issues: list[Issue] = []
-    for cell in cells:
+    for number, cell in enumerate(cells, start=2):
         match = _HEADER_CELL.match(cell)
         name, unit = (unguarded(match["name"]), match["unit"]) if match else (cell.strip(), None)
-        issues += name_issues(name, dimensions)
+        place = _place_of(name, f"column {number}", dimensions)
+        issues += [replace(issue, key=place) for issue in name_issues(name, dimensions)]
         dimension = dimensions.get(name, "length" if unit == "m" else "angle")
         if name in names:
-            issues.append(Issue("two columns have this name", (name,)))
-        if unit is None:
+            issues.append(Issue("two columns have this name", place))
+        if unit is None and name in dimensions:
             example = "rad" if dimension == "angle" else "m"
-            issues.append(Issue("the column has no unit", (name,), hint=f"write {name} [{example}]"))
+            issues.append(Issue("the column has no unit", place, hint=f"write {name} [{example}]"))
         names.append(name)
         factors.append(_unit_factor(name, unit, dimension, issues if name in dimensions else []))
     if not cells:
@@ -135,37 +140,52 @@ def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue
         return 1.0
 
 
-def _read_body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[Array, list[Issue]]:
-    """(k, k) the rows in the order of the columns, in the units of the file; issues where a row cannot be used."""
+def _place_of(name: str, place: str, known: Iterable[str]) -> KeyPath:
+    """The key of an issue: the name where it is one of a parameter, or is written like one, else where it is."""
+    every = set(known)
+    return (name if name in every or nearest(name, every) else place,)
+
+
+def _read_body(
+    rows: Sequence[tuple[int, list[str]]], names: Sequence[str], known: Iterable[str]
+) -> tuple[Array, list[Issue]]:
+    """(k, k) the rows in the order of the columns, in the units of the file; issues where a row cannot be used.
+
+    Args:
+        known: names of parameters.
+    """
     matrix = np.full((len(names), len(names)), math.nan)
     issues: list[Issue] = []
     for line, cells in rows:
         match = _HEADER_CELL.match(cells[0])
         name = unguarded(match["name"]) if match else cells[0].strip()
+        place = _place_of(name, "row", known)
         if name not in names:
-            issues.append(Issue("the row has no column of the same name", (name,), line=line))
+            issues.append(Issue("the row has no column of the same name", place, line=line))
         elif not np.isnan(matrix[names.index(name)]).all():
-            issues.append(Issue("two rows have this name", (name,), line=line))
+            issues.append(Issue("two rows have this name", place, line=line))
         elif len(cells) - 1 != len(names):
-            issues.append(Issue(f"{len(cells) - 1} numbers in the row, {len(names)} columns", (name,), line=line))
+            issues.append(Issue(f"{len(cells) - 1} numbers in the row, {len(names)} columns", place, line=line))
         else:
-            matrix[names.index(name)] = [_read_number(text, line, name, issues) for text in cells[1:]]
-    missing = [name for i, name in enumerate(names) if np.isnan(matrix[i]).all()]
+            values = [_finite_number(text) for text in cells[1:]]
+            wrong = [k for k, value in enumerate(values, start=2) if value is None]
+            issues += [
+                Issue(f"column {k} holds no finite number", place, None, "write 1.2e-8", "", line) for k in wrong
+            ]
+            matrix[names.index(name)] = [value or 0.0 for value in values]
+    missing = [name for i, name in enumerate(names) if np.isnan(matrix[i]).all() and name in {*known}]
     if missing and not issues:
         issues.append(Issue(f"no row for {', '.join(missing)}", hint="every column needs the row of the same name"))
-    return matrix, issues or _asymmetry_issues(names, matrix)
+    return matrix, issues or (_asymmetry_issues(names, matrix) if {*names} <= {*known} else [])
 
 
-def _read_number(text: str, line: int, name: str, issues: list[Issue]) -> float:
-    """A number of a cell; 0 with an issue where it is none."""
+def _finite_number(text: str) -> float | None:
+    """The number of a cell; None where it holds none that is finite."""
     try:
         value = float(text)
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        issues.append(Issue(f"'{text.strip()}' is not a finite number", (name,), text, line=line))
-        return 0.0
-    return value
+        return None
+    return value if math.isfinite(value) else None
 
 
 def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:
@@ -173,9 +193,8 @@ def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:
     scale = np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
     # 1e-6 of the largest possible entry: a file written with seven digits is symmetric.
     pairs = np.argwhere(np.triu(np.abs(matrix - matrix.T) > 1e-6 * np.maximum(scale, np.abs(matrix)), 1))
+    apart = np.abs(matrix - matrix.T) / np.maximum(np.maximum(np.abs(matrix), np.abs(matrix.T)), 1e-300)
     return [
-        Issue(
-            f"not symmetric: row {names[i]}, column {names[j]} holds {matrix[i, j]:.6g}, the reverse {matrix[j, i]:.6g}"
-        )
+        Issue(f"not symmetric: row {names[i]}, column {names[j]} and the reverse differ by {100 * apart[i, j]:.3g} %")
         for i, j in pairs[:10]
     ]
