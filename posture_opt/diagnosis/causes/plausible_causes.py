@@ -38,7 +38,9 @@ class FittedEffects:
         part = model.slices[place]
         turns = self._turns(place)
         turned, C = turns @ model.x[part], model.covariance[part, part]
-        turned = turned if turns.any() else self._tilt(place)
+        if not turns.any():  # of links and base the angle between axes, whose parts vary one by one
+            turns = self._tilts(place)
+            turned = np.linalg.norm(turns @ model.x[part], axis=0)
         return FittedSizes(
             finding.estimate, C, timed, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
             self._span(finding),
@@ -53,14 +55,14 @@ class FittedEffects:
                 turns[:, k] += np.asarray(size, dtype=float)
         return turns
 
-    def _tilt(self, place: int) -> Array:
-        """Angle (N,) by which an effect that moves no joint turns what it carries, ``|Σ θ_k φ_k|`` [rad]."""
+    def _tilts(self, place: int) -> Array:
+        """Turn (3, N, k) of what an effect that moves no joint carries, by one unit of each parameter [rad]."""
         ones = self.model.effects[place].sensitivities(self.state)
-        rows = np.zeros((3, len(self.model.residuals.data)))
-        for one, value in zip(ones, self.model.x[self.model.slices[place]], strict=True):
+        turns = np.zeros((3, len(self.model.residuals.data), len(ones)))
+        for k, one in enumerate(ones):
             for axis in range(3):
-                rows[axis] += value * np.asarray(one.twist[1][axis], dtype=float)
-        return np.asarray(np.linalg.norm(rows, axis=0))
+                turns[axis, :, k] += np.asarray(one.twist[1][axis], dtype=float)
+        return turns
 
     def _span(self, finding: Finding) -> float:
         """Range of the joint that a finding moves in the data [rad]; 0 where it moves none or several."""
@@ -73,9 +75,11 @@ class FittedEffects:
 def _rms(turns: Array, values: Array, C: Array) -> tuple[float, float]:
     """Root mean square of the turn about its mean, ``√(θᵀMθ)``, and its standard error to first order [rad].
 
-    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns (N, k), ``C`` that of θ.
+    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns (…, N, k), summed over axes where
+    they have some, ``C`` that of θ.
     """
-    M = np.atleast_2d(np.cov(turns.T, bias=True))
+    centred = (turns - turns.mean(axis=-2, keepdims=True)).reshape(-1, turns.shape[-1])
+    M = centred.T @ centred / turns.shape[-2]
     size = float(np.sqrt(values @ M @ values))
     return size, float(np.sqrt(values @ M @ C @ M @ values)) / size if size else 0.0
 

@@ -125,6 +125,14 @@ class CyclicError(Harmonic):
         )
 
     @property
+    def brief_words(self) -> str:
+        """The cause in one clause, of several lines with the largest alone."""
+        if not self.further:
+            return self.words
+        lines = f"{len(self.lines)} lines, largest at {cycles_text(self.cycles)} cycles per revolution"
+        return f"{self.joint} has a cyclic error of {lines}"
+
+    @property
     def qualifier(self) -> str:
         """Its cycles per revolution; of several lines how many, and the largest."""
         if self.further:

@@ -58,6 +58,8 @@ from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.units_text import count
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.selection.comparison.comparison import Comparison
 
@@ -107,14 +109,14 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     said = [_named(found, f) for f in causes[:named]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
-    also = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
-    also += f" {_vague(found, vague)}" if vague else ""
+    also = f" {_vague(found, vague)}" if vague else ""
+    counted = _counted(len(causes), [] if causes is geometry else geometry)
     if found.verdict == "none_found":
         first = f"The model explains these data: no cause of error is found{_beyond(found)}."
     elif found.verdict == "effects_found" and said:
-        first = f"{_counted(len(causes))} the errors: {names}.{also}"
+        first = f"{counted} the errors: {names}.{also}"
     elif said:
-        first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{also}"
+        first = f"{counted} part of the error: {names}. The rest is unexplained.{also}"
     else:
         cause = "cause of known size" if vague else "cause of the catalogue"
         first = f"Errors remain{_beyond(found)} that no {cause} explains.{also}"
@@ -139,6 +141,7 @@ def _beyond(found: Diagnosis) -> str:
 def _named(found: Diagnosis, finding: Finding) -> str:
     """A cause in words with its size; without, where the words have the size already or no single number says it."""
     size, words = headline_of(found, finding), finding_words(finding, found.problem)
+    words = finding.cause.brief_words if words == finding.cause.words else words
     if not size or size in words:
         return words
     return f"{words}, {size}" if words.endswith(")") else f"{words} ({size})"
@@ -164,11 +167,14 @@ def _improvement(found: Diagnosis) -> str:
     return text + (f"; {floor.clause}." if 0 < floor.rms < sizes["extended"] else ".")
 
 
-def _counted(n: int) -> str:
-    """One cause explains, two causes explain, 12 causes explain."""
-    if n == 1:
-        return "One cause explains"
-    return f"{_NUMBER_WORDS[n - 2] if n - 2 < len(_NUMBER_WORDS) else n} causes explain"
+def _counted(n: int, geometry: Sequence[Finding]) -> str:
+    """One cause explains, two causes and the geometry explain, 12 causes explain: as many as the table lists."""
+    numbers = f"{_NUMBER_WORDS[n - 2] if 0 <= n - 2 < len(_NUMBER_WORDS) else 'One' if n == 1 else n}"
+    text = f"{numbers} {'cause' if n == 1 else 'causes'}"
+    if not geometry:
+        return f"{text} {'explains' if n == 1 else 'explain'}"
+    also = "the geometry" if geometry[0].kind == "geometry" else count(len(geometry), "geometric error")
+    return f"{text} and {also} explain"
 
 
 def _these(n: int) -> str:

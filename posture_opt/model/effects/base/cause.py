@@ -99,6 +99,11 @@ class Cause:
         """The cause in one clause: "elbow is compliant under gravity"."""
         return self.phrase.format(target=self.target)
 
+    @property
+    def brief_words(self) -> str:
+        """The cause in as few words as a list of several can hold; `words` where these are few."""
+        return self.words
+
     def worded(self, estimate: FittedSizes) -> str:
         """The cause in one clause, as its fitted size has it; `words` where the size does not change them.
 

@@ -12,7 +12,7 @@ from posture_opt.model.chain import Scalar, Vector, cross, scale, subtract
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import FittedSizes, Size, compliance_size
 from posture_opt.model.effects.base.effect import NOT_NEGATIVE, Effect, Excitation
-from posture_opt.units import number
+from posture_opt.units import number, shown
 
 PAYLOAD = "payload"
 """The point of the payload whose mass is stated."""
@@ -121,8 +121,12 @@ class GravityLoaded(Effect):
         )
 
     def headline(self, estimate: FittedSizes) -> str:
-        """The compliance; nothing for unknown loads."""
-        return "" if self.unstated_loads else super().headline(estimate)
+        """The compliance; of unknown loads the turn that it makes in the data, root mean square about its mean."""
+        if not self.unstated_loads:
+            return super().headline(estimate)
+        return (
+            "" if not estimate.rms or not estimate.rms[0] else f"{shown(estimate.rms[0], 'angle', estimate.rms[1])} RMS"
+        )
 
     def plausible_size(self, estimate: FittedSizes) -> tuple[float, float]:
         """The compliance [rad/(N m)]; of unknown loads half the range of the turn in the data [rad]."""
