@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
+from posture_opt.diagnosis.causes.selected_sizes import Factors, selection_factors, with_selection_errors
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
@@ -58,7 +60,8 @@ class _Explained:
     """What the residuals of a calibration hold, and the arm that was fitted with it.
 
     Args:
-        predictive: the calibrated arm with the effects that have a name, each of which held-out rows need.
+        geometry: the calibrated arm; ``predictive`` with the effects that have a name and that held-out rows need.
+        wider: factors of the standard errors of these effects, as they were chosen.
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
@@ -67,16 +70,18 @@ class _Explained:
     calibration: Calibration
     linearised: LinearisedData
     search: SearchResult
+    geometry: Fit
     predictive: PredictiveModel
+    wider: Factors
     unnamed: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
     noise: Sequence[NoiseCause]
     uneven: Sequence[UnevenErrors]
 
-    @property
+    @cached_property
     def model(self) -> Fit:
         """The calibrated arm with the effects that have a name."""
-        return self.predictive.fit
+        return with_selection_errors(self.predictive.fit, self.wider)
 
     @property
     def names(self) -> SearchResult:
@@ -161,7 +166,7 @@ def diagnose(
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     found = _explain_calibration(calibration, draws, seed or 0, stages)
     held = _held_out_errors(found)
-    delivery = deliver_arm(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
+    delivery = _deliver(found, held, with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})
     findings = _all_findings(found, held)
     stages.next()
@@ -197,6 +202,8 @@ def _explain_residuals(
     """
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals
+    geometry, names = calibration.fit_effects(residuals, []), found.names or found
+    wider = selection_factors(model, geometry, names.nested.each[0], names.size) if model.effects else {}
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     everything = linearised.baseline(found.chosen)
     repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
@@ -204,7 +211,7 @@ def _explain_residuals(
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
     p_value = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(problem, calibration, model, everything, p_value, seed)
-    return _Explained(calibration, linearised, found, predictive, unnamed, left, noise, uneven)
+    return _Explained(calibration, linearised, found, geometry, predictive, wider, unnamed, left, noise, uneven)
 
 
 def _needed_effects(
@@ -250,8 +257,7 @@ def _held_out_errors(found: _Explained) -> _HeldOut:
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     shape = noise_shape(model, found.noise)
     if model.effects:
-        calibrated = calibration.fit_effects(found.linearised.sensitivities.residuals, [])
-        held["extended"] = found.names.nested.each[0].held_out(calibrated, found.names.size, shape)
+        held["extended"] = found.names.nested.each[0].held_out(found.geometry, found.names.size, shape)
     else:
         held["extended"] = replace(held_out(model, parts, shape=shape), errors=held["calibrated"].errors)
     return _HeldOut(held, groups, parts)
@@ -274,7 +280,7 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
     )
     beforehand = contradiction_findings(calibration)
     refuted = [c.cause for c in calibration.contradictions]
-    effects = effect_findings(found.names, found.predictive, held.groups)
+    effects = effect_findings(found.names, found.predictive, found.model, held.groups)
     effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state))
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
@@ -282,6 +288,14 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
         *(f for f in beforehand if not isinstance(f.cause, Effect)),
         *(geometry_finding(g) for g in geometry if g.deviation not in refuted),
     )
+
+
+def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
+    """The arm to plan with, with effects of time or without."""
+    delivery = deliver_arm(
+        found.calibration, found.predictive.fit, held.models, held.parts, found.noise, with_time=with_time
+    )
+    return replace(delivery, fit=with_selection_errors(delivery.fit, found.wider))
 
 
 def _predict_session(
@@ -293,7 +307,7 @@ def _predict_session(
         with_time: whether effects of time are in the delivered arm; the other file is predicted without them.
     """
     calibration, model = found.calibration, found.model
-    persistent = deliver_arm(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
+    persistent = _deliver(found, held, with_time=False) if with_time else delivery
     return second_session(test, calibration, model, persistent, refit_frames=refit_frames)
 
 

@@ -139,13 +139,14 @@ class Finding:
         }
 
 
-def effect_findings(found: SearchResult, predictive: PredictiveModel, groups: Codes) -> list[Finding]:
+def effect_findings(found: SearchResult, predictive: PredictiveModel, model: Fit, groups: Codes) -> list[Finding]:
     """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first.
 
     Args:
-        predictive: the arm with these effects; groups: what its folds leave out together.
+        predictive: the arm with these effects; ``model`` the same with the standard errors of the choice, too.
+        groups: what its folds leave out together.
     """
-    model, left = predictive.fit, predictive.left_out
+    left = predictive.left_out
     findings = []
     for place, i in enumerate(i for i, s in enumerate(found.chosen) if s.named):
         gain = Gain.of(left.whole, left.without[place], groups)
@@ -156,7 +157,7 @@ def effect_findings(found: SearchResult, predictive: PredictiveModel, groups: Co
             gain.value,
             tuple(r.what for r in found.rivals[i]),
             (gain.low, gain.high),
-            determined=determines(model, place),
+            determined=determines(predictive.fit, place),
             place=place,
             stated=_stated_effect(model, place),
         )

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.causes.determined_sizes import determines
+from posture_opt.diagnosis.causes.determined_sizes import undetermined
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
@@ -71,7 +71,7 @@ def deliver_arm(
     """
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
-    vague = tuple(i for i in stays if not determines(model, i))
+    vague = tuple(i for i in undetermined(model) if i in stays)
     stays = [i for i in stays if i not in vague]
     fit, errors, kept = model, held["extended"], stays
     if session or vague:

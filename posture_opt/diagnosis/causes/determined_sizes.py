@@ -58,3 +58,8 @@ def determines(model: Fit, place: int) -> bool:
     """
     part = model.slices[place]
     return is_determined(model.x[part], model.covariance[part, part], model.effect_columns(place))
+
+
+def undetermined(model: Fit) -> list[int]:
+    """The places of the effects of a fit whose sizes the data do not determine."""
+    return [place for place in range(len(model.effects)) if not determines(model, place)]

@@ -13,7 +13,7 @@ from posture_opt.calibration.cross_validation import Folds
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.leave_out import LeftOut, leave_out
-from posture_opt.diagnosis.causes.determined_sizes import determines
+from posture_opt.diagnosis.causes.determined_sizes import undetermined
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, rms
 
@@ -49,8 +49,7 @@ class PredictiveModel:
         while True:
             fit = _fitted(calibration, [effects[i] for i in kept])
             model = cls(calibration, fit, kept, folds)
-            vague = [k for k in range(len(kept)) if determined and not determines(fit, k)]
-            gone = vague or model._unneeded()
+            gone = (undetermined(fit) if determined else []) or model._unneeded()
             if not gone:
                 return model
             kept = tuple(i for k, i in enumerate(kept) if k not in gone)

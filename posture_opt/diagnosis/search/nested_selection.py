@@ -98,15 +98,23 @@ class NestedSelection:
             calibrated: the fit of the geometry alone, about which the models are linear.
             shape: see `cross_validation.held_out`.
         """
-        return linear_held_out_errors(calibrated.residuals, self._models(calibrated, size), shape=shape)
+        models = ((left_out, linear) for left_out, linear, *_ in self.fitted_sets(calibrated, size))
+        return linear_held_out_errors(calibrated.residuals, models, shape=shape)
 
-    def _models(self, calibrated: Fit, size: int) -> Iterator[tuple[Codes, LinearModel]]:
-        """The rows of each fold with its own model, one at a time for memory."""
+    def fitted_sets(
+        self, calibrated: Fit, size: int
+    ) -> Iterator[tuple[Codes, LinearModel, tuple[Effect, ...], list[Array]]]:
+        """Of each fold the rows left out, its own model, and the effects in it with their columns (m, k).
+
+        The columns of the model are of unit length; one fold at a time, for memory.
+        """
         for left_out, sets in zip(self.folds, self.sets, strict=True):
-            columns = [self.linearised.sensitivities.columns(e) for e in sets[min(size, len(sets) - 1)]]
+            effects = sets[min(size, len(sets) - 1)]
+            columns = [self.linearised.sensitivities.columns(e) for e in effects]
             Z = np.concatenate([self.linearised.G[:, :0], *columns], axis=1)
             norms = np.linalg.norm(Z, axis=0)
-            yield left_out, LinearModel.with_columns(calibrated, Z / np.where(norms > 0, norms, 1.0))
+            linear = LinearModel.with_columns(calibrated, Z / np.where(norms > 0, norms, 1.0))
+            yield left_out, linear, effects, columns
 
 
 def clearly_less(loss: Array, other: Array) -> bool:
