@@ -104,8 +104,11 @@ def measured_errors(
         projected: (N, m, m) predicted covariance at the targets [m²]; NaN where there is no posture.
 
     Raises:
-        InputError: no row of the first target, or measurements of several robots.
+        InputError: no row of the first target, several robots, or rows that are neither positions nor touched points.
     """
+    if data.position is None and not data.touches:
+        message = f"a map predicts positions, and these rows are {data.kind.noun}"
+        raise InputError(Issue(message, ("--data",), hint="name rows with x, y, z", file=data.file))
     notes = []
     if len(data.target_names) > 1:
         data = data.take(np.flatnonzero(data.target == 0))

@@ -103,7 +103,7 @@ def _answer(found: Calibration) -> str:
     before, after = (mm(s.rms) for s in (found.nominal, found.calibrated))
     what = found.request.data.kind.error_words
     if found.calibrated.rms >= found.nominal.rms:
-        return f"Calibration does not help: {what}s of {before} mm RMS become {after} mm."
+        return f"Calibration does not help: {what.replace('error', 'errors')} of {before} mm RMS become {after} mm."
     return f"On rows held out from the fit, calibration reduces the RMS {what} from {before} mm to {after} mm."
 
 
