@@ -283,6 +283,7 @@ def test_one_robot_does_not_tell_what_varies_together() -> None:
     assert any("cannot be known from one robot" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_the_command_answers_on_one_screen_and_tells_the_rest_in_full() -> None:
     data = problems_folder() / "planar_2r_batch.csv"
     words = ["calibrate", data, "--problem", "insert_planar_2r_measured", "--no-plots"]

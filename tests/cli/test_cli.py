@@ -169,6 +169,7 @@ def test_postures_by_order_and_by_name() -> None:
         requested_posture("joint1=1 deg, joint1=2 deg, joint2=0 deg", robot)
 
 
+@pytest.mark.long
 def test_a_slide_without_sigma_is_told_to_be_exact() -> None:
     solve = ["--task", "insert", "--robot", "scara", "--position", "0.3 m, 0.2 m, 0.1 m", "--sigma"]
     assert "the slide joint3, taken as exact" in " ".join(run(*solve, "0.02 deg").output.split())

@@ -76,6 +76,7 @@ def test_of_few_rows_the_figure_is_told_too(tmp_path: Path) -> None:
     assert 0 < found.to_json()["residual_rms"]["delivered"] < found.errors["calibrated"].rms
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("free", conformance([False, True], [True]))
 def test_of_several_targets_and_a_slip_between(free: bool, tmp_path: Path) -> None:
     """Three targets on a planar arm whose gear is eccentric; the second joint slips half-way."""

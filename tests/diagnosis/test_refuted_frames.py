@@ -15,7 +15,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.free_arms import SIX, TOOL, problem_of, rows, simulated_points
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.simulated_session import SimulatedSession
 from tests.helpers.variants import conformance
 from tests.hidden.draw import Draw, draw
@@ -150,7 +150,7 @@ def test_sigmas_that_are_all_wrong_are_set_aside_together(seed: int) -> None:
         assert abs(value - case.deviations[f"{told.cause.target}.theta"]) < 5 * std + 3e-5
 
 
-@needs_real_arms
+@long_on_real_arms
 @pytest.mark.parametrize("off", conformance([0.0, 2.0, 5.0], [0.0, 2.0]))
 def test_the_base_of_a_measured_arm_is_named_where_it_is_off(off: float) -> None:
     """The frames of a UR5 as its calibration found them, and the base stated some millimetres beside that."""

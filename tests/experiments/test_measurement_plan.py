@@ -20,7 +20,7 @@ from posture_opt.experiments.information import GivenInformation, given_informat
 from posture_opt.experiments.plan_search import shortest_tour
 from tests.helpers import coal_distance
 from tests.helpers.capsules import in_the_world
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
 
 JACOBI = DATA / "jacobi_ur5"
@@ -357,7 +357,7 @@ def test_slides_and_arms_with_few_joints_are_planned_for() -> None:
     assert {p.name for p, s in zip(one.parameters, one.settled, strict=True) if s} == {"j1.theta", "j1.a"}
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_few_chosen_rows_of_a_real_arm_predict_the_others_better_than_random_ones() -> None:
     problem = po.load_problem(JACOBI / "problem.yaml")
     grid = po.read_measurements(JACOBI / "grid.csv", problem)

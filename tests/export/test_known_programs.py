@@ -36,6 +36,7 @@ def test_a_plan_is_visited_posture_by_posture_with_waits(kind: str, tmp_path: Pa
     assert kind not in waits or text.count(waits[kind]) == 8
 
 
+@pytest.mark.long
 def test_compensated_targets_become_a_program(tmp_path: Path) -> None:
     path = tmp_path / "targets.csv"
     path.write_text("x [mm], y [mm], z [mm]\n600, 200, 300\n650, 150, 250\n620, -50, 300\n")

@@ -467,6 +467,7 @@ def test_another_robots_file_with_the_same_joint_names() -> None:
     assert any("is it another robot's file" in warning for warning in data.warnings)
 
 
+@pytest.mark.long
 def test_touches_in_another_unit_or_swapped() -> None:
     # A touched point: six joints reach it in many ways; here by turning about the ball with damped least squares.
     table = touches()

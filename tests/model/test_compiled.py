@@ -310,6 +310,7 @@ def test_damaged_library_is_compiled_again(cache: Path, compilations: list[tuple
     assert len(compilations) == 1
 
 
+@pytest.mark.long
 @needs_compiler
 def test_two_processes_share_an_empty_cache(cache: Path) -> None:
     code = textwrap.dedent("""

@@ -32,7 +32,7 @@ KINDS = [task.model_fields["kind"].annotation.__args__[0] for task in TASKS]
 WHOLE_TURN = 2 * math.pi
 
 
-SPATIAL = ("drill_ur5e", "insert_panda_cell", "insert_scara", "insert_ur10_extended", "insert_urdf_arm")
+SPATIAL = ("drill_ur5e", "insert_scara", "insert_ur10_extended", "insert_urdf_arm")
 ALWAYS = [path for path in FILES if path.stem in SPATIAL or path.stem in {f"{kind}_planar_2r" for kind in KINDS}]
 ALWAYS += [path for path in FILES if path.stem == "insert_planar_2r_correlated_lengths"]
 

@@ -124,6 +124,7 @@ def test_calibrated_and_extended_arms_come_back(measured: tuple[Problem, po.Diag
     assert np.count_nonzero(cross) > 5  # geometry and effects were estimated together
 
 
+@pytest.mark.long
 def test_what_a_batch_taught_comes_back(tmp_path: Path) -> None:
     problem = load_builtin("insert_planar_2r_measured")
     data = po.read_measurements(problems_folder() / "planar_2r_batch.csv", problem)

@@ -143,6 +143,7 @@ def test_hull_of_points_is_scipys() -> None:
     assert sorted(map(tuple, ours.round(6))) == sorted(map(tuple, points[ConvexHull(points).vertices].round(6)))
 
 
+@pytest.mark.long
 def test_the_figure_says_which_arm_it_is() -> None:
     figure = po.propagate(load_builtin("insert_panda"), [0, -0.8, 0, -2.4, 0, 1.6, 0.8]).plot()
     assert "Franka Emika Panda" in {text.get_text() for text in figure.axes[0].texts}

@@ -66,6 +66,7 @@ def test_sources_that_cancel_are_one_line_and_rounding_is_no_share() -> None:
 NAMES = ("$a_$", "_b", "c^{", "<d> & e", "関節")
 
 
+@pytest.mark.long
 def test_names_are_drawn_as_they_are_written() -> None:
     """No formula, no label that matplotlib hides, no warning of a letter that the font lacks."""
     path = [[f"{x} m", "0.5 m", "0 m"] for x in (1.5, 1.8, 2.1)]

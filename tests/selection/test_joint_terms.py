@@ -219,6 +219,7 @@ def test_joints_with_dots_in_their_names_can_be_named() -> None:
 # --- probability ---
 
 
+@pytest.mark.long
 def test_success_is_bounded_in_terms_of_the_probability() -> None:
     task = {**SCARA, "clearance": "0.04 mm"}
     free = po.select_posture(problem("scara", **task))

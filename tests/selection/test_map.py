@@ -136,6 +136,7 @@ def test_a_spatial_map_is_as_good_as_thorough_solves() -> None:
         )
 
 
+@pytest.mark.long
 def test_a_grid_lies_across_the_direction_or_where_it_is_asked_to() -> None:
     problem = load_builtin("insert_scara")
     across = map_targets(problem, counts=(3, 3))
@@ -329,6 +330,7 @@ def measured_rows(folder: Path, errors: dict[str, float], sigma: float) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_measured_rows_stand_beside_what_is_predicted_for_them(tmp_path: Path) -> None:
     errors = {"joint2.a": 3e-3, "joint1.theta": 2e-3}
     table = [(0, A1, 0), (0, A2, 0)]

@@ -74,6 +74,7 @@ def test_a_plane_that_the_task_cannot_do_with_is_dropped_and_named_first() -> No
     assert any("below its mounting plane" in note for note in answer_program(solution.problem, solution).notes)
 
 
+@pytest.mark.long
 def test_a_plane_that_is_stated_is_kept() -> None:
     with pytest.raises(NoSolutionError, match="mounting plane"):
         po.select_posture(problem_of("ur5e", (0.4, 0.1, -0.35), {"mounting": {"below": "0 m"}}))

@@ -75,6 +75,7 @@ def manipulability(solution: Any) -> float:
     return float(np.linalg.det(J @ J.T) ** (1 / 6))
 
 
+@pytest.mark.long
 def test_a_bound_on_manipulability_is_met_and_its_weight_pulls() -> None:
     free = po.select_posture(problem())
     least = 1.05 * manipulability(free)

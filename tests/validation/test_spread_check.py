@@ -22,7 +22,7 @@ from posture_opt.validation.residual_scatter import covariance_under, residual_s
 from posture_opt.validation.scatter_model import Scatter
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
 from tests.helpers.planar_2r import position
-from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.real_arms import DATA, long_on_real_arms
 from tests.helpers.scattering_arm import LENGTH, NOISE, SCATTER, STATED, arm, checked, measured, table
 
 
@@ -270,7 +270,7 @@ def test_the_document_is_plain_json(understated: SpreadCheck) -> None:
     assert len(document["repeats"]["poses"]) == 60
 
 
-@needs_real_arms
+@long_on_real_arms
 def test_ur10_revisits_scatter_far_less_than_the_calibration_leaves() -> None:
     problem = po.load_problem(DATA / "ipa_ur10" / "problem.yaml")
     data = read_measurements(DATA / "ipa_ur10" / "series_b.csv", problem)
