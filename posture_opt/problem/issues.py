@@ -146,6 +146,8 @@ def _without_misspelt(errors: list[_Placed], data: Plain) -> list[_Placed]:
 
     ``postion: …`` is one mistake: an unknown key with a suggestion, and no missing ``position``.
     """
+    if not any(error.missing for error in errors):
+        return errors
     meant = {
         (*error.key[:-1], nearest(str(error.key[-1]), known_keys(error.key[:-1], data)))
         for error in errors
