@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
 from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
+from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.axis_names import decimals
@@ -159,6 +160,6 @@ def _mark(axes: Axes, cycles: float, k: int) -> None:
     """A dotted line at a named frequency with its number; of neighbouring numbers the next is lower."""
     axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
     axes.annotate(
-        f"{cycles:.4g}", (cycles, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        cycles_text(cycles), (cycles, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points",
         xytext=(3, -10 - 10 * (k % 3)),
     )  # fmt: skip

@@ -134,9 +134,10 @@ def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
         k: row; ``share`` of the width of the axes that its bar takes, ``width`` the end of the bar.
     """
     inside = share + _LETTER_WIDTH * len(text) > 1
+    paper = None if inside else {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"}
     axes.annotate(
         text, (width, k), xytext=(-4 if inside else 4, 0), textcoords="offset points", va="center",
-        ha="right" if inside else "left", color="white" if inside else "black", zorder=4,
+        ha="right" if inside else "left", color="white" if inside else "black", zorder=4, bbox=paper,
     )  # fmt: skip
 
 
