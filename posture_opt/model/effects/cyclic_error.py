@@ -126,11 +126,8 @@ class CyclicError(Harmonic):
 
     @property
     def brief_words(self) -> str:
-        """The cause in one clause, of several lines with the largest alone."""
-        if not self.further:
-            return self.words
-        lines = f"{len(self.lines)} lines, largest at {cycles_text(self.cycles)} cycles per revolution"
-        return f"{self.joint} has a cyclic error of {lines}"
+        """The cause in one clause, of several lines with their number alone."""
+        return f"{self.joint} has a cyclic error of {len(self.lines)} lines" if self.further else self.words
 
     @property
     def qualifier(self) -> str:
