@@ -70,10 +70,7 @@ def reading_size(data: Measurements, sigma: float) -> str:
 
 def instrument_words(problem: ProblemData, data: Measurements) -> str:
     """How well the instrument measures a coordinate, where there is an instrument and its accuracy is stated."""
-    if data.kind.sigma_key != "position":
-        sigma = position_sigma(problem, data)
-        return f"{reading_size(data, sigma)} (one standard deviation)" if sigma else "no accuracy is stated"
-    if data.position is None:
+    if data.touches:
         return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
-    sigma = position_sigma(problem, data)
-    return f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
+    sigma, of_one = position_sigma(problem, data), "" if data.position is None else " of a coordinate"
+    return f"{reading_size(data, sigma)} (one standard deviation{of_one})" if sigma else "no accuracy is stated"
