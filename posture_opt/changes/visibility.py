@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,9 @@ POWER = 0.9
 """Probability of being detected from which on a change counts as visible."""
 REFERENCE_M = 0.1e-3
 """The motion of the tool whose probability of being detected is reported [m]."""
-_SHIFTS_M = 1e-5 * 2.0 ** np.arange(0, 12.01, 0.5)
+_LEAST_M, _MOST_M = 1e-5, 0.05
+"""Motions between which the visible one is searched, by halving their ratio so often:"""
+_HALVINGS = 9
 _DRAWS = 400
 
 
@@ -50,17 +53,21 @@ def visibilities(models: Hypotheses) -> tuple[Visibility, ...]:
 
 
 def _visibility(models: Hypotheses, index: int, draws: Array) -> Visibility:
+    """Of one change, by its simplest form."""
     change, form = models.changes[index], models.forms[index][0]
-    powers = np.array([models.power(index, float(shift), draws) for shift in _SHIFTS_M])
-    seen = np.flatnonzero(powers >= POWER)
-    shift = float("inf")
-    if len(seen):
-        k = int(seen[0])
-        shift = float(_SHIFTS_M[k])
-        if k:
-            step = (POWER - powers[k - 1]) / (powers[k] - powers[k - 1])
-            shift = float(_SHIFTS_M[k - 1] * (_SHIFTS_M[k] / _SHIFTS_M[k - 1]) ** step)
+    shift = _visible_motion(models, index, draws)
     single = len(change.parameters) == 1
-    size = shift * abs(float(form.W[0, 0])) if single else float("nan")
+    size = shift * abs(float(form.W[0, 0])) if single else math.nan
     unit = change.parameters[0].unit if single else "m"
     return Visibility(change.kind, change.target, models.power(index, REFERENCE_M, draws), shift, size, unit)
+
+
+def _visible_motion(models: Hypotheses, index: int, draws: Array) -> float:
+    """The motion [m] that is detected with the probability `POWER`; infinite where the largest is not."""
+    if models.power(index, _MOST_M, draws) < POWER:
+        return math.inf
+    low, high = _LEAST_M, _MOST_M
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if models.power(index, middle, draws) >= POWER else (middle, high)
+    return math.sqrt(low * high)

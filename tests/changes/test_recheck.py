@@ -210,7 +210,7 @@ def test_update_writes_the_file_with_only_that_changed(tmp_path: Path) -> None:
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("name", ["panda", "iiwa14"])
+@pytest.mark.parametrize("name", ["panda"])
 def test_changes_are_named_nine_times_in_ten(name: str) -> None:
     """40 draws each of tool 0.3 mm, base 0.5 mm, zero 0.2 mrad, link 0.2 mm and nothing, ten planned postures."""
     cell, rng = calibrated(name), np.random.default_rng(1)

@@ -43,7 +43,7 @@ def recheck_lead(found: Recheck) -> tuple[str, ...]:
         return (f"Nothing changed that these rows can show (probability {percent(found.unchanged)}).", _power(found))
     if found.verdict == "changed":
         changed = f"One thing changed: {sized(first)}; probability {percent(first.probability)}."
-        return (changed, errors, _rivals(found), f"Look at: {inspection(found, first).rstrip('.?')}.")
+        return (changed, errors, _rivals(found), _ended(f"Look at: {inspection(found, first)}"))
     if found.verdict == "unclear":
         names = enumerated([short(change) for change in (first, *found.rivals)])
         return (f"Something changed, and these rows do not tell what: {names}.", errors, *_next(found))
@@ -51,6 +51,11 @@ def recheck_lead(found: Recheck) -> tuple[str, ...]:
         both = enumerated([sized(change) for change in found.named])
         return (f"More than one thing changed; likeliest: {both}.", errors, *_next(found))
     return ("The rows err in a way that neither one change nor two explain.", errors, *_next(found))
+
+
+def _ended(text: str) -> str:
+    """The text with a full stop, unless it ends as a question."""
+    return text if text.endswith("?") else f"{text}."
 
 
 def sized(change: LikelyChange) -> str:
