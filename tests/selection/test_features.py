@@ -160,6 +160,7 @@ def test_probability_of_all_against_the_whole_chain_sampled() -> None:
     assert found.success.probability > found.success.product
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("combine", conformance(["worst", "mean"], ["worst"]))
 def test_success_is_not_beaten_by_another_aim(combine: str) -> None:
     problem, found = solved("insert_scara_tray, success")
