@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +28,6 @@ from posture_opt.model.effects import EFFECTS, CyclicError, Effect, Excitation
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING
 from posture_opt.numerics import Array
 
-SHARE = float(os.environ.get("SHARE", "0.1"))
 _MIN_JOINT_RANGE_RAD = 1e-3  # rad: a joint that moves by less shows no line
 
 
