@@ -46,7 +46,7 @@ MAX_FITTED_ROWS = 100_000
 _NOISE_ROUNDS = 3  # of fitting and judging the noise anew
 SIZE_NOTE = "{} alone do not determine the size of the arm: {} is held; {}"
 WEIGHED_NOTE = (
-    "orientations count as if their σ were {:.2g} times the stated one: beside positions, they scatter by so much"
+    "orientations are weighted with {:.2g} times their stated σ, as much as they scatter beside the positions"
 )
 RECOUNTED_NOTE = (
     "{} that the calibration leaves out as {} here, as effects explain it: RMS errors are of all rows that count "

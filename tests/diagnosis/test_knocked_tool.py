@@ -48,7 +48,7 @@ def test_a_knocked_tool_is_named_with_its_shift_and_moment(seed: int, kind: str,
     for axis, true in zip("xyz", knock, strict=True):
         value, std, _ = slip.estimate[axis]
         assert abs(value - true) < 4 * std
-        assert std < 0.05 * KNOCK
+        assert std < 0.1 * KNOCK  # what the choice of the effects adds is in it
     assert case.session.time[FIRST - 1] < slip.estimate["moment"][0] <= case.session.time[FIRST]
     # It belongs to the session: the arm is delivered with the tool as it was on average.
     assert not [e for e in found.extended.to_dict().get("effects", []) if e["kind"] == "slip"]
