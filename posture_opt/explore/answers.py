@@ -94,7 +94,7 @@ class Answers:
 
     def _run(self) -> None:
         while (request := self._next()) is not None:
-            quick = self._quick(request) if request.q is None else self._at(request, request.q)
+            quick = self.quick(request) if request.q is None else self._at(request, request.q)
             self._show(quick)
             if request.q is None and self._rests():
                 whole = self._whole(quick)
@@ -120,7 +120,7 @@ class Answers:
         except PostureOptError as error:
             return Answer(request, reason=str(error))
 
-    def _quick(self, request: Request) -> Answer:
+    def quick(self, request: Request) -> Answer:
         """The best posture that searches from the last one find; which reason there is for none, is asked later."""
         problem = request.problem
         try:

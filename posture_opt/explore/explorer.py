@@ -52,7 +52,7 @@ class Explorer:
         self._stated = self._problem = problem
         self._changes: dict[str, Plain] = {}
         self._folder = folder or Path()
-        self._guard = threading.RLock()
+        self._guard, self._drawing = threading.RLock(), threading.Lock()  # what is asked; one picture at a time
         self._closed = threading.Event()
         self._solution: Solution | None = first
         self._shown: Answer | None = None
@@ -61,7 +61,7 @@ class Explorer:
         self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged)
         self._panel = Panel(
             self._server, problem.name, self._typed, self._changed, self._turned, self._redraw,
-            self._save, self.command,
+            self._save, self._report, self.command,
             problem.robot.joints, settings_of(problem),
         )  # fmt: skip
         stated = _position(problem)
@@ -122,6 +122,10 @@ class Explorer:
             words += ["--position", ", ".join(_millimetres(self.target))]
         return shlex.join(words) + ("   # once the problem is saved" if saved else "")
 
+    def end_search(self) -> None:
+        """Solve nothing more: the page stays as it is."""
+        self._answers.end()
+
     def wait(self) -> None:
         """Return when the page was closed."""
         while not self._closed.wait(timeout=0.2):
@@ -180,6 +184,10 @@ class Explorer:
             if answer.request is not self._request or self._closed.is_set():
                 return
             self._shown, self._solution = answer, answer.solution
+        self.show(answer)
+
+    def show(self, answer: Answer) -> None:
+        """Show an answer, in the scene and in numbers."""
         self._draw(answer)
         self._panel.show(answer)
 
@@ -189,6 +197,11 @@ class Explorer:
             self._draw(self._shown)
 
     def _draw(self, answer: Answer) -> None:
+        """Show an answer in the scene: from the thread that solves, or from that of a checkbox."""
+        with self._drawing:
+            self._drawn(answer)
+
+    def _drawn(self, answer: Answer) -> None:
         if answer.own is not None:
             self._scene.show_own(answer.own, self._panel.layers)
         elif answer.solution is None:
@@ -199,9 +212,24 @@ class Explorer:
     def _save(self) -> str:
         """Write the problem with what it needs into the folder that the program was started in."""
         stem = f"{_stem(self._problem)}{_EXPLORED}"
-        for name, content in self.problem.files(stem).items():
-            write_file(self._folder / name, content)
+        try:
+            for name, content in self.problem.files(stem).items():
+                write_file(self._folder / name, content)
+        except InputError as error:
+            return str(error)
         return f"{stem}.yaml written to {self._folder.resolve()}"
+
+    def _report(self) -> str:
+        """Write the report of the latest answer into a folder of that where the program was started."""
+        found = self.solution
+        if found is None:
+            return "There is no posture to report."
+        folder = self._folder / f"{_stem(self._problem)}{_EXPLORED}"
+        try:
+            found.save(folder)
+        except InputError as error:
+            return str(error)
+        return f"Report written to {folder.resolve()}"
 
 
 def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True) -> Explorer:

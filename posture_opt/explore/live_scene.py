@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry
+from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement
 from posture_opt.report.scene.arm_solids import ArmSolids, Role, Solid
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
@@ -82,20 +82,22 @@ class LiveScene:
 
     def show(self, solution: Solution, layers: Layers = Layers()) -> None:
         """The posture of a solution with its error region, and its target with the play on the same scale."""
-        self._show(ArmGeometry.of_solution(solution), solution.spread, layers)
+        self._show(solution.spread, TargetGeometry.of(solution.target), layers)
 
     def show_own(self, spread: Spread, layers: Layers = Layers()) -> None:
         """A posture of the user's own with its error region."""
-        self._show(ArmGeometry.of_spread(spread), spread, layers)
+        self._show(spread, None, layers)
 
-    def _show(self, geometry: ArmGeometry, spread: Spread, layers: Layers) -> None:
+    def _show(self, spread: Spread, target: TargetGeometry | None, layers: Layers) -> None:
+        """What follows a posture; the enlargement is that of the arm as it stood at first, and so does not flicker."""
+        region = ErrorRegion.of(spread, enlargement(float(spread.region(0.95)[-1]), self._extent))
         with self._server.atomic():
-            self._lay_over(spread, geometry.region.factor, layers)
+            self._pose(self._arm.frames(spread.q))
+            self._region(region)
+            self._lay_over(spread, region.factor, layers)
             self._reachable.visible = False
-            self._pose(geometry.frames)
-            self._region(geometry.region)
-            if geometry.target is not None:
-                self._target(geometry.target, geometry.region, geometry.tool_point)
+            if target is not None:
+                self._target(target, region, spread.position)
             self._fade(1.0)
         self._server.flush()
 

@@ -37,7 +37,7 @@ class Panel:
         changed: called with key -> value of the problem file when a setting is changed.
         turned: called with the posture (n,) [rad or m] that the joints were set to; with None, to go back to the best.
         redraw: called when other layers are asked for.
-        save: writes the problem, returns what to say of it.
+        save: writes the problem, returns what to say of it; ``report`` the report of the answer.
         command: the command line that gives the answer.
         joints: those of the arm; ``settings`` what else has a slider.
     """
@@ -51,6 +51,7 @@ class Panel:
         turned: Callable[[tuple[float, ...] | None], None],
         redraw: Callable[[], None],
         save: Callable[[], str],
+        report: Callable[[], str],
         command: Callable[[], str],
         joints: Sequence[Joint],
         settings: Sequence[Setting],
@@ -74,6 +75,7 @@ class Panel:
             back = gui.add_button("Back to the best posture")
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
         button = gui.add_button("Save problem", hint="as a file that the command line takes")
+        told = gui.add_button("Save report", hint="figures, numbers and a page, as --out writes them")
         self._saved = gui.add_html("")
 
         @self._place.on_update
@@ -100,6 +102,11 @@ class Panel:
         @button.on_click
         def _(_event: Any) -> None:
             self._saved.content = _line(save())
+
+        @told.on_click
+        def _(_event: Any) -> None:
+            self._saved.content = _line("writing the report …")
+            self._saved.content = _line(report())
 
     @property
     def layers(self) -> Layers:

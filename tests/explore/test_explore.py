@@ -141,6 +141,35 @@ def test_without_viser_the_command_says_how_to_get_it(monkeypatch: pytest.Monkey
     assert "pip install 'posture_opt[explore]'" in capsys.readouterr().err
 
 
+@pytest.mark.long
+def test_two_hundred_moves_leave_nothing_behind(capsys: Any) -> None:
+    """Targets, some of them out of reach, postures and layers in turn: no error, and memory stays where it was."""
+    rng, resident = np.random.default_rng(3), []
+    with po.load_problem(PLANAR).explore(port=18120) as page:
+        for k in range(200):
+            if k % 5 == 4:
+                page._turned(tuple(rng.uniform(-2, 2, 2)))
+            else:
+                page.target = (*rng.uniform(-1.6, 2.4, 2), 0.0)
+            page._panel._cloud.value = bool(k % 2)
+            until(lambda request=page._request: page._shown is not None and page._shown.request is request)
+            page._redraw()
+            if k in (99, 199):
+                resident.append(int(Path("/proc/self/statm").read_text().split()[1]) * 4096)
+    assert resident[1] - resident[0] < 20e6
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_the_report_is_that_of_the_answer(page: Any, tmp_path: Path) -> None:
+    until(lambda: page._shown is not None and page._shown.whole)
+    page._folder = tmp_path
+    assert "Report written" in page._report()
+    (folder,) = tmp_path.iterdir()
+    document = json.loads((folder / "solution.json").read_text())
+    assert document["posture"] == dict(page.solution.posture)
+
+
 @pytest.mark.interrupts
 def test_the_command_prints_its_address_and_ends_by_a_signal() -> None:
     command = [sys.executable, "-m", "posture_opt", "explore", "--problem", PLANAR, "--no-browser", "--port", "18090"]
