@@ -59,23 +59,21 @@ class Checkpoint(Workers):
         except OSError as error:
             raise _write_issue(path, error) from error
         try:
-            self._done = self._read_or_begin(first_line)
+            self._done = self._read(first_line)
         except BaseException as error:
             self._file.close()
             if isinstance(error, OSError):
                 raise _write_issue(path, error) from error
             raise
 
-    def _read_or_begin(self, first_line: Mapping[str, Json]) -> dict[int, dict[int, Any]]:
+    def _read(self, first_line: Mapping[str, Json]) -> dict[int, dict[int, Any]]:
         """Round -> number of a part -> its result, of a file that is cut off behind its last whole line.
 
-        An empty file gets its first line, ``first_line``.
+        An empty file stays empty until something is done: a request that is refused leaves it as it was.
         """
         done, whole = _read_records(self._path, self._file, first_line)
         self._file.truncate(whole)
         self._file.seek(whole)
-        if not whole:
-            self._write_line(self._key, b"")
         return done
 
     def run(self, part: Part[S, T, R], shared: S, items: Sequence[T]) -> Iterator[tuple[int, R]]:
@@ -103,7 +101,9 @@ class Checkpoint(Workers):
             yield left[i], result
 
     def _write_line(self, text: bytes, key: bytes) -> None:
-        """Append one line with its digest, and wait until it is on the disk."""
+        """Append one line with its digest, behind the first line, and wait until it is on the disk."""
+        if not self._file.tell():
+            self._file.write(_line_digest(self._key, b"") + b" " + self._key + b"\n")
         self._file.write(_line_digest(text, key) + b" " + text + b"\n")
         self._file.flush()
         os.fsync(self._file.fileno())
