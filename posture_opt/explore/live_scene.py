@@ -73,7 +73,7 @@ class LiveScene:
         ]
         for k, solid in enumerate((*geometry.obstacles, *([geometry.floor] if geometry.floor else []))):
             _drawn(server, f"/cell/{k}", solid)
-        self.handle = self._handle(geometry.planar, moved)
+        self.handle: Any = self._handle(geometry.planar, moved)
         self._label: Any = None
         self._reachable = server.scene.add_icosphere(
             "/reachable", _BALL_SHARE * self._extent, rgb(VERMILLION), visible=False, cast_shadow=False

@@ -50,11 +50,11 @@ class AtomStates:
         gram = np.stack([whole if rows is None else whole - atoms.grams(rows) for rows in held_out])
         norms = np.sqrt(np.maximum(np.einsum("fikk->fik", gram), 1e-300))
         longest = norms.max(axis=(1, 2), keepdims=True, initial=0.0)
-        self.scale = np.where(norms > 1e-12 * longest, 1 / norms, 0.0)
+        self.scale: Array = np.where(norms > 1e-12 * longest, 1 / norms, 0.0)
         self._whole = gram * self.scale[:, :, :, None] * self.scale[:, :, None, :]
-        self.gram = self._whole.copy()
-        self.score = np.zeros(self.scale.shape)
-        self.closed = np.zeros(self.scale.shape[:2], dtype=bool)
+        self.gram: Array = self._whole.copy()
+        self.score: Array = np.zeros(self.scale.shape)
+        self.closed: Mask = np.zeros(self.scale.shape[:2], dtype=bool)
 
     def begin(self, place: int, Q: Array, e: Array, chosen: Sequence[Candidate] = ()) -> None:
         """The state of one pursuit from the basis Q (m, p) of what it chose, and what that leaves, e (m,)."""

@@ -86,7 +86,8 @@ class Turning(Pattern):
     quantity: tuple[str, str] = ("factor", "1")
 
     def __init__(self, rows: Rows) -> None:
-        self.count, self.d = rows.levers.shape[1:]
+        self.count: int = rows.levers.shape[1]
+        self.d: int = rows.levers.shape[2]
         self.rank: int = rows.turned
 
     def along(self, sets: Array) -> Array:
