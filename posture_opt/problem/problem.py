@@ -23,7 +23,6 @@ from posture_opt.problem.fitting import (
     sources_text,
     with_workpiece,
 )
-from posture_opt.problem.live_page import LivePage
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.path_file import with_path
 from posture_opt.problem.plain_data import Plain, Section
@@ -40,6 +39,7 @@ from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.problem.live_page import LivePage
 
 _ROBOT_SECTIONS = ("name", "robot", "uncertainty", "effects", "data")
 """Sections that speak of the robot and its measurements, wherever it is and whatever it does."""
