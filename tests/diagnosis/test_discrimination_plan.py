@@ -95,7 +95,7 @@ def test_the_plan_that_is_measured_leaves_one_cause(narrow: Any, tmp_path: Path)
     assert not (tmp_path / "planned" / "out" / "split_measurements.csv").exists()
     # The far rows are all used, though a calibration that knows of no scale takes them for gross errors, as it
     # does the one that is.
-    assert "left out, lines 102\n" in text
+    assert "left out, line 102\n" in text
     problem = po.load_problem(tmp_path / "planned" / "problem.yaml")
     alone = po.calibrate(problem, po.read_measurements(tmp_path / "planned" / "data.csv", problem))
     assert {100} < set(alone.outliers)

@@ -36,6 +36,7 @@ _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
+_ALONE = "Each reduction is what is lost without that cause alone: they do not add up."
 _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -73,8 +74,9 @@ def causes_block(found: Diagnosis) -> Block:
     if short:
         items += ["Lighter ones:", _lighter(found, short)]
     figure = "diagnosis_curves" if effects else ""
-    brief: tuple[str | Facts | Table, ...] = (causes_table(found), *look_at(found))
-    return Block("Causes, largest contribution first", tuple(items), figure, brief)
+    alone = (_ALONE,) if len(found.effects) > 1 else ()
+    brief: tuple[str | Facts | Table, ...] = (causes_table(found), *alone, *look_at(found))
+    return Block("Causes, the largest first, geometry last", tuple(items), figure, brief)
 
 
 def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:

@@ -83,7 +83,7 @@ def left_block(found: Diagnosis) -> Block:
         f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
         for joint, names in _sums(found).items()
     ]
-    items.append("The figure shows the remaining errors over each joint.")
+    items.append("The figure diagnosis_left (--out DIR) shows the remaining errors over each joint.")
     return Block(title, tuple(items), "diagnosis_left", brief=tuple(items[:1]) if len(items) > _FEW_ITEMS else None)
 
 

@@ -182,6 +182,12 @@ def _these(n: int) -> str:
     return "this effect" if n == 1 else "the effects"
 
 
+def _lines(numbers: Sequence[int]) -> str:
+    """The first ten lines of a file."""
+    shown = ", ".join(map(str, numbers[:10]))
+    return f"{'line' if len(numbers) == 1 else 'lines'} {shown}{' …' if len(numbers) > 10 else ''}"
+
+
 def data_block(found: Diagnosis) -> Block:
     """The file, its rows, the instrument, and what looks odd.
 
@@ -196,7 +202,7 @@ def data_block(found: Diagnosis) -> Block:
         *large_file_facts(found.large),
         ("Instrument", instrument_words(problem, data)),
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
-        *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),
+        *([("Outliers", f"left out, {_lines(gone)}")] if gone else []),
     ]
     notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),), brief=())
