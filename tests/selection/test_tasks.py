@@ -246,8 +246,8 @@ def installed(folder: Path, code: str, points: str) -> dict[str, str]:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: posture-opt-polishing\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(points)
-    path = os.pathsep.join([str(folder), str(Path(po.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-    return {**os.environ, "PYTHONPATH": path}
+    former = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]  # an empty one is here
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(Path(po.__file__).parents[1]), *former])}
 
 
 def entry_points_text() -> str:
