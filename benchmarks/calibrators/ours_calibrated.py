@@ -11,10 +11,15 @@ TITLE = "posture_opt, calibrate"
 PACKAGES = ("posture_opt",)
 
 
-def fit(task: Task, learned: Array, asked: Array) -> Answer:
+def measured(task: Task, learned: Array, asked: Array) -> tuple[po.Problem, po.Measurements, po.Measurements]:
+    """The problem of a task, the rows to learn from, and those to predict."""
     problem = po.load_problem(task.problem)
     data = po.read_measurements(task.data, problem)
-    mine, other = data.take(task.rows[learned]), data.take(task.rows[asked])
+    return problem, data.take(task.rows[learned]), data.take(task.rows[asked])
+
+
+def fit(task: Task, learned: Array, asked: Array) -> Answer:
+    problem, mine, other = measured(task, learned, asked)
     found = po.calibrate(problem, mine, test=other, plan=False)
     assert found.test is not None  # asked for
     document: dict[str, Any] = found.to_json()

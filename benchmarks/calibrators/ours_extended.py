@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import posture_opt as po
 from benchmarks.calibrators import Answer, Array, Task
+from benchmarks.calibrators.ours_calibrated import measured
 
 TITLE = "posture_opt, diagnose"
 PACKAGES = ("posture_opt",)
 
 
 def fit(task: Task, learned: Array, asked: Array) -> Answer:
-    problem = po.load_problem(task.problem)
-    data = po.read_measurements(task.data, problem)
-    mine, other = data.take(task.rows[learned]), data.take(task.rows[asked])
+    problem, mine, other = measured(task, learned, asked)
     found = po.diagnose(problem, mine, test=other, plan=False)
     assert found.test is not None  # asked for
     return Answer(found.test.file.errors["extended"], found.errors["extended"].rms)

@@ -14,7 +14,7 @@ import sys
 import threading
 from typing import IO, Any, TypeAlias
 
-from posture_opt.errors import NoSolutionError, PostureOptError
+from posture_opt.errors import PostureOptError
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
@@ -85,8 +85,6 @@ def serve() -> None:
 def _found(problem: ProblemData) -> Found:
     try:
         return select_posture(problem)
-    except NoSolutionError as error:
-        return error
     except PostureOptError as error:
         return error
 
