@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posture_opt.errors import InputError
+from posture_opt.errors import InputError, listed
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array, Mask
 from posture_opt.problem.load import problem_from_dict
@@ -22,7 +22,9 @@ from posture_opt.problem.starter import StarterTarget, filled_starter, sensible_
 from posture_opt.problem.yaml_source import dump_scalar, parse_yaml
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.robot.urdf import UrdfRobot
+from posture_opt.robot.urdf_tip import ChosenTip
 from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.texts import one_line
 from posture_opt.units import joint_text
 
 _RANDOM_POSTURES = 20_000  # postures, among which one that holds the tool along the direction is looked for
@@ -30,6 +32,7 @@ _LIMIT_MARGIN_SHARE = 0.1  # of its range that a joint keeps from either limit t
 _MIN_ALIGNMENT_COSINE = math.cos(math.radians(20))  # of the tool axis with the direction: the search does the rest
 _TRIAL_STARTS = 4
 _MIN_LINK_HEIGHT_M = 0.06  # m; links stay 50 mm above it
+_MAX_LISTED_LINKS = 8
 _TARGET_SHARES = np.array([0.5, 0.2, 0.15])
 """Where the target should lie, as shares of the farthest that the tool comes."""
 
@@ -115,16 +118,19 @@ def _section(spec: UrdfRobot, robot: Robot, file: str) -> str:
         "kind: urdf",
         f"file: {dump_scalar(file)}",
         f"base_link: {dump_scalar(source['base_link'])}",
-        f"tip_link: {dump_scalar(source['tip_link'])}      # {_why(spec, source['tip_link'])}",
+        f"tip_link: {dump_scalar(source['tip_link'])}      # the tool point is its origin, unless tool: says otherwise",
     ]
-    return "\n".join(f"  {line}" for line in (*links, *(f"# {line}" for line in _remarks(robot))))
+    tip = spec.chosen_tip(Path())
+    remarks = (*_tip_remarks(tip), *(line for line in _remarks(robot) if line not in tip.notes()))
+    return "\n".join(f"  {line}" for line in (*links, *(f"# {one_line(line)}" for line in remarks)))
 
 
-def _why(spec: UrdfRobot, tip: str) -> str:
-    """Why this link is the end of the chain, for a comment."""
-    if spec.tip_link:
-        return "the last link of the chain: the tool point is its origin, unless tool: says otherwise"
-    return "the only last link, or ROS-Industrial's name of the flange; another one: --tip-link"
+def _tip_remarks(tip: ChosenTip) -> Iterator[str]:
+    """Why this link is the end of the chain, and what else it could be."""
+    for joint, why in tip.fingers:
+        yield f"joint {joint} is taken for a finger of a gripper ({why}): the chain ends before it"
+    if tip.others:
+        yield f"the chain could also end at {listed(tip.others, _MAX_LISTED_LINKS)}: write it there, or --tip-link LINK"
 
 
 def _remarks(robot: Robot) -> Iterator[str]:

@@ -22,7 +22,7 @@ from posture_opt.robot.shape_section import replaces_shape, shaped
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
 from posture_opt.robot.urdf_reader import in_urdf, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
-from posture_opt.robot.urdf_tip import chosen_tip
+from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
 _MOVING_TYPES = ("revolute", "continuous", "prismatic")
@@ -32,8 +32,9 @@ _MOVING_TYPES = ("revolute", "continuous", "prismatic")
 class UrdfRobot(RobotFormat):
     """The chain from ``base_link`` to ``tip_link`` of a URDF file.
 
-    Where they are not given, the base is the root and the tip the only leaf or, among several, ``tool0``, which is
-    ROS-Industrial's name of the tool flange.
+    Where they are not given, the base is the root and the tip the last link that carries no finger of a gripper: the
+    only one, or ``tool0``, ROS-Industrial's name of the tool flange, or the only one named after a tool. Fingers are
+    joints named so, two alike on one link, joints that mimic them, and a short slide behind the arm.
 
     A joint is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` of its origin, then the motion about or along its axis;
     where the axis points against a coordinate axis, ``JOINT.theta`` is still positive along the stated axis. Errors
@@ -58,7 +59,8 @@ class UrdfRobot(RobotFormat):
         """
         file = self._located_file(folder)
         tree = read_urdf(file)
-        path = self._chain_path(tree)
+        tip = self._tip(tree)
+        path = self._chain_path(tree, tip.link)
         if issues := [*_chain_faults(path)]:
             raise InputError([in_urdf(issue, file) for issue in issues])
         segments = segments_of(path)
@@ -66,7 +68,7 @@ class UrdfRobot(RobotFormat):
         joints = tuple(_joint_of(tree, segment) for segment in segments)
         free = [s.moving.name for s in segments if s.moving.type == "revolute" and s.moving.lower is None]
         robot = self.bare(tree.name, joints, links)
-        notes = tuple(f"joint {name} has no <limit>: a turn either way is taken" for name in free)
+        notes = (*tip.notes(), *(f"joint {name} has no <limit>: a turn either way is taken" for name in free))
         # Stated in the child link of the last joint, counted from the tip.
         end = np.linalg.inv(segments[-1].T_child_end).astype(np.float64)
         if not replaces_shape(self.shape):
@@ -89,16 +91,41 @@ class UrdfRobot(RobotFormat):
         except InputError as error:
             raise InputError([issue.at("file") for issue in error.issues]) from None
 
-    def _chain_path(self, tree: UrdfTree) -> list[UrdfJoint]:
-        """The joints from the base link to the tip link, fixed ones included.
+    def chosen_tip(self, folder: Path) -> ChosenTip:
+        """The last link of the chain; where the section does not name it, with what was assumed.
 
         Raises:
-            InputError: no such link, several roots or tips of which none is named, or no chain between the two.
+            InputError: as of ``nominal``.
+        """
+        return self._tip(read_urdf(self._located_file(folder)))
+
+    def _base(self, tree: UrdfTree) -> str:
+        """The first link of the chain.
+
+        Raises:
+            InputError: no such link, or several roots of which none is named.
         """
         base = self.base_link or _only_root(tree.roots())
         tree.require(base, "base_link")
-        tip = self.tip_link or chosen_tip(tree, base)
-        tree.require(tip, "tip_link")
+        return base
+
+    def _tip(self, tree: UrdfTree) -> ChosenTip:
+        """The last link of the chain.
+
+        Raises:
+            InputError: no such link, or several of which none is named.
+        """
+        tip = ChosenTip(self.tip_link) if self.tip_link else chosen_tip(tree, self._base(tree))
+        tree.require(tip.link, "tip_link")
+        return tip
+
+    def _chain_path(self, tree: UrdfTree, tip: str) -> list[UrdfJoint]:
+        """The joints from the base link to the tip link, fixed ones included.
+
+        Raises:
+            InputError: no chain between the two.
+        """
+        base = self._base(tree)
         path = tree.path(base, tip)
         if not path and tip == base:
             raise InputError(Issue(f"no joint is attached to '{base}'", ("file",), None, "choose another base_link"))

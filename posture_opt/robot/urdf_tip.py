@@ -2,30 +2,68 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
+
 from posture_opt.errors import InputError, Issue, listed
+from posture_opt.robot.urdf_fingers import Fingers
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
 FLANGE = "tool0"
 """ROS-Industrial's name of the tool flange."""
+_TOOL_NAME = re.compile(r"(^|_)(tool|tcp|eef?|end_effector|flange)(_link|_frame)?$", re.IGNORECASE)
 _MAX_LISTED_LINKS = 12
 """Links that a message lists; hands have more leaves than a reader compares."""
 
 
-def chosen_tip(tree: UrdfTree, base: str) -> str:
-    """The only last link behind ``base``, or ``tool0`` among several.
+@dataclass(frozen=True)
+class ChosenTip:
+    """The end of a chain that the file leaves open.
+
+    Args:
+        link: the last link of the chain.
+        fingers: joints that move fingers of a gripper behind it and are no part of the chain, each with the reason.
+        others: further links that the chain could end at.
+    """
+
+    link: str
+    fingers: tuple[tuple[str, str], ...] = ()
+    others: tuple[str, ...] = ()
+
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, where anything was."""
+        if not self.fingers:
+            return ()
+        joints = listed([f"{joint} ({why})" for joint, why in self.fingers])
+        moved = "is taken for a finger" if len(self.fingers) == 1 else "are taken for fingers"
+        return (f"the chain ends at {self.link}: {joints} {moved} of a gripper; tip_link names another end",)
+
+
+def chosen_tip(tree: UrdfTree, base: str) -> ChosenTip:
+    """The last link behind ``base`` that carries no finger: the only one, else ``tool0``, else the only one that is
+    named after a tool.
 
     Raises:
-        InputError: several last links, all of them listed with their joints, and the link that carries fingers.
+        InputError: several such links, all of them listed with their joints, and the link that carries fingers.
     """
-    leaves = tree.leaves(base)
-    if len(leaves) == 1 or FLANGE in leaves:
-        return leaves[0] if len(leaves) == 1 else FLANGE
-    message = f"the URDF has {len(leaves)} last links behind '{base}'"
-    raise InputError(
-        Issue(
-            message, ("tip_link",), None, f"name one: tip_link: {listed(_tip_options(tree, base), _MAX_LISTED_LINKS)}"
-        )
-    )
+    fingers = Fingers(tree, base)
+    named = tuple((joint.name, fingers.reasons[joint.name]) for joint in fingers.first())
+    leaves = fingers.leaves()
+    moved = [leaf for leaf in leaves if _moves(tree, base, leaf)] or leaves
+    tools = [leaf for leaf in moved if _TOOL_NAME.search(leaf)]
+    for options in (leaves, [leaf for leaf in leaves if leaf == FLANGE], moved, tools):
+        if len(options) == 1:
+            link = options[0]
+            ends = dict.fromkeys((*moved, *tree.leaves(base)))
+            return ChosenTip(link, named, tuple(leaf for leaf in ends if leaf != link and _moves(tree, base, leaf)))
+    message = f"the URDF has {len(moved)} last links behind '{base}'"
+    named_links = listed(_tip_options(tree, base), _MAX_LISTED_LINKS)
+    raise InputError(Issue(message, ("tip_link",), None, f"name one: tip_link: {named_links}"))
+
+
+def _moves(tree: UrdfTree, base: str, link: str) -> bool:
+    """Whether a joint moves between ``base`` and ``link``."""
+    return any(joint.type != "fixed" for joint in tree.path(base, link))
 
 
 def _tip_options(tree: UrdfTree, base: str) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 import posture_opt as po
 from posture_opt.problem.load import problems_folder
@@ -57,15 +58,27 @@ def test_the_starter_of_a_urdf_solves_as_it_is(tmp_path: Path, monkeypatch: pyte
     assert problem.robot.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
 
 
-def test_without_a_tip_all_that_may_be_meant_are_listed(tmp_path: Path) -> None:
-    file = tmp_path / "arm.urdf"
-    file.write_text(gripper_arm(), encoding="utf-8")
-    for words in (["new", file], ["--task", "insert", "--robot", file, "--position", "0.4 m, 0.1 m, 0.3 m"]):
-        result = invoke(*words)
-        assert result.exit_code == 2
-        assert "--tip-link: the URDF has 2 last links behind 'base'" in result.stderr
-        hand = "hand (6 joints, carries left, right), left (7 joints), right (7 joints, not possible: finger2 mimics"
-        assert hand in result.stderr
+def test_the_starter_says_which_joints_are_fingers_and_what_else_may_be_the_tip(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(gripper_arm(), encoding="utf-8")
+    text = invoke("new", tmp_path / "arm.urdf").stdout
+    assert "\n  tip_link: hand " in text
+    assert "# joint finger2 is taken for a finger of a gripper (by its name): the chain ends before it\n" in text
+    assert "# the chain could also end at left, right: write it there, or --tip-link LINK\n" in text
+    chosen = yaml.safe_load(text)["robot"]
+    assert po.problem_from_dict({"robot": chosen}).robot.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
+
+
+HOSTILE = "Robot: mk2 # - [x] &amp;a {&quot;it&apos;s&quot;"
+BREAKING = "mesh&#10;cell: none&#10;l2.stl"
+
+
+def test_names_of_a_urdf_neither_break_nor_inject_yaml(tmp_path: Path) -> None:
+    text = gripper_arm().replace("Own arm", HOSTILE).replace('"hand"', '"ha: nd # x"')
+    (tmp_path / "arm.urdf").write_text(text.replace("package://not_there/l2.stl", BREAKING), encoding="utf-8")
+    written = yaml.safe_load(invoke("new", tmp_path / "arm.urdf").stdout)
+    assert written["name"] == 'Insertion with the Robot: mk2 # - [x] &a {"it\'s"'
+    assert written["robot"]["tip_link"] == "ha: nd # x"
+    assert "cell" not in written
 
 
 def test_the_starter_of_the_bench_arm_names_it_by_its_whole_path(tmp_path: Path) -> None:

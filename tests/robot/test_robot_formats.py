@@ -143,8 +143,8 @@ ARMS = [
     ("panda_description/urdf/panda.urdf", None, "panda_leftfinger", 8),  # prismatic finger
     ("kinova_description/robots/kinova.urdf", None, "j2s6s200_end_effector", 6),  # continuous joints
     ("xarm_description/urdf/xarm7.urdf", None, None, 7),
-    ("z1_description/urdf/z1.urdf", None, None, 7),
-    ("so_arm_description/urdf/so100.urdf", None, None, 6),
+    ("z1_description/urdf/z1.urdf", None, "gripperMover", 7),
+    ("so_arm_description/urdf/so100.urdf", None, "jaw", 6),
     ("so_arm_description/urdf/so101.urdf", None, "gripper_frame_link", 5),
     ("talos_data/robots/talos_left_arm.urdf", None, "gripper_left_base_link", 6),
     ("talos_data/robots/talos_reduced.urdf", None, "gripper_right_base_link", 9),
@@ -380,10 +380,16 @@ def test_missing_file_and_folder(tmp_path):
         assert caught.value.issues[0].key == ("file",)
 
 
-def test_several_leaves_ask_for_one():
-    path = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
-    with pytest.raises(InputError, match="name one: tip_link: panda_hand_tcp"):
-        UrdfRobot(file=str(path)).build(Path())
+def test_several_leaves_ask_for_one(tmp_path):
+    rows = {"a": ("base", "left"), "b": ("base", "right")}
+    joints = (
+        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/></joint>'
+        for name, (parent, child) in rows.items()
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "left", "right"))
+    (tmp_path / "arm.urdf").write_text(f'<robot name="two arms">{links}{"".join(joints)}</robot>')
+    with pytest.raises(InputError, match=r"name one: tip_link: left \(1 joint\), right \(1 joint\)"):
+        UrdfRobot(file="arm.urdf").build(tmp_path)
 
 
 def test_a_roll_in_front_of_a_pitch_is_told_where_it_is_named(tmp_path):
