@@ -16,21 +16,24 @@ import numpy as np
 
 from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.model.chain import factor_values, stack, walk
+from posture_opt.export.urdf_corrected import corrected_document, fixed_pose, relative_meshes
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Factor, Joint, Robot
+from posture_opt.robot.robot import Factor, Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 from posture_opt.robot.urdf_chain import xyz_rpy
 from posture_opt.texts import one_line
 
-_EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, and nobody stated these
-_PLACEHOLDERS = "effort and velocity limits of the joints are placeholders: the problem file has none"
+_EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, where nobody states one
 _NO_MASSES = "masses are left out: a URDF wants tensors of inertia with them, and the problem file has none"
 _BALL = 1e-9  # m: a shorter capsule is one ball
 
 
 class UrdfArm(ExportFormat):
-    """A URDF file whose forward kinematics is that of the corrected arm, from ``world`` to ``tool``."""
+    """A URDF file whose forward kinematics is that of the corrected arm, from ``world`` to ``tool``.
+
+    An arm that was read from a URDF comes back as that file with other origins: its meshes, masses, inertias, limits
+    and further links as they were.
+    """
 
     summary: ClassVar[str] = "the corrected arm as URDF, from link 'world' to link 'tool'"
     default: ClassVar[str] = "arm"
@@ -43,8 +46,42 @@ class UrdfArm(ExportFormat):
         left_out = (f"a URDF cannot hold effects: left out are {effects}",) if effects else ()
         free = [frame for frame in ("base", "tool") if getattr(problem.robot, f"{frame}_free")]
         found = tuple(f"the {frame} is free, to be found from data: here it is at its start value" for frame in free)
-        notes = (*left_out, *found, _PLACEHOLDERS, _NO_MASSES)
-        return Exported({f"{self.stem}.urdf": urdf_text(problem.robot, self.stem, notes)}, notes)
+        if problem.robot.description is not None:
+            notes = (*left_out, *found, *_kept_notes(problem.robot.description))
+            text = corrected_document(problem.robot, problem.robot.description, self.stem, _comment(notes))
+        else:
+            notes = (*left_out, *found, *_placeholder_note(problem.robot), _NO_MASSES)
+            text = urdf_text(problem.robot, self.stem, notes)
+        return Exported({f"{self.stem}.urdf": text}, notes)
+
+
+def _placeholder_note(robot: Robot) -> tuple[str, ...]:
+    """Which limits of the joints nobody states."""
+    unknown = [
+        words
+        for words, values in (
+            ("effort", [joint.effort for joint in robot.joints]),
+            ("velocity", robot.velocities),
+        )
+        if any(map(math.isnan, values))
+    ]
+    if not unknown:
+        return ()
+    return (f"{' and '.join(unknown)} limits of joints are placeholders where the problem file has none",)
+
+
+def _kept_notes(description: UrdfDescription) -> tuple[str, ...]:
+    """What is to be known of a file that is the arm's own with other origins."""
+    files = relative_meshes(description.data)
+    if not files:
+        return ()
+    return (f"meshes are named from the folder of the URDF, {files[0]} say: put this file beside it",)
+
+
+def _comment(notes: Sequence[str]) -> str:
+    """The lines of the comment at the top of the file."""
+    lines = (f"Written by posture_opt {__version__}.", *notes)
+    return "\n".join("  " + re.sub("-(?=-)", "- ", one_line(line)) for line in lines)
 
 
 def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
@@ -65,17 +102,15 @@ def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
         joints.append(_moving(joint, links[k + 1], links[k + 2], origin, robot.factors[robot.driven[k]].axis))
     joints.append(_fixed(fixed[1], links[-3], links[-2], behind[-1]))
     joints.append(_fixed(fixed[2], links[-2], links[-1], robot.tool))
-    lines = (f"Written by posture_opt {__version__}.", *notes)
-    comment = "\n".join("  " + re.sub("-(?=-)", "- ", one_line(line)) for line in lines)
     body = [*_links(robot, links, behind), *joints]
-    head = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n<robot name={quoteattr(name)}>'
+    head = f'<?xml version="1.0"?>\n<!--\n{_comment(notes)}\n-->\n<robot name={quoteattr(name)}>'
     return "\n".join([head, *body, "</robot>", ""])
 
 
 def _links(robot: Robot, names: Sequence[str], behind: Sequence[Sequence[Factor]]) -> list[str]:
     """The links with the shape of the arm, whose capsules are given in the frames behind the joints."""
     carried = [BASE, *robot.joint_names, TOOL]
-    frames = [np.eye(4), *map(_pose, behind), np.eye(4)]
+    frames = [np.eye(4), *map(fixed_pose, behind), np.eye(4)]
     link_of = dict(zip(carried, [*names[1:-2], names[-1]], strict=True))
     shown = {
         link_of[owner]: shape_lines([c for c in robot.shape if c.joint == owner], T)
@@ -105,18 +140,9 @@ def _parts(robot: Robot) -> tuple[list[tuple[Factor, ...]], list[tuple[Factor, .
     return before, behind
 
 
-def _pose(factors: Iterable[Factor]) -> Array:
-    """(4, 4) the product of factors at the joint value zero."""
-    still = [Factor(f.kind, f.axis, f.nominal) for f in factors]
-    reached = walk(still, factor_values(still, ()))
-    (a, b, c), x = reached.columns, reached.position
-    rows = [(a[k], b[k], c[k], x[k]) for k in range(3)]
-    return np.asarray(stack([*rows, (0.0, 0.0, 0.0, 1.0)]), dtype=float)
-
-
 def _origin(factors: Iterable[Factor]) -> str:
     """The element ``origin`` of a product of factors: xyz [m] and rpy [rad]."""
-    xyz, rpy = xyz_rpy(_pose(factors))
+    xyz, rpy = xyz_rpy(fixed_pose(factors))
     places, turns = (" ".join(repr(float(value) + 0.0) for value in part) for part in (xyz, rpy))
     return f'    <origin xyz="{places}" rpy="{turns}"/>'
 
@@ -132,7 +158,9 @@ def _moving(joint: Joint, parent: str, child: str, factors: Iterable[Factor], ax
     along = " ".join("1" if k == axis else "0" for k in range(3))
     head = f'  <joint name={quoteattr(joint.name)} type="{joint.type}">'
     bounds = f'lower="{float(joint.lower)!r}" upper="{float(joint.upper)!r}"'
-    limit = f'    <limit {bounds} effort="{_EFFORT!r}" velocity="{_VELOCITY!r}"/>'
+    effort = _EFFORT if math.isnan(joint.effort) else float(joint.effort)
+    velocity = _VELOCITY if math.isnan(joint.velocity) else float(joint.velocity)
+    limit = f'    <limit {bounds} effort="{effort!r}" velocity="{velocity!r}"/>'
     motion = f'    <axis xyz="{along}"/>'
     return "\n".join([head, *_ends(parent, child), _origin(factors), motion, limit, "  </joint>"])
 

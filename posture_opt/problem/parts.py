@@ -63,6 +63,7 @@ def read_parts(
         read = spec
         arms = _arms(read, folder, issues)
         task = _collect(issues, lambda: with_path(read.task, folder))
+        task = task.for_robot(arms[1].robot) if task is not None and arms else task
         spec = spec.model_copy(update={"task": task})
         issues += [issue.at("data") for issue in data_issues(read.data, arms[1].robot)] if arms else []
     if spec is not None and arms is not None:

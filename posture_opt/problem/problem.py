@@ -97,6 +97,7 @@ class Problem(ProblemData):
             notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
         overridden = self.overridden | {("task", key) for key in (*keys, *(["kind"] if kind else []))}
         found = with_path(spec.task, self.folder)
+        found = found and found.for_robot(self.robot)
         arm = arm_with(self.robot, self.effects, found)
         former_notes = input_notes(self.arm)
         notes = (*(note for note in notes if note not in former_notes), *input_notes(arm))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -50,6 +50,7 @@ class Joint:
         com: (3,) centre of mass of that link [m], frame behind the joint; NaN where unknown.
         gear_ratio: motor turns per joint turn; NaN where unknown.
         velocity: largest speed of the joint [rad/s] or [m/s]; NaN where unknown.
+        effort: largest torque or force that its drive bears [N m] or [N]; NaN where unknown.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Joint:
     com: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     gear_ratio: float = math.nan
     velocity: float = math.nan
+    effort: float = math.nan
 
     @property
     def unit(self) -> Literal["rad", "m"]:
@@ -75,7 +77,7 @@ class Joint:
     @property
     def _known_values(self) -> tuple[object, ...]:
         """All values, None in place of NaN, which from Python 3.13 on makes a dataclass differ from itself."""
-        numbers = (self.lower, self.upper, self.mass, self.gear_ratio, self.velocity, *self.com)
+        numbers = (self.lower, self.upper, self.mass, self.gear_ratio, self.velocity, self.effort, *self.com)
         return (self.name, self.type, *(None if math.isnan(number) else number for number in numbers))
 
 
@@ -88,6 +90,20 @@ class Repeatability:
 
     value: float
     source: str
+
+
+@dataclass(frozen=True)
+class UrdfDescription:
+    """A URDF as it was read, for what of it the kinematics do not need: meshes, inertias, further links.
+
+    Args:
+        data: the file.
+        base_link, tip_link: ends of the chain in it.
+    """
+
+    data: bytes = field(repr=False)
+    base_link: str
+    tip_link: str
 
 
 @dataclass(frozen=True)
@@ -116,6 +132,7 @@ class Robot:
         bare_joints: joints that carry links whose shape is not known, which capsules along the links may stand for.
         mounting_below: distance [m] of the surface that the arm is made to stand on below the xy plane of its base.
         tool_radius: of the tool between flange and tool point [m]; None where it is not stated.
+        description: the URDF that the arm was read from; None of other formats.
     """
 
     name: str
@@ -138,6 +155,7 @@ class Robot:
     bare_joints: tuple[str, ...] = ()
     mounting_below: float = 0.0
     tool_radius: float | None = None
+    description: UrdfDescription | None = None
 
     @property
     def n(self) -> int:

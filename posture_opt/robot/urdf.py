@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, listed
-from posture_opt.files import located
+from posture_opt.files import content, located
 from posture_opt.numerics import Array
 from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, check_joint_name
 from posture_opt.robot.joint_velocities import with_velocities
-from posture_opt.robot.robot import Joint, Robot
+from posture_opt.robot.robot import Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE
 from posture_opt.robot.shape_section import replaces_shape, shaped
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
-from posture_opt.robot.urdf_reader import in_urdf, read_urdf
+from posture_opt.robot.urdf_reader import MAX_BYTES, in_urdf, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
 from posture_opt.robot.urdf_tip import ChosenTip, chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
@@ -77,8 +77,10 @@ class UrdfRobot(RobotFormat):
                 robot, shape=own.capsules, shape_notes=own.notes, unshaped=own.unshaped, bare_joints=own.bare
             )
         robot = with_velocities(shaped(robot, self.shape, end), self.velocity)
-        sources = (("file", self.file), ("base_link", path[0].parent), ("tip_link", path[-1].child))
-        return replace(robot, sources=sources, notes=notes)
+        ends = path[0].parent, path[-1].child
+        sources = (("file", self.file), ("base_link", ends[0]), ("tip_link", ends[1]))
+        description = UrdfDescription(content(file, MAX_BYTES), *ends)
+        return replace(robot, sources=sources, notes=notes, description=description)
 
     def _located_file(self, folder: Path) -> Path:
         """The path of the key ``file``.
@@ -230,5 +232,10 @@ def _joint_of(tree: UrdfTree, segment: ChainSegment) -> Joint:
         x, y, z = (T_child_end[:3, :3].T @ (centre - T_child_end[:3, 3])).tolist()
         com = (x, y, z)
     kind: Literal["revolute", "prismatic"] = "prismatic" if moving.type == "prismatic" else "revolute"
-    velocity = moving.velocity if moving.velocity is not None and moving.velocity > 0 else math.nan
-    return Joint(moving.name, kind, *_joint_limits(moving), mass, com, velocity=velocity)
+    velocity, effort = map(_known, (moving.velocity, moving.effort))
+    return Joint(moving.name, kind, *_joint_limits(moving), mass, com, velocity=velocity, effort=effort)
+
+
+def _known(limit: float | None) -> float:
+    """A limit of speed or torque; NaN where the file has none: zero stands for unknown in many files."""
+    return limit if limit is not None and limit > 0 else math.nan

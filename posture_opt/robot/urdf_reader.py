@@ -122,9 +122,18 @@ def read_urdf(path: Path) -> UrdfTree:
         InputError: no such file, not XML, not a URDF, a part missing, numbers that are none, or no tree.
     """
     try:
-        return _tree_of(_robot_element(content(path, MAX_BYTES), path.name), path.stem)
+        return urdf_tree(content(path, MAX_BYTES), path.name)
     except InputError as error:
         raise InputError([in_urdf(issue, path) for issue in error.issues]) from None
+
+
+def urdf_tree(data: bytes, name: str) -> UrdfTree:
+    """The tree of a URDF that is called ``name``; lengths in [m], angles in [rad].
+
+    Raises:
+        InputError: as of `read_urdf`, without the path.
+    """
+    return _tree_of(_robot_element(data, name), Path(name).stem)
 
 
 def in_urdf(issue: Issue, path: Path) -> Issue:
@@ -213,6 +222,7 @@ class _UrdfReader:
             lower=self._one_number(limit, "lower", owner),
             upper=self._one_number(limit, "upper", owner),
             velocity=self._one_number(limit, "velocity", owner),
+            effort=self._one_number(limit, "effort", owner),
             mimics=mimic.attributes.get("joint", "another joint") if mimic else "",
             line=element.line,
         )

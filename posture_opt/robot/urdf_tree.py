@@ -24,7 +24,8 @@ class UrdfJoint:
         origin: (4, 4) T_parent_joint, lengths in [m]; ``rpy`` (3,) the angles that the file states for it [rad], which
             cannot be recovered from the matrix at a pitch of ±90°.
         axis: (3,) in the joint frame, of any length.
-        lower, upper: [rad] or [m]; ``velocity`` [rad/s] or [m/s]; None where the file has none.
+        lower, upper: [rad] or [m]; ``velocity`` [rad/s] or [m/s]; ``effort`` [N m] or [N]; None where the file has
+            none.
         mimics: the joint that this one follows, or an empty text.
         line: where in the file it begins.
     """
@@ -39,6 +40,7 @@ class UrdfJoint:
     lower: float | None
     upper: float | None
     velocity: float | None
+    effort: float | None
     mimics: str
     line: int
 

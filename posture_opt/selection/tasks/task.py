@@ -8,11 +8,12 @@ its kind.
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks.direction import Direction
 from posture_opt.selection.tasks.workpiece import Combine, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
@@ -115,6 +116,11 @@ class Task(Spec):
             return (0.0, 0.0, 0.0)
         x, y, z = (self.workpiece or Workpiece()).central(self.origin)
         return point[0] - x, point[1] - y, point[2] - z
+
+    def for_robot(self, robot: Robot) -> Self:
+        """The task with bounds that the robot states, where its terms state none."""
+        bounded = tuple(term.for_robot(robot) for term in self.subject_to)
+        return self if bounded == self.subject_to else self.model_copy(update={"subject_to": bounded})
 
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:

@@ -26,7 +26,8 @@ class JointTorque(Term):
 
     ``τ_i = Σ_k m_k (a_i × (x_k − o_i)) · g`` over the masses m_k at x_k behind joint i, with the joint's axis a_i
     through o_i and the payload at the tool point. Positive in the joint's positive direction. A bound holds for either
-    sign; it is one number for all joints, or one for each joint that is named.
+    sign; it is one number for all joints, or one for each joint that is named. Where ``subject_to`` states none, the
+    efforts of the joints in a URDF are the bounds.
     """
 
     summary: ClassVar[str] = "torque of gravity on every revolute joint, payload included (at_most, or weight)"
@@ -44,6 +45,11 @@ class JointTorque(Term):
                 raise BadValueError(
                     f"{robot.joints[index].name} is prismatic: it bears a force and no torque", "leave it out"
                 )
+
+    def for_robot(self, robot: Robot) -> JointTorque:
+        """Without a bound of its own, each joint is bounded by its drive: ``effort`` in ``<limit>`` of a URDF."""
+        rated = {joint.name: joint.effort for joint in robot.joints if joint.type == "revolute" and joint.effort > 0}
+        return self if self.at_most is not None or not rated else self.model_copy(update={"at_most": rated})
 
     def quantity(self, at: Quantities) -> ca.SX:
         return ca.vertcat(ca.SX(0, 1), *(ca.SX(at.state.torque(joint)) for joint in self._joints(at.robot)))

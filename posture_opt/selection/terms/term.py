@@ -182,6 +182,10 @@ class Term(Spec):
     def check(self, robot: Robot) -> None:
         """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
 
+    def for_robot(self, robot: Robot) -> Term:
+        """The term in ``subject_to``, with the bounds that the robot states where it states none itself."""
+        return self
+
     def held(self, robot: Robot) -> dict[int, float]:
         """Joint index -> value [rad or m] at which the search holds it; a term that holds joints has no rows."""
         return {}
