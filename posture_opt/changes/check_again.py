@@ -9,10 +9,11 @@ import numpy as np
 from posture_opt.changes.changed_arm import changed_problem
 from posture_opt.changes.distinct import distinct_rows
 from posture_opt.changes.gaussian_evidence import Estimate
+from posture_opt.changes.gross_rows import without_gross_rows
 from posture_opt.changes.hypotheses import Hypotheses, Probabilities
 from posture_opt.changes.new_rows import NewRows
 from posture_opt.changes.visibility import visibilities
-from posture_opt.changes.what_changed import LikelyChange, Recheck, Verdict
+from posture_opt.changes.what_changed import GrossRow, LikelyChange, Recheck, Verdict
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from posture_opt.experiments.measurement_plan import MeasurementPlan
 from posture_opt.experiments.plan_measurements import plan_measurements
@@ -67,21 +68,29 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
             "'optimize-posture plan-measurements --for recheck --count 10' chooses them"
         )
     rows = distinct_rows(NewRows.of(problem, data))
-    models = Hypotheses.of(rows)
+    models, kept = without_gross_rows(rows)
+    used = data.take(kept)
     found = models.probabilities
     verdict, named = _verdict(found)
     estimates = models.estimates(named)
     shares = found.involved
     order = [*named, *(i for i in np.argsort(-shares, kind="stable").tolist() if i not in named)]
     changes = tuple(_change(models, i, estimates[i], float(shares[i])) for i in order)
-    plan, why = _next_postures(problem, data, seed) if verdict in ("several", "unclear") else (None, ())
+    plan, why = _next_postures(problem, used, seed) if verdict in ("several", "unclear") else (None, ())
+    after = _errors(rows, changes[: len(named)])
     updated = changed_problem(problem, changes[0].possible, changes[0].deviations) if verdict == "changed" else None
     return Recheck(
-        problem=problem, data=data, verdict=verdict, changes=changes, probabilities=found,
-        visible=visibilities(models), errors_before=_errors(rows, ()),
-        errors_after=_errors(rows, changes[: len(named)]), named_count=len(named), updated=updated, plan=plan,
+        problem=problem, data=used, verdict=verdict, changes=changes, probabilities=found,
+        visible=visibilities(models), errors_before=_errors(rows, ())[kept], errors_after=after[kept],
+        gross=tuple(_gross_row(data, after, i) for i in sorted({*range(len(data))} - {*kept.tolist()})),
+        named_count=len(named), updated=updated, plan=plan,
         notes=(*rows.notes, *why),
     )  # fmt: skip
+
+
+def _gross_row(data: Measurements, errors: Array, row: int) -> GrossRow:
+    """A row that is left out, with its error (N, 3) beside all others."""
+    return GrossRow(int(data.line[row]), float(np.linalg.norm(errors[row])))
 
 
 def _next_postures(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.changes.new_rows import NewRows
+from posture_opt.experiments.possible_changes import FRAME_PARTS
 from posture_opt.numerics import Array
 
 _ALIKE_SHARE = 0.02
@@ -21,7 +22,7 @@ def distinct_rows(rows: NewRows) -> NewRows:
     Parallel axes have one distance along them between all: the longest link stands for it.
     """
     lengths = {name: abs(factor.nominal) for name, factor in rows.residuals.robot.parameters.items()}
-    frames = {name: rows.twists([f"{name}.{axis}" for axis in "xyz"]) for name in ("base", "tool")}
+    frames = {name: rows.twists([f"{name}.{part}" for part in FRAME_PARTS]) for name in ("base", "tool")}
     alike: dict[str, list[str]] = {name: [] for name in frames}
     own: dict[str, Array] = {}
     links = [change.target for change in rows.changes if change.kind == "link"]

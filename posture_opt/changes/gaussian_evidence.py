@@ -10,6 +10,10 @@ import numpy as np
 
 from posture_opt.numerics import Array
 
+NOISE_SPREAD = 0.2
+NOISE_LEVELS = np.exp(NOISE_SPREAD * np.linspace(-2, 2, 7))
+"""Noise over what instrument and scatter are stated as: known to 20 %."""
+
 
 @dataclass(frozen=True, eq=False)
 class GaussianRows:
@@ -47,6 +51,16 @@ class GaussianRows:
         """``Aᵀ S⁻¹ A`` (K, K) and ``−Aᵀ S⁻¹ r`` (K,) under ``S = k² I + P Pᵀ``."""
         weighted = self.A / (level**2 + self.e)[:, None]
         return weighted.T @ self.A, -weighted.T @ self.r
+
+    @cached_property
+    def densities(self) -> Array:
+        """(L,) log density of the rows with nothing changed, at each noise level."""
+        return np.array([self.log_density(level) for level in NOISE_LEVELS])
+
+    @cached_property
+    def normal(self) -> list[tuple[Array, Array]]:
+        """Normal equations at each noise level."""
+        return [self.normal_equations(level) for level in NOISE_LEVELS]
 
 
 @dataclass(frozen=True, eq=False)

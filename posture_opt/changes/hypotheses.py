@@ -13,66 +13,35 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.changes.gaussian_evidence import Estimate, GaussianRows, SizedChange, log_gains, log_sum
+from posture_opt.changes.forms import SIZES_M, Form
+from posture_opt.changes.gaussian_evidence import (
+    NOISE_LEVELS,
+    NOISE_SPREAD,
+    Estimate,
+    GaussianRows,
+    SizedChange,
+    log_gains,
+    log_sum,
+)
 from posture_opt.changes.new_rows import NewRows
 from posture_opt.experiments.possible_changes import PossibleChange
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array
 
-PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03}
+PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross": 0.03}
 """Before the new rows: an arm is checked after an incident, and is most often found as it was."""
-SIZES_M = np.asarray(1e-3 * 2.0 ** np.arange(-4, 7), dtype=float)
-"""Sizes of a change: 0.06 to 64 mm of motion of the tool, of a joint the same in mrad."""
 _USUAL_M = 0.25e-3
 _LOG_SIZES = -np.log(np.maximum(SIZES_M / _USUAL_M, 1.0))
 LOG_SIZES = np.asarray(_LOG_SIZES - log_sum(_LOG_SIZES))
 """Up to 0.25 mm or mrad all sizes are alike probable, above in inverse proportion: large ones are rare."""
-_NOISE_SPREAD = 0.2
-NOISE_LEVELS = np.exp(_NOISE_SPREAD * np.linspace(-2, 2, 7))
-"""Noise over what instrument and scatter are stated as: known to 20 %."""
-_LOG_LEVELS = -0.5 * (np.log(NOISE_LEVELS) / _NOISE_SPREAD) ** 2
+_LOG_LEVELS = -0.5 * (np.log(NOISE_LEVELS) / NOISE_SPREAD) ** 2
 LOG_LEVELS = _LOG_LEVELS - log_sum(_LOG_LEVELS)
 _UNEXPLAINED_LEVELS = 2.0 ** np.arange(1, 9)
 """Noise over what is stated where the rows err in a way that no change makes."""
-_MIN_MOTION_SHARE = 1e-9  # of the largest mean square motion of a change: less is none
 _PAIRED = 6  # likeliest single changes that are tried with every other one
+_TANGENT_ERROR = 0.3
+"""Standard deviations of a row by which a tangent may miss before the rows are linearised about the estimate."""
+_MAX_STEPS = 5
 _MIN_WEIGHT = 1e-6  # of a part of an estimate
-
-
-@dataclass(frozen=True, eq=False)
-class Form:
-    """A change by the first parameters of it, ``θ = W t``, in units of 1 m of root mean square motion of the tool.
-
-    Args:
-        columns: (p,) places of the parameters among those of the rows.
-        W: (p, q).
-        lever: motion of the tool [m] per m or rad of the size, by which sizes are stated: of a turning joint its root
-            mean square lever, else 1.
-    """
-
-    change: PossibleChange
-    columns: Codes
-    W: Array
-    lever: float
-
-    @property
-    def sizes(self) -> Array:
-        """(S,) root mean square motion of the tool by each size [m]."""
-        return SIZES_M * self.lever
-
-    @classmethod
-    def of(cls, rows: NewRows, change: PossibleChange) -> list[Form]:
-        """The forms of a change that move the tool at all."""
-        found: list[Form] = []
-        motion = rows.motion(change)
-        for count in change.forms:
-            values, vectors = np.linalg.eigh(motion[:count, :count])
-            kept = values > _MIN_MOTION_SHARE * np.trace(motion)
-            if kept.sum() > (found[-1].W.shape[1] if found else 0):
-                W = vectors[:, kept] / np.sqrt(values[kept])
-                angle = len(change.parameters) == 1 and change.parameters[0].unit == "rad"
-                lever = math.sqrt(float(motion[0, 0])) if angle else 1.0
-                found.append(cls(change, np.array(rows.columns(change)[:count]), W, lever))
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +51,37 @@ class Hypotheses:
     Args:
         rows: linearised; ``gaussian`` the same in coordinates in which their covariance is diagonal.
         forms: of each change that moves the tool.
+        own: (C,) the rows of each change, linearised about its estimate where that is large, and as ``gaussian``.
     """
 
     rows: NewRows
     gaussian: GaussianRows
     forms: tuple[tuple[Form, ...], ...]
+    own: tuple[tuple[NewRows, GaussianRows], ...]
 
     @classmethod
     def of(cls, rows: NewRows) -> Hypotheses:
         """From rows and what may have changed on them."""
-        forms = [tuple(Form.of(rows, change)) for change in rows.changes]
-        return cls(rows, GaussianRows.of(rows.r, rows.P, rows.A), tuple(form for form in forms if form))
+        gaussian = GaussianRows.of(rows.r, rows.P, rows.A)
+        forms = tuple(form for form in (tuple(Form.of(rows, change)) for change in rows.moving) if form)
+        found = cls(rows, gaussian, forms, ((rows, gaussian),) * len(forms))
+        for _ in range(_MAX_STEPS):
+            closer = tuple(found._closer(index) for index in range(len(forms)))
+            if closer == found.own:
+                break
+            found = cls(rows, gaussian, forms, closer)
+        return found
+
+    def _closer(self, index: int) -> tuple[NewRows, GaussianRows]:
+        """The rows linearised about the estimate of a change; as they are, where the tangent serves there."""
+        own, _ = self.own[index]
+        x = self.rows.x.copy()
+        x[self.rows.columns(self.changes[index])] += self._estimate(index).mean
+        tangent = own.r + own.A @ (x - self.rows.x)
+        if np.max(np.abs(own.errors_at(x) - tangent)) < _TANGENT_ERROR:
+            return self.own[index]
+        own = self.rows.about(x)
+        return own, GaussianRows.of(own.r, own.P, own.A)
 
     @property
     def changes(self) -> tuple[PossibleChange, ...]:
@@ -106,28 +95,18 @@ class Hypotheses:
         shares = np.array([change.share / kinds.count(change.kind) for change in self.changes])
         return np.asarray(shares / shares.sum())
 
-    @cached_property
-    def _densities(self) -> Array:
-        """(L,) log density of the rows with nothing changed, at each noise level."""
-        return np.array([self.gaussian.log_density(level) for level in NOISE_LEVELS])
-
-    @cached_property
-    def _normal(self) -> list[tuple[Array, Array]]:
-        """Normal equations at each noise level."""
-        return [self.gaussian.normal_equations(level) for level in NOISE_LEVELS]
-
-    def sized(self, form: Form, level: int) -> SizedChange:
+    def sized(self, index: int, form: Form, level: int) -> SizedChange:
         """One form of a change at the noise level of an index."""
-        G, b = self._normal[level]
+        G, b = self.own[index][1].normal[level]
         return SizedChange(form.W.T @ G[np.ix_(form.columns, form.columns)] @ form.W, form.W.T @ b[form.columns])
 
     @cached_property
     def tables(self) -> list[Array]:
         """Of each change (F, L, S) its log evidence by form, noise level and size, their prior included."""
         found = []
-        for forms in self.forms:
-            gains = [[self.sized(f, k).log_gains(f.sizes) for k in range(len(NOISE_LEVELS))] for f in forms]
-            prior = self._densities + LOG_LEVELS - np.log(len(forms))
+        for index, forms in enumerate(self.forms):
+            gains = [[self.sized(index, f, k).log_gains(f.sizes) for k in range(len(NOISE_LEVELS))] for f in forms]
+            prior = self.own[index][1].densities + LOG_LEVELS - np.log(len(forms))
             found.append(np.array(gains) + prior[None, :, None] + LOG_SIZES)
         return found
 
@@ -154,36 +133,50 @@ class Hypotheses:
     def _log_pair(self, a: int, b: int) -> float:
         """Log evidence of two changes by the widest form of each, at one noise level, as that of all levels."""
         first, second = self.forms[a][-1], self.forms[b][-1]
-        _, gains = _pair_gains(*self._pair_equations(first, second), first, second)
+        _, gains = _pair_gains(*self._pair_equations(a, b), first, second)
         best, level = self._likeliest
         ratio = self.log_singles[best] - log_sum(self.tables[best][:, level])
-        density = self._densities[level] + LOG_LEVELS[level] + ratio
+        density = self._both(a, b).densities[level] + LOG_LEVELS[level] + ratio
         return log_sum(gains) + float(density)
 
-    def _pair_equations(self, first: Form, second: Form) -> tuple[Array, Array]:
-        """The normal equations of both forms together at the likeliest noise level."""
-        G, b = self._normal[self._likeliest[1]]
+    def _both(self, a: int, b: int) -> GaussianRows:
+        """The rows for two changes together: linearised as for the likelier one."""
+        return self.own[a if self.log_singles[a] > self.log_singles[b] else b][1]
+
+    def _pair_equations(self, a: int, b: int) -> tuple[Array, Array]:
+        """The normal equations of two changes, by the widest form of each, at the likeliest noise level."""
+        first, second = self.forms[a][-1], self.forms[b][-1]
+        G, h = self._both(a, b).normal[self._likeliest[1]]
         at = np.concatenate([first.columns, second.columns])
         W = np.zeros((len(at), first.W.shape[1] + second.W.shape[1]))
         W[: len(first.columns), : first.W.shape[1]] = first.W
         W[len(first.columns) :, first.W.shape[1] :] = second.W
-        return W.T @ G[np.ix_(at, at)] @ W, W.T @ b[at]
+        return W.T @ G[np.ix_(at, at)] @ W, W.T @ h[at]
 
     @cached_property
-    def probabilities(self) -> Probabilities:
-        """Of all models after the rows, by Bayes' rule."""
+    def _logs(self) -> Array:
+        """(2 + C + pairs,) log of prior times evidence: unchanged, unexplained, one change each, two each."""
         pairs = self.log_pairs
         shares = {pair: 2 * self.weights[pair[0]] * self.weights[pair[1]] for pair in pairs}
         unexplained = [self.gaussian.log_density(level) for level in _UNEXPLAINED_LEVELS]
-        logs = np.concatenate([
-            [np.log(PRIOR["unchanged"]) + log_sum(self._densities + LOG_LEVELS)],
+        return np.concatenate([
+            [np.log(PRIOR["unchanged"]) + log_sum(self.gaussian.densities + LOG_LEVELS)],
             [np.log(PRIOR["unexplained"]) + log_sum(np.array(unexplained)) - np.log(len(unexplained))],
             np.log(PRIOR["one"]) + np.log(self.weights) + self.log_singles,
             [np.log(PRIOR["two"]) + np.log(shares[pair]) + pairs[pair] for pair in pairs],
         ])  # fmt: skip
-        p = np.exp(logs - log_sum(logs))
-        count = len(self.forms)
-        two = dict(zip(pairs, p[2 + count :].tolist(), strict=True))
+
+    @property
+    def log_evidence(self) -> float:
+        """``log p(r)`` of the whitened rows over all models."""
+        dimension = self.gaussian.freedom + len(self.gaussian.r)
+        return log_sum(self._logs) - 0.5 * dimension * math.log(2 * math.pi)
+
+    @cached_property
+    def probabilities(self) -> Probabilities:
+        """Of all models after the rows, by Bayes' rule."""
+        p, count = np.exp(self._logs - log_sum(self._logs)), len(self.forms)
+        two = dict(zip(self.log_pairs, p[2 + count :].tolist(), strict=True))
         return Probabilities(float(p[0]), float(p[1]), p[2 : 2 + count], two)
 
     def estimates(self, together: Sequence[int] = ()) -> list[Estimate]:
@@ -201,21 +194,19 @@ class Hypotheses:
         parts, shares = [], []
         for f, k, s in np.argwhere(weights > _MIN_WEIGHT):
             form = self.forms[index][f]
-            parts.append(self._of_parameters(form, self.sized(form, int(k)).estimate(float(form.sizes[s]))))
+            parts.append(self._of_parameters(form, self.sized(index, form, int(k)).estimate(float(form.sizes[s]))))
             shares.append(weights[f, k, s])
         return Estimate.mixture(parts, np.array(shares) / np.sum(shares))
 
     @staticmethod
     def _of_parameters(form: Form, t: Estimate) -> Estimate:
         """An estimate of t as one of all parameters of the change."""
-        W = np.zeros((len(form.change.parameters), form.W.shape[1]))
-        W[: len(form.W)] = form.W
-        return Estimate(W @ t.mean, W @ t.covariance @ W.T)
+        return Estimate(form.W @ t.mean, form.W @ t.covariance @ form.W.T)
 
     def _pair_estimate(self, a: int, b: int) -> tuple[Estimate, Estimate]:
         """The estimates of two changes with one another, at the likeliest noise level and the likeliest sizes."""
         first, second = self.forms[a][-1], self.forms[b][-1]
-        H, h = self._pair_equations(first, second)
+        H, h = self._pair_equations(a, b)
         sizes, gains = _pair_gains(H, h, first, second)
         d = sizes[int(np.argmax(gains))]
         covariance = np.asarray(np.linalg.inv(H + np.diag(d**-2)), dtype=float)
@@ -234,7 +225,7 @@ class Hypotheses:
             draws: (n, 6) of standard normal numbers.
         """
         form = self.forms[index][0]
-        values = self.sized(form, len(NOISE_LEVELS) // 2).spectrum[0]
+        values = self.sized(index, form, len(NOISE_LEVELS) // 2).spectrum[0]
         z = draws[:, : len(values)] * np.sqrt(values)
         z[:, 0] += values[0] * shift
         gains = log_gains(values, z, form.sizes) + LOG_SIZES

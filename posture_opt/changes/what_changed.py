@@ -44,7 +44,7 @@ class LikelyChange:
 
     @property
     def target(self) -> str:
-        """``tool``, ``base``, a joint, or a length of a link: ``elbow.a``."""
+        """``tool``, ``base``, a joint, or a length or twist of a link: ``elbow.a``."""
         return self.possible.target
 
     @property
@@ -71,12 +71,25 @@ class LikelyChange:
         }
 
 
+@dataclass(frozen=True)
+class GrossRow:
+    """A row that no change explains and all others contradict, as a misread target.
+
+    Args:
+        line: its line in the file.
+        error: how far it is from the arm as all other rows have it [m].
+    """
+
+    line: int
+    error: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Recheck(Result):
     """Whether an arm is still the one that was calibrated, and if not, what changed.
 
     Args:
-        problem: the calibrated arm; ``data`` the new rows.
+        problem: the calibrated arm; ``data`` the new rows, without gross ones.
         verdict: ``unchanged``; one thing ``changed``; ``several`` things, or something else; ``unclear`` which one.
         changes: everything that may have changed, the likeliest first.
         probabilities: of all models.
@@ -85,6 +98,7 @@ class Recheck(Result):
             0 where a coordinate was not measured.
         named_count: so many of the changes, from the first, are what the verdict names: 1, 2 or none.
         updated: the problem with the one change; None where none is named.
+        gross: the rows that are left out, as all others contradict them.
         plan: the postures to measure next, where more than one thing changed or it is not clear which.
         notes: sentences for the report.
     """
@@ -99,6 +113,7 @@ class Recheck(Result):
     errors_after: Array
     named_count: int
     updated: ProblemData | None
+    gross: tuple[GrossRow, ...] = ()
     plan: MeasurementPlan | None = None
     notes: tuple[str, ...] = ()
 
@@ -149,6 +164,7 @@ class Recheck(Result):
             "visible": [visible.to_json() for visible in self.visible],
             "rms": {"before": self.before, "after": self.after},
             "rows": len(self.data),
+            "gross": [{"line": row.line, "error": row.error} for row in self.gross],
             "measure": [] if self.plan is None else [dict(posture) for posture in self.plan.postures],
             "notes": list(self.notes),
         }

@@ -18,7 +18,7 @@ An assumption and no count. A factor of two in it moves a verdict only where the
 """
 _EFFECTS: tuple[tuple[type[Effect], float], ...] = ((Backlash, 0.075), (JointCompliance, 0.075))
 """Effects that joints come to have, with the probability of their kind."""
-_FRAME_PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
+FRAME_PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PossibleChange:
 
     Args:
         kind: ``tool_frame``, ``base_frame``, ``joint_offset``, ``link``, ``backlash`` or ``joint_compliance``.
-        target: ``tool``, ``base``, the joint, or the parameter of the link: ``elbow.a``.
+        target: ``tool``, ``base``, the joint, or the parameter of the link, a length or a twist: ``elbow.a``.
         share: probability of the kind, given that one thing changed.
         parameters: (p,) what deviates.
         effect: whose parameters they are; None of geometry.
@@ -47,9 +47,13 @@ class PossibleChange:
         return tuple(p.source for p in self.parameters)
 
     @property
-    def forms(self) -> tuple[int, ...]:
-        """How many of the first parameters deviate, each a form of the change: a frame shifts, or shifts and turns."""
-        return (3, 6) if len(self.parameters) == len(_FRAME_PARTS) else (len(self.parameters),)
+    def forms(self) -> tuple[tuple[int, ...], ...]:
+        """Places of the parameters that deviate, in each form of the change.
+
+        A frame shifts; or it slides on what it stands on, along x and y and turned about z; or it shifts and turns.
+        """
+        every = tuple(range(len(self.parameters)))
+        return ((0, 1, 2), (0, 1, 5), every) if len(every) == len(FRAME_PARTS) else (every,)
 
 
 def possible_changes(robot: Robot, data: Measurements, *, oriented: bool) -> tuple[PossibleChange, ...]:
@@ -70,7 +74,7 @@ def possible_changes(robot: Robot, data: Measurements, *, oriented: bool) -> tup
             found.append(_geometric("joint_offset", joint, (_parameter(factor, "geometry"),)))
     for index, factor in enumerate(robot.factors):
         owner = factor.parameter.rpartition(".")[0]
-        if owner in robot.joint_names and factor.kind == "translate" and index not in driven:
+        if owner in robot.joint_names and index not in driven:
             found.append(_geometric("link", factor.parameter, (_parameter(factor, "geometry"),)))
     case = case_of(data, robot, orientation=oriented)
     for kind, share in _EFFECTS:
@@ -88,7 +92,7 @@ def _geometric(kind: str, target: str, parameters: tuple[Parameter, ...]) -> Pos
 def _frame(robot: Robot, name: str) -> tuple[Parameter, ...]:
     """The six parameters of a frame, its shift first."""
     known = robot.parameters
-    return tuple(_parameter(known[f"{name}.{part}"], name) for part in _FRAME_PARTS if f"{name}.{part}" in known)
+    return tuple(_parameter(known[f"{name}.{part}"], name) for part in FRAME_PARTS if f"{name}.{part}" in known)
 
 
 def _parameter(factor: Factor, group: str) -> Parameter:

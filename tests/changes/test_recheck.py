@@ -90,6 +90,11 @@ class Cell:
         if what == "zero":
             name = str(rng.choice(self.zeros()))
             return self.with_error(name, size), ("joint_offset", name.partition(".")[0])
+        if what == "twist":
+            # Of twists, those by which 0.5 mrad move the tool by 0.2 mm (RMS).
+            twists = [f"{row[0]}.alpha" for row in self.arm.table]
+            name = str(rng.choice([n for n in twists if self.motion(n) > 0.08e-3]))
+            return self.with_error(name, 2.5 * size), ("link", name)
         if what == "link":
             lengths = [(f"{n}.{p}", v) for n, t, _, d, a, _ in self.arm.table for p, v in (("a", a), ("d", d)) if v]
             name = str(rng.choice([name for name, _ in lengths]))
@@ -177,14 +182,44 @@ def test_errors_that_no_change_makes_are_several() -> None:
     assert po.recheck(cell.problem, po.read_measurements(cell.table(points), cell.problem)).verdict == "several"
 
 
-def test_a_base_that_was_set_down_elsewhere_is_found_in_one_go() -> None:
+@pytest.mark.parametrize("turned", [3e-3, 0.1])
+def test_a_base_that_was_set_down_elsewhere_is_found_in_one_go(turned: float) -> None:
     cell, rng = stated(), np.random.default_rng(2)
-    arm = replace(cell.arm, base=shift(4e-3, -3e-3, 0.0) @ turn(2, 3e-3))
+    arm = replace(cell.arm, base=shift(4e-3, -3e-3, 0.0) @ turn(2, turned))
     found = po.recheck(cell.problem, cell.measured(arm, rng))
     assert (found.verdict, found.changes[0].target) == ("changed", "base")
     assert found.updated is not None
     again = po.recheck(found.updated, cell.measured(arm, rng))
     assert again.verdict == "unchanged"
+
+
+def test_a_joint_that_skipped_a_tooth_is_named_with_its_size() -> None:
+    """60 mrad: the tool leaves the tangent of its arc by 2 mm, forty times the noise."""
+    cell, rng = stated(), np.random.default_rng(2)
+    found = po.recheck(cell.problem, cell.measured(cell.with_error("elbow.theta", 0.06), rng))
+    assert is_named(found, ("joint_offset", "elbow")), found.summary()
+    value, std, _ = found.changes[0].values["theta"]
+    assert abs(value - 0.06) < 3 * std < 0.2e-3
+
+
+def test_a_link_that_was_bent_is_named_by_its_twist() -> None:
+    cell, rng = stated(), np.random.default_rng(2)
+    found = po.recheck(cell.problem, cell.measured(cell.with_error("elbow.alpha", 1e-3), rng))
+    assert is_named(found, ("link", "elbow.alpha")), found.summary()
+    assert "twist elbow.alpha" in found.report(full=False)
+
+
+@pytest.mark.parametrize("zero", [0.0, pytest.param(0.5e-3, marks=pytest.mark.long)])
+def test_a_misread_row_is_left_out_and_its_line_named(zero: float) -> None:
+    cell, rng = stated(), np.random.default_rng(3)
+    points = cell.with_error("elbow.theta", zero).points(cell.q) + rng.normal(0, NOISE, (len(cell.q), 3))
+    points[4] += [3e-3, -2e-3, 1e-3]
+    found = po.recheck(cell.problem, po.read_measurements(cell.table(points), cell.problem))
+    assert [row.line for row in found.gross] == [5]
+    assert found.gross[0].error == pytest.approx(math.sqrt(14) * 1e-3, abs=0.2e-3)
+    assert is_named(found, ("joint_offset", "elbow") if zero else ("", "")), found.summary()
+    assert found.before < 1e-3
+    assert "Line 5 (3.69 mm) is left out" in found.report(full=False)
 
 
 def test_too_few_postures_say_what_to_measure() -> None:

@@ -31,13 +31,27 @@ _PHRASES = {
     "tool_frame": "the tool moved in the flange",
     "base_frame": "the base moved",
     "joint_offset": "the zero of {target} is off",
-    "link": "the length {target} changed",
+    "link": "the {part} {target} changed",
 }
-_INSPECTED = {"link": "link_length"}
+_LENGTHS = ("a", "d", "x", "y", "z")
 
 
 def recheck_lead(found: Recheck) -> tuple[str, ...]:
-    """The answer in its first sentence, then the errors, rivals, what to look at or what could be seen."""
+    """The answer in its first sentence, then the errors, rivals, what to look at or what could be seen; gross rows."""
+    return (*_answer(found), *_gross(found))
+
+
+def _gross(found: Recheck) -> tuple[str, ...]:
+    """The rows that are left out."""
+    if not found.gross:
+        return ()
+    lines = enumerated([f"{row.line} ({length(row.error)})" for row in found.gross])
+    noun, verb, them = ("Line", "is", "it") if len(found.gross) == 1 else ("Lines", "are", "them")
+    return (f"{noun} {lines} {verb} left out: all other rows contradict {them}. Measure {them} again.",)
+
+
+def _answer(found: Recheck) -> tuple[str, ...]:
+    """What changed, and what follows."""
     first, errors = found.changes[0], _errors(found)
     if found.verdict == "unchanged":
         return (f"Nothing changed that these rows can show (probability {percent(found.unchanged)}).", _power(found))
@@ -71,13 +85,17 @@ def phrase(change: LikelyChange) -> str:
     if known.effect is not None:
         values = {name: (v, s, unit) for name, (v, s, unit) in change.values.items()}
         return known.effect.worded(FittedSizes(values))
-    return _PHRASES[change.kind].format(target=change.target)
+    return _PHRASES[change.kind].format(target=change.target, part=_link_part(change.target))
+
+
+def _link_part(target: str) -> str:
+    """Whether a parameter of a link is a length of it or a twist: ``a``, ``d``, ``x``, or ``alpha``, ``roll``."""
+    return "length" if target.rpartition(".")[2] in _LENGTHS else "twist"
 
 
 def short(change: LikelyChange) -> str:
     """The change by its name: "zero of elbow"."""
-    names = {"tool_frame": "tool", "base_frame": "base", "joint_offset": "zero of {}", "link": "length {}"}
-    return names.get(change.kind, f"{change.kind.replace('_', ' ')} of {{}}").format(change.target)
+    return _named(change.kind, change.target)
 
 
 def size_words(change: LikelyChange) -> str:
@@ -103,8 +121,7 @@ def inspection(found: Recheck, change: LikelyChange) -> str:
     """What to look at on the arm."""
     if change.possible.effect is not None:
         return change.possible.effect.inspect(found.problem.robot)
-    target = change.target.partition(".")[0]
-    return GeometricDeviation(_INSPECTED.get(change.kind, change.kind), target).inspect(found.problem.robot)
+    return GeometricDeviation.of(change.possible.parameters[0]).inspect(found.problem.robot)
 
 
 def _next(found: Recheck) -> tuple[str, ...]:
@@ -143,8 +160,19 @@ def _power(found: Recheck) -> str:
 
 
 def _visible_name(visible: Visibility) -> str:
-    names = {"tool_frame": "tool", "base_frame": "base", "joint_offset": "zero of {}", "link": "length {}"}
-    return names.get(visible.kind, f"{visible.kind.replace('_', ' ')} of {{}}").format(visible.target)
+    """The change by its name."""
+    return _named(visible.kind, visible.target)
+
+
+def _named(kind: str, target: str) -> str:
+    """A change by its name: "zero of elbow", "twist elbow.alpha"."""
+    names = {
+        "tool_frame": "tool",
+        "base_frame": "base",
+        "joint_offset": "zero of {}",
+        "link": _link_part(target) + " {}",
+    }
+    return names.get(kind, f"{kind.replace('_', ' ')} of {{}}").format(target)
 
 
 def changes_block(found: Recheck) -> Block:
