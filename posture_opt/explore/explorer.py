@@ -60,7 +60,7 @@ class Explorer:
         arm = ArmSolids(first.spread.tool_point.robot)
         self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged)
         self._panel = Panel(
-            self._server, problem.name, self._typed, self._changed, self._turned, self._redraw,
+            self._server, problem.name, self._typed, self._changed, self.turn, self._redraw,
             self._save, self._report, self.command,
             problem.robot.joints, settings_of(problem),
         )  # fmt: skip
@@ -169,7 +169,7 @@ class Explorer:
             self._problem = problem
         self._put(Request(problem))
 
-    def _turned(self, q: tuple[float, ...] | None) -> None:
+    def turn(self, q: tuple[float, ...] | None) -> None:
         """Show a posture of the user's own; None: go back to the best one."""
         self._put(Request(self.problem, q))
 

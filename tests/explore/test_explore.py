@@ -148,7 +148,7 @@ def test_two_hundred_moves_leave_nothing_behind(capsys: Any) -> None:
     with po.load_problem(PLANAR).explore(port=18120) as page:
         for k in range(200):
             if k % 5 == 4:
-                page._turned(tuple(rng.uniform(-2, 2, 2)))
+                page.turn(tuple(rng.uniform(-2, 2, 2)))
             else:
                 page.target = (*rng.uniform(-1.6, 2.4, 2), 0.0)
             page._panel._cloud.value = bool(k % 2)
