@@ -37,7 +37,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
-from posture_opt.numerics import Codes, Json, rms, rms_length
+from posture_opt.numerics import Array, Codes, Json, Mask, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
@@ -116,8 +116,18 @@ class Diagnosis(Result):
         Its outliers do not count; their number is the second value. Nothing is fitted again but
         touched points and the offsets of several targets, which no file states.
         """
-        errors, kept = stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
+        errors, kept = self._delivered_errors
         return rms_length(errors[kept]), int(np.count_nonzero(~kept))
+
+    @property
+    def delivered_outliers(self) -> tuple[int, ...]:
+        """The lines of these outliers."""
+        return tuple(int(line) for line in self.request.data.line[~self._delivered_errors[1]])
+
+    @cached_property
+    def _delivered_errors(self) -> tuple[Array, Mask]:
+        """Position errors (N, 3) [m] of ``extended`` as its file has it, and the rows that are no outliers of it."""
+        return stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
 
     @cached_property
     def models(self) -> dict[str, ProblemData]:

@@ -24,7 +24,7 @@ def test_the_largest_leads_and_the_others_follow_by_size() -> None:
 def test_a_sentence_names_the_first_of_many_lines() -> None:
     found = CyclicError.joined(lines(3.574, 13.36, 27.3, 15, 22.85), (5, 4, 3, 2, 1))
     assert found.words == "elbow has a cyclic error of 5 lines (3.57, 13.4, 27.3 … cycles per revolution)"
-    assert found.label == "cyclic error (elbow, 5 lines, largest at 3.57)"
+    assert found.label == "cyclic error (elbow, 3.57/rev + 4 more)"
     assert lines(13.36)[0].words == "elbow has a cyclic error of 13.4 cycles per revolution"
 
 
@@ -83,7 +83,7 @@ def test_a_joint_that_goes_beyond_its_command_is_looked_at_elsewhere() -> None:
         Backlash(joint=joint).inspect_fitted(robot, FittedSizes({"width": (sign * 1e-4, 1e-5, "rad")}))
         for sign in (1, -1)
     ]
-    assert "belt tension" in texts[0]
+    assert "gear mesh" in texts[0]
     assert "friction and backlash compensation" in texts[1]
 
 
@@ -95,4 +95,10 @@ def test_with_the_gear_ratio_the_part_that_turns_so_often_is_named() -> None:
         f"wave generator or pinion, motor shaft and motor encoder of {joint.name}: 107.4 cycles per revolution is "
         "twice per revolution of the motor"
     )
-    assert "what turns 7.50 times per revolution" in CyclicError(joint=joint.name, cycles=7.5).inspect(robot)
+    assert "what turns or meshes 7.50 times per revolution" in CyclicError(joint=joint.name, cycles=7.5).inspect(robot)
+
+
+def test_the_size_of_a_play_is_said_to_be_the_whole_width() -> None:
+    found = FittedSizes({"width": (1.897e-4, 8.6e-6, "rad")})
+    assert Backlash(joint="elbow").headline(found) == "0.1897 ± 0.0086 mrad whole width"
+    assert str(Backlash(joint="elbow").sizes(found)[0]) == "0.1897 ± 0.0086 mrad (39 arcsec), whole width"

@@ -68,8 +68,10 @@ def test_a_model_that_repeats_another_has_no_column() -> None:
 
 def test_the_lead_tells_both_errors_and_whether_the_gain_is_small() -> None:
     (lead,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": CALIBRATED}))
-    assert "95 % error radius 2.00 mm with the posture planned before calibration" in lead
-    assert "0.200 mm with the posture planned with the calibrated model." in lead
+    assert lead.startswith(
+        "Task, as the calibrated model predicts: 95 % error radius 2.00 mm in the posture planned be"
+    )
+    assert "0.200 mm in the one planned with the calibrated model." in lead
 
 
 def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> ComparedAnswer:
@@ -91,10 +93,20 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
         "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure."
     )
     near = PostureDistance(0.2, "", 0.0)
-    _, few = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, near)}))
+    first, few = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, near)}))
     assert few.startswith(
         "Most of the remaining error is systematic: 1.80 mm, mainly from joint1.a; scatter contributes"
     )
+    assert first.endswith(
+        "; that posture is within the joint ranges measured, up to 11 deg in a joint from the nearest one."
+    )
+
+
+def test_scatter_that_no_file_states_is_not_said_to_be_small() -> None:
+    _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.0, 1.8e-3)}))
+    assert "mainly from joint1.a; the file states no scatter between repeats." in open_
+    _, tiny = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1e-7, 1.8e-3)}))
+    assert "scatter contributes less than 1 µm." in tiny
 
 
 def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:
@@ -114,6 +126,8 @@ def test_a_model_without_a_posture_says_why() -> None:
     reason = ComparedAnswer(ONE_JOINT, reasons=("the target is out of reach",))
     (block,) = comparison_blocks(compared({"nominal": ComparedAnswer(ONE_JOINT), "calibrated": reason}))
     assert block.items == ("The calibrated model has no posture for this task.", "The target is out of reach.")
+    lead = comparison_lead(compared({"nominal": ComparedAnswer(ONE_JOINT), "calibrated": reason}))
+    assert lead == ("Task: the calibrated model has no posture for it. The target is out of reach.",)
     assert not block.figure
     (half,) = comparison_blocks(compared({"nominal": reason, "calibrated": CALIBRATED}))
     assert half.items[:2] == (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,10 +12,12 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.report.measured_parts.causes_table import causes_table
 from posture_opt.report.measured_parts.diagnosis_errors import _beside, errors_block
-from posture_opt.report.measured_parts.diagnosis_open import split_csv
-from posture_opt.report.measured_parts.diagnosis_sizes import NoiseFloor, noise_floor
-from posture_opt.report.results.diagnosis_report import diagnosis_report
+from posture_opt.report.measured_parts.diagnosis_open import _pattern_words, split_csv
+from posture_opt.report.measured_parts.diagnosis_sizes import NoiseFloor, largest_scatter, like_noise, noise_floor
+from posture_opt.report.measured_parts.error_table import rows_words
+from posture_opt.report.results.diagnosis_report import _rest, diagnosis_report
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.text import render
 from posture_opt.report.text.units_text import percent
@@ -84,11 +87,12 @@ def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_p
     assert (asked["target"], asked["times"], len(asked["lines"])) == ("joint2", 5, 5)
     assert asked["lines"] == [int(line) for line in found.repeat_plans[0].rows.line]
     text = text_of(found)
-    assert "Errors grow with joint2: repeat 5 postures 5 times each to discriminate scatter from structure." in text
+    asked_for = "repeat 5 postures 5 times each to tell scatter from a systematic error."
+    assert f"Errors are larger where joint2 moves the tool more: {asked_for}" in text
     assert f"measure the postures of lines {', '.join(map(str, asked['lines']))} 5 times each" in text
     assert "noise alone" not in text
     assert "measurement noise" not in text
-    assert "the instrument as stated accounts for 0.0283 mm" in text
+    assert "the instrument as stated (0.02 mm in each of 2 coordinates) accounts for 0.0283 mm" in text
 
 
 @pytest.mark.parametrize(
@@ -107,8 +111,11 @@ def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> 
     residuals = SimpleNamespace(data=range(80), axes=range(3))
     model = SimpleNamespace(count=23, residuals=residuals)
     left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
-    found: Any = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
-    assert _beside(found, NoiseFloor(3e-5 * np.sqrt(3), repeated=False), 5).startswith(words)
+    request, groups = SimpleNamespace(folds=5), np.arange(80)
+    found: Any = SimpleNamespace(
+        errors={"extended": left}, model=model, verdict="effects_found", request=request, groups=groups
+    )
+    assert _beside(found, NoiseFloor(3e-5 * np.sqrt(3), repeated=False)).startswith(words)
 
 
 @pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])
@@ -135,3 +142,30 @@ def test_what_is_to_be_repeated_is_filled_in_and_tells(tmp_path: Path) -> None:
     again = po.diagnose(problem, po.read_measurements(tmp_path / "more.csv", problem))
     assert again.verdict == "effects_found"
     assert [f.target for f in again.effects if f.kind == "joint_noise"] == ["joint2"]
+
+
+def test_postures_that_were_measured_again_are_counted_whatever_their_rows_are_called(noisy: po.Diagnosis) -> None:
+    # 30 postures, four times each in random order; rows without a pose have one of their own.
+    data = noisy.request.data
+    assert rows_words(data, noisy.problem.robot) == "120 rows in 30 postures; 30 of them measured more than once"
+    once = replace(data, q=np.random.default_rng(0).uniform(-2, 2, data.q.shape), pose=np.arange(120))
+    assert rows_words(once, noisy.problem.robot) == "120 rows in 120 postures"
+
+
+def test_a_joint_that_scatters_moves_the_tool_by_its_lever(noisy: po.Diagnosis) -> None:
+    (finding,) = [f for f in noisy.effects if f.noise is not None]
+    # The tool point is 0.9991 m from the second joint in all postures.
+    sigma = finding.estimate["sigma"][0]
+    assert largest_scatter(noisy, finding.noise) == pytest.approx(0.9991 * sigma, rel=1e-3)
+    (row,) = [row for row in causes_table(noisy).rows if "joint noise" in row[0]]
+    assert row[2] == f"{1e3 * 0.9991 * sigma:.3f} mm (1σ)"
+
+
+@pytest.mark.parametrize(("low", "alike"), [(2.8e-5, True), (4.0e-5, False)])
+def test_a_rest_as_small_as_the_instrument_is_said_to_be_so(low: float, alike: bool, noisy: po.Diagnosis) -> None:
+    errors = {**noisy.errors, "extended": replace(noisy.errors["extended"], rms=2.5e-5, interval=(low, 6e-5))}
+    quiet = SimpleNamespace(**{n: getattr(noisy, n) for n in ("request", "groups", "model", "problem")})
+    quiet.errors, quiet.contrasts = errors, []
+    assert like_noise(quiet) is alike  # 0.02 mm in two coordinates: 0.0283 mm, and some more for what is fitted
+    assert ("about as large as noise" in _rest(quiet)) is alike
+    assert ("about as large as the instrument as stated (0.0283 mm), but not random" in _pattern_words(quiet)) is alike

@@ -43,3 +43,27 @@ def test_a_long_table_is_cut_before_anything_is_dropped() -> None:
     assert len(lines) in (SCREEN - 1, SCREEN)
     assert f"… {100 - shown} more" in lines
     assert "Kept." in lines
+
+
+def test_rows_that_are_left_out_are_named_and_the_worst_one_stays() -> None:
+    rows = tuple((f"cause {k}", str(k)) for k in range(50))
+    table = Table(("cause", "size"), rows, views=tuple(f"view {k}" for k in range(50)), worst=45)
+    (block, _) = on_a_screen(Report("Arm", (), (Block("Causes", (table,)),)), 100, ()).blocks
+    cut, more = block.items
+    assert isinstance(cut, Table)
+    assert cut.rows[-1] == ("cause 45", "45")
+    assert cut.views[-1] == "view 45"
+    assert more == f"… {50 - len(cut.rows)} more"
+    few = Table(("cause", "size"), rows[:7])
+    (block, _) = on_a_screen(Report("Arm", (LONG,) * 16, (Block("Causes", (few,)),)), 100, ()).blocks
+    cut, more = block.items
+    assert isinstance(cut, Table)
+    assert more == f"… {7 - len(cut.rows)} more: {', '.join(r[0] for r in rows[len(cut.rows) : 6])} and cause 6"
+
+
+def test_a_table_keeps_its_least_rows_and_other_blocks_go() -> None:
+    table = Table(("cause", "size"), tuple((f"cause {k}", str(k)) for k in range(10)), least=10)
+    blocks = Block("Causes", (table,)), Block("Rest", (LONG,) * 4)
+    short = on_a_screen(Report("Arm", (LONG,) * 12, blocks), 100, ())
+    assert [block.title for block in short.blocks] == ["Causes", ""]
+    assert short.blocks[0].items == (table,)

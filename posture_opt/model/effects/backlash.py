@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_joint
 from posture_opt.model.effects.base.lost_motion import LostMotion
+
+_WHOLE = "whole width"
+"""What the size of a play is: drawings state it so, others its half to either side."""
 
 
 class Backlash(LostMotion):
@@ -20,7 +24,7 @@ class Backlash(LostMotion):
     phrase: ClassVar[str] = "{target} has backlash and stops short of its command"
     measurement: ClassVar[str] = "approach each posture from both sides, in random order"
     inspection: ClassVar[str] = (
-        "belt tension, gear mesh, and keyed or clamped couplings between motor and {target}; play of its brake"
+        "gear mesh, and keyed or clamped couplings between motor and {target}; with a belt drive, its tension"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides after short moves and after long ones: backlash is constant, "
@@ -34,6 +38,14 @@ class Backlash(LostMotion):
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """(−s/2,) for the parameter ``width`` [rad]; 0 where the side is not known."""
         return (self.lag(state, joint) / 2,)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """The width b: the whole distance between both directions of approach."""
+        return tuple(replace(size, more=f"{size.more}, {_WHOLE}") for size in super().sizes(estimate))
+
+    def headline(self, estimate: FittedSizes) -> str:
+        """The width, said to be the whole one."""
+        return f"{super().headline(estimate)} {_WHOLE}"
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """The joint value [deg or mm], a curve for each side."""

@@ -34,6 +34,7 @@ _ALIAS_WINDOW = 0.9
 """Value of the spectral window from which two lines have columns that are alike in all but rounding."""
 _MAX_LISTED_LINES = 3
 """Lines in a sentence."""
+_LINE_UNITS = " (amplitudes at cycles per revolution)"
 _WINDOW_VALUES = 500
 """Joint values that the spectral window is taken of; chosen for time."""
 
@@ -50,8 +51,8 @@ class CyclicError(Harmonic):
         "measure many values of {target} that lie on no regular grid, in postures that differ in all other joints"
     )
     inspection: ClassVar[str] = (
-        "what turns {cycles} times per revolution of {target}: motor, wave generator, gear stage, belt pulley or "
-        "encoder"
+        "what turns or meshes {cycles} times per revolution of {target}: motor, gear, bearing, encoder; "
+        "with a belt drive, a pulley"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_ripple": "measure many joint values that lie on no regular grid, and state 'gear_ratio'",
@@ -126,21 +127,28 @@ class CyclicError(Harmonic):
 
     @property
     def brief_words(self) -> str:
-        """The cause in one clause, of several lines with their number alone."""
-        return f"{self.joint} has a cyclic error of {len(self.lines)} lines" if self.further else self.words
+        """The cause in one clause, of several lines with their number and the largest."""
+        if not self.further:
+            return self.words
+        largest = f"the largest at {cycles_text(self.cycles)} cycles per revolution"
+        return f"{self.joint} has a cyclic error of {len(self.lines)} lines, {largest}"
 
     @property
     def qualifier(self) -> str:
-        """Its cycles per revolution; of several lines how many, and the largest."""
+        """Its cycles per revolution; of several lines the largest, and how many more."""
         if self.further:
-            return f"{len(self.lines)} lines, largest at {cycles_text(self.cycles)}"
+            return f"{cycles_text(self.cycles)}/rev + {len(self.further)} more"
         return f"{cycles_text(self.cycles)} cycles per revolution"
 
     def inspect(self, robot: Robot) -> str:
-        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
+        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count.
+
+        One part turns at one rate: of several lines the largest is looked for.
+        """
         for part in self.rotating_parts(robot):
             return f"{part.part} of {self.joint}: {part.words}"
-        return self.inspection.format(target=self.joint, cycles=_first_listed(self.lines))
+        others = " (other lines may be of other parts)" if self.further else ""
+        return self.inspection.format(target=self.joint, cycles=cycles_text(self.cycles)) + others
 
     @classmethod
     def joined(cls, lines: Sequence[CyclicError], amplitudes: Sequence[float]) -> CyclicError:
@@ -170,7 +178,7 @@ class CyclicError(Harmonic):
         if self.further:
             rms, std = self._rms(estimate)
             together = Size("size", f"{shown(rms, 'angle', std)} RMS", f", {len(self.lines)} lines together")
-            return together, Size("lines", "; ".join(self._line_texts(estimate)))
+            return together, Size("lines", "; ".join(self._line_texts(estimate)), _LINE_UNITS)
         value, std = estimate.entry("cycles")
         cycles = plus_minus(value, std) if math.isfinite(std) else cycles_text(value)
         return (*super().sizes(estimate), Size("cycles per revolution", cycles))

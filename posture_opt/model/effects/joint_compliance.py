@@ -28,8 +28,8 @@ class JointCompliance(GravityLoaded, JointEffect):
     phrase: ClassVar[str] = "{target} is compliant under gravity"
     measurement: ClassVar[str] = "measure the same postures under two payloads"
     inspection: ClassVar[str] = (
-        "compare with the maker's stiffness or an equal arm; if {target} is clearly softer: bolts of its links, output "
-        "bearing, gear, belt"
+        "{target}: compare with the maker's stiffness or an equal arm; if clearly softer: bolts of the links, output "
+        "bearing, gear; with a belt drive, the belt"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_eccentricity": "measure the same postures under two payloads: a compliance is proportional to the load, "

@@ -66,7 +66,9 @@ class Slip(Effect):
     measurement: ClassVar[str] = (
         "return again and again to a few postures in which arm and tool point in different directions"
     )
-    inspection: ClassVar[str] = "{target}: clamp screws of coupling, encoder and flanges; belt that jumped; collisions"
+    inspection: ClassVar[str] = (
+        "{target}: clamp screws of coupling, encoder and flanges; collisions; with a belt drive, a jumped tooth"
+    )
     shape: ClassVar[tuple[str, ...]] = ("moment",)
     shape_units: ClassVar[Mapping[str, str]] = {"moment": "s"}
     needs: ClassVar[frozenset[Input]] = frozenset({"time"})

@@ -17,7 +17,7 @@ from posture_opt.numerics import TURN
 from posture_opt.report.page.colours import GREY
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, styled
-from posture_opt.report.text.words import p_words
+from posture_opt.report.text.words import p_value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.scores.score_tests import NullDistribution
 
 _MAX_CANDIDATES = 22  # candidates
+_TICK_SPACING = 0.09  # of the width of the axes
 _EVIDENCE_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
-_LETTER_WIDTH = 0.0115  # of the axes: width of a letter
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +103,15 @@ def plot_scores(found: Diagnosis) -> Figure:
         width = math.sqrt(row.evidence)
         axes.barh(k, width, height=0.74, zorder=2, edgecolor="white", lw=0.5, **_look(row))
         if row.p_value is not None:
-            _say(axes, k, width / right, width, p_words(row.p_value))
+            _say(axes, k, p_value(row.p_value))
     own = sum(row.p_value is not None for row in rows)
+    if own:
+        _say(axes, -1, "p in the model")
     if 0 < own < len(rows):
         axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
     axes.set_yticks(range(len(rows)), [row.scored.candidate.what.label for row in rows])
     axes.set_ylim(max(len(rows), 4) - 0.5, -0.5)
-    ticks = [t for t in _EVIDENCE_TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
+    ticks = _spaced_ticks(right)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
     axes.set_xlim(0, right)
     axes.set_xlabel("evidence of each by itself: log p-value over that of the dashed line")
@@ -120,6 +122,16 @@ def plot_scores(found: Diagnosis) -> Figure:
     return figure
 
 
+def _spaced_ticks(right: float) -> list[float]:
+    """The values at the ticks, none so near to another that their texts touch; 0 and 1 are always there."""
+    ticks: list[float] = [0, 1]
+    for tick in _EVIDENCE_TICKS:
+        at = math.sqrt(tick)
+        if at <= right and all(abs(at - math.sqrt(other)) > _TICK_SPACING * right for other in ticks):
+            ticks.append(tick)
+    return sorted(ticks)
+
+
 def _title(own: int, drawn: int, count: int) -> str:
     """Where the candidates of the model end, and how many of the others are drawn."""
     if not own:
@@ -127,17 +139,11 @@ def _title(own: int, drawn: int, count: int) -> str:
     return f"Above the line: in the model. Below: {drawn - own} of {count - own} others"
 
 
-def _say(axes: Axes, k: int, share: float, width: float, text: str) -> None:
-    """A text after its bar, or inside where there is no room.
-
-    Args:
-        k: row; ``share`` of the width of the axes that its bar takes, ``width`` the end of the bar.
-    """
-    inside = share + _LETTER_WIDTH * len(text) > 1
-    paper = None if inside else {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"}
+def _say(axes: Axes, k: int, text: str) -> None:
+    """A text in a column behind the axes, where no bar and no line runs through it."""
     axes.annotate(
-        text, (width, k), xytext=(-4 if inside else 4, 0), textcoords="offset points", va="center",
-        ha="right" if inside else "left", color="white" if inside else "black", zorder=4, bbox=paper,
+        text, (1, k), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points", va="center",
+        ha="left", annotation_clip=False,
     )  # fmt: skip
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.report.measured_parts.calibration_parameters import determined_words, differing, undetermined_names
-from posture_opt.report.measured_parts.error_table import ELSEWHERE, mm, reading_size
+from posture_opt.report.measured_parts.error_table import ELSEWHERE, mm, reading_size, rows_words
 from posture_opt.report.measured_parts.large_file_words import thinned_words
 from posture_opt.report.measured_parts.other_file_words import file_words
 from posture_opt.report.text.blocks import Block, Facts, Report
@@ -54,8 +52,7 @@ def _measured(problem: ProblemData, found: Calibration) -> str:
     The σ of the instrument is that of one coordinate, as the file states it.
     """
     data = found.request.data
-    poses, file = len(np.unique(data.pose)), Path(data.file).name or "table"
-    rows = f"{count(len(data), 'row')} in {count(poses, 'pose')} ({file})"
+    rows = f"{rows_words(data, problem.robot)} ({Path(data.file).name or 'table'})"
     if data.touches:
         return f"{rows} at {count(len(data.point_names), 'touched point')}"
     sigma = position_sigma(problem, data)

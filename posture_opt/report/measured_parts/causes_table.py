@@ -4,28 +4,54 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posture_opt.report.measured_parts.diagnosis_sizes import headline_of
+from posture_opt.diagnosis.causes.causes import tool_shifts
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.errors import enumerated
+from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
+from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Facts, Table
-from posture_opt.report.text.units_text import percent
+from posture_opt.report.text.units_text import count, percent
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.model.effects import Cause
 
+FILE = "split_measurements.csv"
+"""The table of measurements that discriminate between causes."""
 _MAX_INSPECTED = 3  # causes whose parts are named
+_MAX_CAUSES = 12  # that a screen has room for
+_TARGET = "{target}"  # in place of the joint in texts that are compared
+_MAX_RIVALS = 3  # causes that one could be confused with, by name
 
 
 def causes_table(found: Diagnosis) -> Table:
     """Every cause with its size and the share of the RMS error on held-out rows that it removes.
 
-    The share is that which is lost without it, everything else fitted again. Scatter removes no error.
+    The share is that which is lost without it, everything else fitted again. Scatter removes no error. Between them
+    is the largest shift of the tool point in the data [mm].
     """
     rows, views = [], []
     for number, finding in enumerate(found.effects, 1):
         gain = "" if finding.noise is not None else percent(finding.gain)
-        rows.append((f"{number}. {finding.cause.label}", _size(found, finding), gain))
+        rows.append((f"{number}. {finding.cause.label}", _size(found, finding), _largest_shift(found, finding), gain))
         views.append(view_key(found, finding))
-    return Table(("cause", "size", "RMS reduced by"), tuple(rows), views=tuple(views))
+    headers = ("cause", "size", "max. at tool", "RMS drop")
+    return Table(headers, tuple(rows), views=tuple(views), least=_MAX_CAUSES)
+
+
+def _largest_shift(found: Diagnosis, finding: Finding) -> str:
+    """The largest shift of the tool point in the data [mm]; of a joint that scatters, its largest σ.
+
+    Empty of causes that move nothing, or by an open size.
+    """
+    if not finding.determined:
+        return ""
+    if finding.noise is not None and finding.noise.moved_joint:
+        return f"{mm(largest_scatter(found, finding.noise))} mm (1σ)"
+    return "" if finding.place is None else f"{mm(float(tool_shifts(found.model, finding.place)[0].max()))} mm"
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:
@@ -36,12 +62,60 @@ def _size(found: Diagnosis, finding: Finding) -> str:
 
 
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
-    """What to look at on the arm, for the first causes of a known size; nothing without one."""
+    """What to look at on the arm for the first causes of a known size, and what else a cause could be.
+
+    Nothing without such causes.
+    """
     known = [f for f in found.effects if f.determined][:_MAX_INSPECTED]
-    rows = tuple((f"Look at ({found.effects.index(f) + 1})", f.inspect(found.problem.robot)) for f in known)
-    return (Facts(rows),) if rows else ()
+    rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, known).items()]
+    rows += [
+        (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
+    ]
+    rows += _next(found)
+    return (Facts(tuple(rows)),) if rows else ()
+
+
+def _next(found: Diagnosis) -> list[tuple[str, str]]:
+    """The postures that discriminate causes from their rivals; nothing where none are planned."""
+    plan = found.split
+    if plan is None or not len(plan.rows):
+        return []
+    which = f"{count(len(plan.rows), 'posture')} that refute the wrong cause ({FILE}, by --out DIR)"
+    return [("Measure next", which)]
+
+
+def _inspections(found: Diagnosis, findings: Sequence[Finding]) -> dict[str, list[str]]:
+    """What to look at -> the numbers of the causes that it is for: what is alike of several joints is said once."""
+    alike: dict[str, list[tuple[Finding, str]]] = {}
+    for finding in findings:
+        subject, colon, parts = finding.inspect(found.problem.robot).partition(": ")
+        key = colon + parts if colon else subject.replace(finding.target, _TARGET)
+        alike.setdefault(key, []).append((finding, subject))
+    texts = {}
+    for words, those in alike.items():
+        text = words.replace(_TARGET, enumerated(finding.target for finding, _ in those))
+        subjects = enumerated(subject for _, subject in those) if words.startswith(": ") else ""
+        texts[f"{subjects}{text}"] = [str(number_of(found, finding)) for finding, _ in those]
+    return texts
+
+
+def rivals_of(finding: Finding) -> str:
+    """The causes that the data cannot tell from a finding: the first of many by name, and how many more there are."""
+    labels = list(dict.fromkeys(_named_rival(rival) for rival in finding.confounded_with))
+    more = len(labels) - _MAX_RIVALS
+    return enumerated([*labels[:_MAX_RIVALS], *([f"{more} more"] if more > 0 else [])], "or")
+
+
+def _named_rival(rival: Cause) -> str:
+    """The label of a rival; one without a name in words, as its label says it to those only who know the search."""
+    return rival.words if isinstance(rival, UnnamedComponent) else rival.label
+
+
+def number_of(found: Diagnosis, finding: Finding) -> int:
+    """The number of a cause in the table."""
+    return found.effects.index(finding) + 1
 
 
 def view_key(found: Diagnosis, finding: Finding) -> str:
     """By which the interactive view knows a cause."""
-    return f"cause-{found.effects.index(finding) + 1}"
+    return f"cause-{number_of(found, finding)}"

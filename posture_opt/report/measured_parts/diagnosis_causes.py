@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
+from posture_opt.errors import enumerated
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.numerics import rms
-from posture_opt.report.measured_parts.causes_table import causes_table, look_at, view_key
+from posture_opt.report.measured_parts.causes_table import causes_table, look_at, number_of, view_key
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
     fitted_sizes,
@@ -36,7 +37,7 @@ _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
-_ALONE = "Each reduction is what is lost without that cause alone: they do not add up."
+_ALONE = "RMS drop: what is lost without that cause alone, so that drops do not add up."
 _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -68,8 +69,8 @@ def causes_block(found: Diagnosis) -> Block:
     items: list[str | Facts | Table] = []
     effects = [f for _, f in fitted_effects(found)]
     short = effects[_MAX_FULL_EFFECTS:] if len(effects) > _MAX_FULL_EFFECTS + 1 else []
-    for i, finding in enumerate((f for f in found.effects if f not in short), 1):
-        what = f"{i}. {sentence(finding_words(finding, found.problem))}"
+    for finding in (f for f in found.effects if f not in short):
+        what = f"{number_of(found, finding)}. {sentence(finding_words(finding, found.problem))}"
         items += [what, Facts(tuple(_facts(found, finding)), view=view_key(found, finding))]
     if short:
         items += ["Lighter ones:", _lighter(found, short)]
@@ -87,9 +88,10 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
         assert place is not None
         most = length(float(tool_shifts(found.model, place)[0].max())) if finding.determined else ""
         size = headline_of(found, finding) or ("" if finding.determined else "not determined")
-        rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
+        label = f"{number_of(found, finding)}. {finding.cause.label}"
+        rows.append((label, size, most, percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
-    return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows), views=views)
+    return Table(("cause", "size", "max. at tool", "RMS drop", "p-value"), tuple(rows), views=views)
 
 
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
@@ -120,7 +122,7 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
     planning = _planning(found, finding)
     rows += [("Planning", planning)] if planning else []
     if finding.confounded_with:
-        others = ", ".join(dict.fromkeys(rival.label for rival in finding.confounded_with))
+        others = enumerated(list(dict.fromkeys(rival.label for rival in finding.confounded_with)), "or")
         rows.append(("Could be", f"{others} instead: see below"))
     return rows
 

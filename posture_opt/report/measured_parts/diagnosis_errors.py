@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.measured_parts.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
+from posture_opt.report.measured_parts.diagnosis_sizes import (
+    MODELS,
+    NoiseFloor,
+    fitted_effects,
+    held_out_noise,
+    noise_floor,
+)
 from posture_opt.report.measured_parts.error_table import (
     ELSEWHERE,
     error_cells,
@@ -17,7 +23,7 @@ from posture_opt.report.measured_parts.error_table import (
 )
 from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, file_words, range_items
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import count, percent
+from posture_opt.report.text.units_text import listed_lines, percent
 from posture_opt.report.text.words import MODEL_NAMES
 
 if TYPE_CHECKING:
@@ -47,7 +53,7 @@ def errors_block(found: Diagnosis) -> Block:
         texts.append(_gain_text(found))
     texts.append(delivered_words(found))
     if floor.rms:
-        texts.append(f"{floor.sentence}{_beside(found, floor, rounds)}")
+        texts.append(f"{floor.sentence}{_beside(found, floor)}")
     table = Table(headers, tuple(rows))
     return Block("Gain from the causes found", (*texts, table), "diagnosis_errors", brief=())
 
@@ -63,20 +69,15 @@ def models_of(found: Diagnosis) -> dict[str, str]:
     return {name: words for name, words in MODELS.items() if name != "extended" or fitted_effects(found)}
 
 
-def _beside(found: Diagnosis, noise: NoiseFloor, rounds: int) -> str:
+def _beside(found: Diagnosis, noise: NoiseFloor) -> str:
     """How far noise, and what it costs to fit many parameters to few numbers, make up what is left.
 
-    Rows left out are predicted with the errors of a fit to the others: ``noise · sqrt(1 + k / m)`` for k parameters
-    fitted to m numbers. Residual errors near that cannot be reduced by any model.
-
-    Args:
-        noise: the floor; ``rounds`` of the cross-validation.
+    Residual errors near that cannot be reduced by any model.
     """
     left, floor, said = found.errors["extended"], noise.rms, ""
     fitted = found.model.count
     numbers = len(found.model.residuals.data) * len(found.model.residuals.axes)
-    # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
-    cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))
+    cost = held_out_noise(found, noise)
     if floor > left.interval[1]:
         return ": more than the residual error, so the noise must be smaller than that."
     if floor < left.interval[0]:
@@ -138,10 +139,11 @@ def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
 
 def delivered_words(found: Diagnosis) -> str:
     """How far the written file is off on the data that it was learned from."""
-    rms, gone = found.delivered
+    rms, _ = found.delivered
     free = "but touched points" if found.request.data.touches else ""
     free = "but the offsets of the targets" if len(found.request.data.target_names) > 1 else free
-    outliers = f" ({count(gone, 'outlier')} beside it left out)" if gone else ""
+    lines = found.delivered_outliers
+    outliers = f" without its {'outlier' if len(lines) == 1 else 'outliers'}, {listed_lines(lines)}" if lines else ""
     return f"extended.yaml, loaded again with nothing fitted {free}".rstrip() + (
         f", is off by {mm(rms)} mm RMS on the data that it was learned from{outliers}."
     )

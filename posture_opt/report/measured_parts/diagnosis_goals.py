@@ -68,6 +68,7 @@ def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
                 _left(goals),
                 _told(goals),
             ),
+            brief=(),
         ),
     )
 

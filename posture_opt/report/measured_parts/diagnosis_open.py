@@ -16,7 +16,9 @@ from posture_opt.diagnosis.discrimination.discrimination_design import detection
 from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.columns import AXES
 from posture_opt.measurements.orientation_columns import QUATERNION
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
+from posture_opt.report.measured_parts.causes_table import FILE
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects, like_noise, noise_floor
+from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import angle, count, joint_unit, percent
@@ -38,7 +40,7 @@ _CERTAIN_P_VALUE = 0.99  # p-value that is written as 1
 _MAX_SCATTERING_JOINTS = 2  # joints that one arm may have scattering at once
 _FEW_ITEMS = 4  # sentences of a block that leave room for all causes on a screen
 _MAX_CANDIDATES = 8  # candidates of the table
-FILE = "split_measurements.csv"
+_TIME = "time"  # the place of residuals that are alike in the order of measuring
 _REPEATED_DIGITS = 6
 _TITLE = "Measurements that discriminate between causes"
 _READ = (
@@ -65,26 +67,39 @@ def left_block(found: Diagnosis) -> Block:
     items: list[str | Facts | Table] = []
     rows = [("Depends on", "; ".join(component.words for component in found.unexplained))]
     if found.unexplained or left.p_value < levels.LACK_OF_FIT_LEVEL:
-        items.append("Structure remains that is not noise, and no known cause explains it.")
+        items.append(_pattern_words(found))
     if not found.unexplained:
-        rows = [("Seen along", left.place)] if items else []
+        rows = [("Seen along", "the order of the rows" if left.place == _TIME else left.place)] if items else []
     if left.structure < UNLIKELY:
-        rows.append(
-            ("Neighbours", f"errors of rows with a similar {left.place} are correlated: {p_words(left.structure)}")
-        )
+        alike = "successive rows" if left.place == _TIME else f"rows with a similar {left.place}"
+        rows.append(("Neighbours", f"errors of {alike} are correlated: {p_words(left.structure)}"))
     if left.lack_of_fit < UNLIKELY:
         rows.append(
             ("Repeats", f"the model misses poses by more than they repeat (lack of fit): {p_words(left.lack_of_fit)}")
         )
     items += [Facts(tuple(rows))] if rows else []
+    brief = [*items[:1], *([Facts(tuple(rows[:1]))] if rows and items else [])]
     items += [uneven_words(errors) for errors in found.uneven]
     items += [_to_repeat(plan) for plan in found.repeat_plans]
     items += [
         f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
         for joint, names in _sums(found).items()
     ]
+    brief += items[len(brief) :] if len(items) <= _FEW_ITEMS else []
     items.append("The figure diagnosis_left (--out DIR) shows the remaining errors over each joint.")
-    return Block(title, tuple(items), "diagnosis_left", brief=tuple(items[:1]) if len(items) > _FEW_ITEMS else None)
+    return Block(title, tuple(items), "diagnosis_left", brief=tuple(brief))
+
+
+def _pattern_words(found: Diagnosis) -> str:
+    """That the rest is not random, and how large it is where it is no larger than noise."""
+    if not like_noise(found):
+        return "The remaining errors are not random, and no known cause explains their pattern."
+    rest, floor = found.errors["extended"].rms, noise_floor(found)
+    noise = f"{'measurement noise' if floor.repeated else 'the instrument as stated'} ({mm(floor.rms)} mm)"
+    return (
+        f"The remaining errors ({mm(rest)} mm RMS) are about as large as {noise}, but not random; no known cause "
+        "explains their pattern."
+    )
 
 
 def uneven_words(errors: UnevenErrors) -> str:
@@ -101,7 +116,7 @@ def uneven_words(errors: UnevenErrors) -> str:
             f"{text}, but rows of one posture that follow each other do not scatter so. If the arm left the posture in "
             "between, state data: {repeats: visits}: the errors are systematic then. If not, return to some."
         )
-    return f"{text}; too few postures are repeated to discriminate scatter from structure."
+    return f"{text}; too few postures were repeated to tell scatter from a systematic error."
 
 
 def _to_repeat(plan: RepeatPlan) -> str:
@@ -125,8 +140,8 @@ def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
     joints, one = " and ".join(plan.target for plan in plans[:2]), plans[0]
     more = f" and {count(len(plans) - 2, 'more joint')}" if len(plans) > 2 else ""
     return (
-        f"Errors grow with {joints}{more}: repeat {count(len(one.rows), 'posture')} {one.times} times each to "
-        "discriminate scatter from structure.",
+        f"Errors are larger where {joints}{more} {'moves' if len(plans) == 1 else 'move'} the tool more: repeat "
+        f"{count(len(one.rows), 'posture')} {one.times} times each to tell scatter from a systematic error.",
     )
 
 
@@ -226,7 +241,7 @@ def split_block(found: Diagnosis) -> tuple[Block, ...]:
     pairs = _pairs(found, plan)
     if not len(plan.rows):
         text = "No posture, side of approach or payload at hand discriminates these; the measurements named above do."
-        return (Block(_TITLE, (f"{text} {_READ}", pairs)),)
+        return (Block(_TITLE, (f"{text} {_READ}", pairs), brief=()),)
     often = "" if plan.rounds == 1 else f" in {plan.rounds} rounds"
     items: list[str | Facts | Table] = [
         f"{count(len(plan.rows), 'posture')}{often} refute the wrong cause of each pair, whichever it is; 'needed' is "
@@ -238,7 +253,7 @@ def split_block(found: Diagnosis) -> tuple[Block, ...]:
         f"are not checked, so drive slowly the first time. Fill in {FILE}, append its rows to the data, column by "
         "column, and diagnose again.",
     ]
-    return (Block(_TITLE, tuple(items)),)
+    return (Block(_TITLE, tuple(items), brief=()),)
 
 
 def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:

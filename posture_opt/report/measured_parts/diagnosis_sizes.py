@@ -13,11 +13,13 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.numerics import rms_length
 from posture_opt.report.measured_parts.error_table import mm
+from posture_opt.report.text.units_text import stated_length
 from posture_opt.report.text.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.model.effects import NoiseEffect
 
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
 
@@ -39,6 +41,15 @@ def headline_of(found: Diagnosis, finding: Finding) -> str:
     return "" if not finding.determined else finding.cause.headline(fitted_sizes(found, finding))
 
 
+def largest_scatter(found: Diagnosis, noise: NoiseEffect) -> float:
+    """The largest standard deviation [m] of the tool point in the data by a joint that scatters: ``σ max |J_j|``."""
+    residuals = found.model.residuals
+    (sigma,) = noise.scatter(residuals.robot).values()
+    joint = residuals.robot.joint_names.index(noise.moved_joint)
+    moved = residuals.metres(found.linearised.sensitivities.joints[joint][:, : len(residuals.axes)])
+    return sigma * float(np.linalg.norm(moved, axis=1).max())
+
+
 def periodic_joints(found: Diagnosis) -> list[int]:
     """Joints of which a line of the periodogram is named, largest contribution first."""
     names = list(found.model.residuals.data.joint_names)
@@ -54,10 +65,13 @@ class NoiseFloor:
         rms: [m] of the length of the position error, all measured axes together.
         repeated: whether repeats of postures show it; else it is that of the instrument as stated, and how far the
             arm itself scatters is not known.
+        coordinate: σ of the instrument in one of the ``axes`` coordinates as stated [m], where that is the floor.
     """
 
     rms: float
     repeated: bool
+    coordinate: float = 0.0
+    axes: int = 1
 
     @property
     def label(self) -> str:
@@ -67,8 +81,15 @@ class NoiseFloor:
     @property
     def clause(self) -> str:
         """What it accounts for, behind other errors."""
-        what = "measurement noise alone" if self.repeated else "the instrument as stated"
-        return f"{what} accounts for {mm(self.rms)} mm"
+        return f"{self.words} accounts for {mm(self.rms)} mm"
+
+    @property
+    def words(self) -> str:
+        """What it is; of the instrument how the length of an error comes from σ of a coordinate."""
+        if self.repeated:
+            return "measurement noise alone"
+        each = f" ({stated_length(self.coordinate)} in each of {self.axes} coordinates)" if self.axes > 1 else ""
+        return f"the instrument as stated{each}"
 
     @property
     def sentence(self) -> str:
@@ -89,4 +110,22 @@ def noise_floor(found: Diagnosis) -> NoiseFloor:
     if len(contrasts) * e.shape[1] >= levels.MIN_REPEAT_FREEDOM:
         differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
         return NoiseFloor(rms_length(differences), True)
-    return NoiseFloor(position_sigma(found.problem, residuals.data) * float(np.sqrt(e.shape[1])), False)
+    sigma, axes = position_sigma(found.problem, residuals.data), e.shape[1]
+    return NoiseFloor(sigma * float(np.sqrt(axes)), False, sigma, axes)
+
+
+def held_out_noise(found: Diagnosis, floor: NoiseFloor) -> float:
+    """The noise floor with what it costs to fit many parameters to few numbers [m].
+
+    Rows left out are predicted with the errors of a fit to the others: ``noise · sqrt(1 + k / m)`` for k parameters
+    fitted to m numbers.
+    """
+    rounds = min(found.request.folds, len(np.unique(found.groups)))
+    numbers = len(found.model.residuals.data) * len(found.model.residuals.axes)
+    return floor.rms * float(np.sqrt(1 + found.model.count / (numbers * (1 - 1 / max(rounds, 2)))))
+
+
+def like_noise(found: Diagnosis) -> bool:
+    """Whether the residual error is about as large as noise: nothing more than that is left on average."""
+    floor = noise_floor(found)
+    return floor.rms > 0 and held_out_noise(found, floor) >= found.errors["extended"].interval[0]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.units_text import count, decimals_of, stated_length
 from posture_opt.units import fixed, number
@@ -14,6 +18,7 @@ from posture_opt.units import fixed, number
 if TYPE_CHECKING:
     from posture_opt.calibration.estimation.error_statistics import Statistics
     from posture_opt.measurements.measurements import Measurements
+    from posture_opt.robot.robot import Robot
     from posture_opt.selection.problem_data import ProblemData
 
 ELSEWHERE = 20
@@ -66,6 +71,21 @@ def mm(metres: float) -> str:
 def reading_size(data: Measurements, sigma: float) -> str:
     """The σ of a reading with its unit: a length, or an angle in deg."""
     return stated_length(sigma) if data.kind.unit == "m" else f"{number(math.degrees(sigma), 2)} deg"
+
+
+def rows_words(data: Measurements, robot: Robot) -> str:
+    """How many rows there are, in how many postures, and how many of these were measured more than once.
+
+    Postures are one where they have a name in common or their joint values agree, whatever their rows are called.
+    """
+    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
+    whole = replace(data, target=np.zeros_like(data.target), robot=np.zeros_like(data.robot))
+    postures = len(np.unique(repeat_groups(whole, slides)))
+    again = int(np.count_nonzero(np.bincount(repeat_groups(data, slides)) > 1))
+    targets = len(data.target_names)
+    of = f", {targets} targets" if targets > 1 else ""
+    repeated = f"; {again:,} of them measured more than once" if again else ""
+    return f"{count(len(data), 'row')} in {count(postures, 'posture')}{of}{repeated}"
 
 
 def instrument_words(problem: ProblemData, data: Measurements) -> str:

@@ -13,7 +13,7 @@ from posture_opt.errors import enumerated
 from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import joint_unit, joint_value, length, percent
+from posture_opt.report.text.units_text import joint_unit, joint_value, length, percent, stated_length
 from posture_opt.report.text.words import MODEL_NAMES, PARTS
 from posture_opt.units import number
 
@@ -39,18 +39,45 @@ _MODELS = {
 
 
 def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
-    """What it means for the task, in a sentence; nothing where one of the postures is missing."""
+    """What it means for the task, in a sentence; which posture is missing, where one is."""
     columns = {} if comparison is None else comparison.answered
     if comparison is None or FIRST not in columns or comparison.reference not in columns:
-        return ()
+        return _unsolved_lead(comparison)
     before, now = (columns[name].judged[comparison.reference].critical_error for name in (FIRST, comparison.reference))
     lead = (
-        f"Task: 95 % error radius {_length(before, [before, now])} with the posture planned before calibration, "
-        f"{_length(now, [before, now])} with the posture planned with {_model(comparison.reference)}."
+        f"Task, as {_model(comparison.reference)} predicts: 95 % error radius {_length(before, [before, now])} in the "
+        f"posture planned before calibration, {_length(now, [before, now])} in the one planned with "
+        f"{_model(comparison.reference)}{_in_range(comparison)}."
     )
     answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
     reference = {name: answer for name, answer in answers.items() if name == comparison.reference}
     return (lead, *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before), *mounting_notes(reference))
+
+
+def _unsolved_lead(comparison: Comparison | None) -> tuple[str, ...]:
+    """That the task has no posture with the reference, and the first reason; nothing where it has one."""
+    if comparison is None or comparison.reference in comparison.answered:
+        return ()
+    why = "".join(f" {sentence(reason)}" for reason in comparison.reasons[:1])
+    return (f"Task: {_model(comparison.reference)} has no posture for it.{why}",)
+
+
+def _in_range(comparison: Comparison) -> str:
+    """How far the planned posture is from those measured, where it is within their range; else empty.
+
+    That it lies outside is said by a sentence of its own.
+    """
+    predicted = _judged(comparison)
+    if predicted.from_measured is None or _outside(predicted, comparison):
+        return ""
+    return f"; that posture is within the joint ranges measured, {_nearest(predicted, comparison)} from the nearest one"
+
+
+def _nearest(predicted: PredictedError, comparison: Comparison) -> str:
+    """The largest difference of a joint from the nearest measured posture."""
+    assert predicted.from_measured is not None
+    kind = "revolute" if any(j.type == "revolute" for j in comparison.problem.robot.joints) else "prismatic"
+    return f"up to {_moved(predicted.from_measured.nearest, kind)} in a joint"
 
 
 def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:
@@ -63,7 +90,7 @@ def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = 
         return ()
     reasons, judge = tuple(sentence(reason) for reason in comparison.reasons), _model(comparison.reference)
     if comparison.reference not in comparison.answered:
-        return (Block(TITLE, (f"{_capital(judge)} has no posture for this task.", *reasons)),)
+        return (Block(TITLE, (f"{_capital(judge)} has no posture for this task.", *reasons), brief=()),)
     columns = distinct_columns(comparison)
     items: tuple[str | Table, ...] = (
         *_sentences(columns, comparison.reference),
@@ -160,11 +187,11 @@ def _open_lead(comparison: Comparison, small_gain: bool) -> tuple[str, ...]:
     sources, close = _sources(parts, comparison), _close(comparison)
     if not outside:
         same = f"Most of the remaining error is systematic: {systematic}, mainly from {sources}"
-        return (f"{same}; scatter contributes {scatter}. {close}",)
+        return (f"{same}; {_scatter_words(parts, scatter)}. {close}",)
     where = f"The task lies outside the measured range, {outside}"
     return (
         f"{where}: {systematic} of its error is parameter uncertainty, mainly from {sources}; "
-        f"scatter contributes {scatter}. {close}",
+        f"{_scatter_words(parts, scatter)}. {close}",
     )
 
 
@@ -175,17 +202,17 @@ def _parts_sentences(comparison: Comparison) -> tuple[str, ...]:
     if parts is not None and parts.systematic_sigma > 0:
         scatter, systematic = _sizes(parts)
         close = f" {_close(comparison)}" if parts.mostly_systematic else ""
+        scattered = f"the 95 % radius of the scatter between repeats is {scatter}"
+        scattered = scattered if parts.scatter_sigma > 0 else "the file states no scatter between repeats"
         words.append(
-            f"There, the 95 % radius of the scatter between repeats is {scatter}; that of the systematic part "
-            f"(parameter uncertainty and model error) is {systematic}, mainly from "
-            f"{_sources(parts, comparison)}.{close}"
+            f"There, {scattered}; the 95 % radius of the systematic part (parameter uncertainty and model error) is "
+            f"{systematic}, mainly from {_sources(parts, comparison)}.{close}"
         )
     if distance is not None:
-        kind = "revolute" if any(j.type == "revolute" for j in comparison.problem.robot.joints) else "prismatic"
         outside = _outside(predicted_error, comparison)
         where = f"outside the measured range, {outside}" if outside else "within the measured range of every joint"
-        near = _moved(distance.nearest, kind)
-        words.append(f"The posture is {where}; the nearest measured one differs by up to {near} in its joints.")
+        near = _nearest(predicted_error, comparison)
+        words.append(f"The posture is {where}; the nearest measured one differs by {near}.")
     return tuple(words)
 
 
@@ -202,9 +229,14 @@ def _judged(comparison: Comparison) -> PredictedError:
 def _sizes(parts: SpreadParts) -> tuple[str, str]:
     sizes = [parts.scatter_radius, parts.systematic_radius]
     scatter, systematic = (
-        length(size, among=sizes) if size > _TINY_M else f"less than {length(_TINY_M, among=sizes)}" for size in sizes
+        length(size, among=sizes) if size > _TINY_M else f"less than {stated_length(_TINY_M)}" for size in sizes
     )
     return scatter, systematic
+
+
+def _scatter_words(parts: SpreadParts, scatter: str) -> str:
+    """What scatter contributes; that none is stated, where that is why it is zero."""
+    return f"scatter contributes {scatter}" if parts.scatter_sigma > 0 else "the file states no scatter between repeats"
 
 
 def _outside(predicted_error: PredictedError, comparison: Comparison) -> str:

@@ -22,7 +22,13 @@ from posture_opt.report.measured_parts.calibration_parameters import (
     undetermined_block,
 )
 from posture_opt.report.measured_parts.contradictions import doubts_lead
-from posture_opt.report.measured_parts.error_table import error_table, held_out_sentence, instrument_words, mm
+from posture_opt.report.measured_parts.error_table import (
+    error_table,
+    held_out_sentence,
+    instrument_words,
+    mm,
+    rows_words,
+)
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.measured_parts.start_up_words import start_up_lead
@@ -116,7 +122,7 @@ def data_block(problem: ProblemData, found: Calibration) -> Block:
     data = found.request.data
     facts = [
         ("File", Path(data.file).name or "table"),
-        ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
+        ("Rows", rows_words(data, problem.robot)),
         *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
         *large_file_facts(found.large),
         ("Instrument", instrument_words(problem, data)),

@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
@@ -19,7 +17,7 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.causes_table import view_key
+from posture_opt.report.measured_parts.causes_table import FILE, view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
@@ -30,7 +28,6 @@ from posture_opt.report.measured_parts.diagnosis_causes import (
 from posture_opt.report.measured_parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
 from posture_opt.report.measured_parts.diagnosis_goals import goals_block, goals_lead
 from posture_opt.report.measured_parts.diagnosis_open import (
-    FILE,
     absorbed_block,
     left_block,
     scores_block,
@@ -43,10 +40,11 @@ from posture_opt.report.measured_parts.diagnosis_sizes import (
     MODELS,
     fitted_effects,
     headline_of,
+    like_noise,
     noise_floor,
     periodic_joints,
 )
-from posture_opt.report.measured_parts.error_table import instrument_words, mm
+from posture_opt.report.measured_parts.error_table import instrument_words, mm, rows_words
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.start_up_words import start_up_lead
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
@@ -55,7 +53,7 @@ from posture_opt.report.parts.comparison_parts import comparison_blocks, compari
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
-from posture_opt.report.text.units_text import count
+from posture_opt.report.text.units_text import count, listed_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -116,7 +114,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     elif found.verdict == "effects_found" and said:
         first = f"{counted} the errors: {names}.{also}"
     elif said:
-        first = f"{counted} part of the error: {names}. The rest is unexplained.{also}"
+        first = f"{counted} part of the error: {names}. {_rest(found)}{also}"
     else:
         cause = "cause of known size" if vague else "cause of the catalogue"
         first = f"Errors remain{_beyond(found)} that no {cause} explains.{also}"
@@ -164,7 +162,17 @@ def _improvement(found: Diagnosis) -> str:
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
     floor = noise_floor(found)
-    return text + (f"; {floor.clause}." if 0 < floor.rms < sizes["extended"] else ".")
+    if not floor.rms:
+        return f"{text}."
+    every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
+    return f"{text}; {floor.clause}{every}."
+
+
+def _rest(found: Diagnosis) -> str:
+    """What is left beside the causes of part of the error: whether it is more than noise on average."""
+    if like_noise(found):
+        return "The rest is about as large as noise, but it follows a pattern that is unexplained."
+    return "The rest is unexplained."
 
 
 def _counted(n: int, geometry: Sequence[Finding]) -> str:
@@ -182,12 +190,6 @@ def _these(n: int) -> str:
     return "this effect" if n == 1 else "the effects"
 
 
-def _lines(numbers: Sequence[int]) -> str:
-    """The first ten lines of a file."""
-    shown = ", ".join(map(str, numbers[:10]))
-    return f"{'line' if len(numbers) == 1 else 'lines'} {shown}{' …' if len(numbers) > 10 else ''}"
-
-
 def data_block(found: Diagnosis) -> Block:
     """The file, its rows, the instrument, and what looks odd.
 
@@ -198,11 +200,11 @@ def data_block(found: Diagnosis) -> Block:
     gone = found.calibration.lines
     facts = [
         ("File", Path(data.file).name or "table"),
-        ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
+        ("Rows", rows_words(data, problem.robot)),
         *large_file_facts(found.large),
         ("Instrument", instrument_words(problem, data)),
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
-        *([("Outliers", f"left out, {_lines(gone)}")] if gone else []),
+        *([("Outliers", f"left out of the search, {listed_lines(gone)}")] if gone else []),
     ]
     notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),), brief=())

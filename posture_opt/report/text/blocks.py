@@ -18,7 +18,7 @@ class Table:
     """Cells as text; the first ``text_columns`` of them are words, the others numbers.
 
     ``views`` are the keys of what the interactive view of a page shows for each row, ``column_views`` for each column;
-    empty where it shows nothing.
+    empty where it shows nothing. A table that is cut to a screen keeps the ``least`` first rows, and its ``worst`` one.
     """
 
     headers: tuple[str, ...]
@@ -26,6 +26,8 @@ class Table:
     text_columns: int = 1
     views: tuple[str, ...] = ()
     column_views: tuple[str, ...] = ()
+    least: int = 3
+    worst: int | None = None
 
     def transposed(self) -> Table:
         """Rows as columns, for a table that is too wide."""

@@ -11,7 +11,7 @@ from posture_opt.report.text.text import render
 
 SCREEN = 45
 """Lines of the report, the last of which says what else there is."""
-_MIN_ROWS = 3  # rows of a table that is cut
+_MAX_NAMED_ROWS = 8  # rows left out of a table that are named below it
 _MAX_NAMED_SECTIONS = 3  # sections that the last line names
 
 
@@ -27,11 +27,11 @@ def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report 
     kept = [_Shown(block.short) for block in (brief or report).blocks if block.short.items]
     while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
         excess = _lines(short, width) - SCREEN
-        place = next((k for k in reversed(range(len(kept))) if kept[k].rows > _MIN_ROWS), None)
+        place = next((k for k in reversed(range(len(kept))) if kept[k].rows > kept[k].least), None)
         if place is None:
             kept.pop(_dispensable([shown.block for shown in kept], excess, width))
         else:
-            kept[place] = replace(kept[place], limit=max(_MIN_ROWS, kept[place].rows - excess))
+            kept[place] = replace(kept[place], limit=max(kept[place].least, kept[place].rows - excess))
     return short
 
 
@@ -43,9 +43,19 @@ class _Shown:
     limit: int | None = None
 
     @property
+    def table(self) -> Table | None:
+        """The longest table; None without one."""
+        return max((item for item in self.whole.items if isinstance(item, Table)), key=_height, default=None)
+
+    @property
     def longest(self) -> int:
         """Rows of the longest table."""
-        return max((len(item.rows) for item in self.whole.items if isinstance(item, Table)), default=0)
+        return 0 if self.table is None else _height(self.table)
+
+    @property
+    def least(self) -> int:
+        """Rows that stay however long the rest is."""
+        return 0 if self.table is None else self.table.least
 
     @property
     def rows(self) -> int:
@@ -58,10 +68,30 @@ class _Shown:
         items: list[Item] = []
         for item in self.whole.items:
             if isinstance(item, Table) and len(item.rows) == self.longest > self.rows:
-                items += [replace(item, rows=item.rows[: self.rows]), f"… {len(item.rows) - self.rows} more"]
+                items += _cut(item, self.rows)
             else:
                 items.append(item)
         return replace(self.whole, items=tuple(items))
+
+
+def _height(table: Table) -> int:
+    """Rows of a table."""
+    return len(table.rows)
+
+
+def _cut(table: Table, rows: int) -> tuple[Table, str]:
+    """The first rows of a table, the last of them its worst one where that lies further down; what is left out.
+
+    Rows that begin with words are left out by their names.
+    """
+    kept = [*range(rows)]
+    if table.worst is not None and table.worst >= rows > 0:
+        kept[-1] = table.worst
+    left = [row[0] for i, row in enumerate(table.rows) if i not in kept]
+    named = table.text_columns > 0 and len(left) <= _MAX_NAMED_ROWS and all(left)
+    words = f"… {len(left)} more{f': {enumerated(left)}' if named else ''}"
+    views = tuple(table.views[i] for i in kept) if table.views else ()
+    return replace(table, rows=tuple(table.rows[i] for i in kept), views=views), words
 
 
 def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int:

@@ -12,6 +12,7 @@ from posture_opt.units import UNKNOWN, fixed, number
 
 _MICROMETRE_LIMIT_M = 1e-5  # m: below this a length is written in µm
 _SHOWN_UNITS = ("N m",)  # units that are written after a number; ratios and lengths per radian have none
+_MAX_LISTED_LINES = 10  # of a file
 _ROUNDING_M = 1e-12  # m: below this it is rounding
 
 
@@ -165,6 +166,16 @@ def probability(p: float) -> str:
 def decimals_of(value: float, digits: int = 2) -> int:
     """So many decimals that this many digits of ``value`` are shown."""
     return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3
+
+
+def listed_lines(numbers: Sequence[int]) -> str:
+    """Lines of a file by their numbers, the first ten of many.
+
+    >>> listed_lines([534]), listed_lines([3, 7])
+    ('line 534', 'lines 3, 7')
+    """
+    shown = ", ".join(map(str, numbers[:_MAX_LISTED_LINES]))
+    return f"{'line' if len(numbers) == 1 else 'lines'} {shown}{' …' if len(numbers) > _MAX_LISTED_LINES else ''}"
 
 
 def count(number_of: int, singular: str, plural: str = "") -> str:

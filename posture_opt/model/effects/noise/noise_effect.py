@@ -99,7 +99,9 @@ class NoiseEffect(CatalogueEntry):
     unstated: ClassVar[str] = ""
     """Its words where the file states no scatter of that target at all, if they differ: ``{target}``, ``{size}``."""
 
-    uneven_words: ClassVar[str] = "The errors grow with {target}, as if it scattered"
+    uneven_words: ClassVar[str] = (
+        "Errors are larger where {target} moves the tool more, as if it stopped elsewhere each time"
+    )
     """What errors look like that repeats do not show to be this noise."""
 
     @property

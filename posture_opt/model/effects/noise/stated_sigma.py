@@ -24,7 +24,7 @@ class StatedSigma(NoiseEffect):
     phrase: ClassVar[str] = "{target} differs from what the file states"
     inspection: ClassVar[str] = "certificate and set-up of the instrument, and how reflector or target is fastened"
     of_stated: ClassVar[bool] = True
-    uneven_words: ClassVar[str] = "The {target} are larger than the instrument accounts for, as if its noise were"
+    uneven_words: ClassVar[str] = "The {target} are larger than the instrument as stated accounts for"
 
     kind: Literal["stated_sigma"] = "stated_sigma"
     quantity: Literal["position", "orientation"] | None = Field(None, description="of which σ; of both if left out")
