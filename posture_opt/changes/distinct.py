@@ -21,7 +21,8 @@ def distinct_rows(rows: NewRows) -> NewRows:
 
     Parallel axes have one distance along them between all: the longest link stands for it.
     """
-    lengths = {name: abs(factor.nominal) for name, factor in rows.residuals.robot.parameters.items()}
+    factors = rows.residuals.robot.parameters
+    lengths = {name: abs(factor.nominal) for name, factor in factors.items()}
     frames = {name: rows.twists([f"{name}.{part}" for part in FRAME_PARTS]) for name in ("base", "tool")}
     alike: dict[str, list[str]] = {name: [] for name in frames}
     own: dict[str, Array] = {}
@@ -32,7 +33,7 @@ def distinct_rows(rows: NewRows) -> NewRows:
         same = next((name for name, other in others.items() if _unlike(motion[0], other) < _ALIKE_SHARE), None)
         if same is None:
             own[link], alike[link] = motion, []
-        elif lengths[link] > _LEAST_LENGTH_M:
+        elif factors[link].kind == "rotate" or lengths[link] > _LEAST_LENGTH_M:
             alike[same].append(link)
     gone = set(links) - set(own)
     kept = [change for change in rows.changes if change.target not in gone]

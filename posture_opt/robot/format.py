@@ -62,12 +62,13 @@ class FrameSpec(WordOrSection):
     noun: ClassVar[str] = "frame"
     example: ClassVar[str] = "{xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}"
 
-    xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    """(3,) origin [m]: of ``base`` in the world, of ``tool`` in the flange."""
-    rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
-    """(3,) roll, pitch, yaw [rad], about fixed axes in this order."""
-    free: bool = False
-    """Whether the data decide; the numbers are then where a fit starts."""
+    xyz: tuple[Length, Length, Length] = Field(
+        (0.0, 0.0, 0.0), description="origin: of `base` in the world, of `tool` in the flange"
+    )
+    rpy: tuple[Angle, Angle, Angle] = Field(
+        (0.0, 0.0, 0.0), description="roll, pitch, yaw about fixed axes, in this order"
+    )
+    free: bool = Field(False, description="found from measurements; the numbers are where the fit starts")
 
     def factors(self, prefix: Literal["base", "tool"]) -> tuple[Factor, ...]:
         """The six named factors ``prefix.x`` … ``prefix.roll`` of the frame."""
@@ -77,8 +78,9 @@ class FrameSpec(WordOrSection):
 class ToolSpec(FrameSpec):
     """The tool point in the flange, and how thick the tool is."""
 
-    radius: Annotated[Length, Field(gt=0)] | None = None
-    """Of the capsule [m] from the flange to the tool point by which the tool is checked for collisions."""
+    radius: Annotated[Length, Field(gt=0)] | None = Field(
+        None, description="of the capsule from the flange to the tool point, for collision checks"
+    )
 
 
 class JointSpec(Spec):
@@ -88,22 +90,21 @@ class JointSpec(Spec):
     (a turn either way). ``com`` [m] is given in the frame behind the joint.
     """
 
-    name: str
-    type: Literal["revolute", "prismatic"] = "revolute"
-    a: Length = 0.0
-    """Length along x [m]; where in the row it comes is the convention of the robot's kind, as of the next three."""
-    alpha: Angle = 0.0
-    d: Length = 0.0
-    theta: Angle = 0.0
-    """Angle about z [rad], added to the variable of a revolute joint; ``d`` likewise to that of a prismatic one."""
+    name: str = Field(description="in reports, parameters (`NAME.theta`) and columns of measurements; unique")
+    type: Literal["revolute", "prismatic"] = Field(
+        "revolute", description="what the joint does about, or along, its z axis"
+    )
+    a: Length = Field(0.0, description="length along x")
+    alpha: Angle = Field(0.0, description="twist about x")
+    d: Length = Field(0.0, description="length along z; of a prismatic joint added to its value")
+    theta: Angle = Field(0.0, description="angle about z; of a revolute joint added to its value")
     limits: Annotated[tuple[float, float], _LIMITS_SCHEMA] = Field(FULL_TURN, validate_default=True)
     """(2,) lower and upper limit of the joint variable [rad or m]."""
-    mass: Mass = math.nan
-    """Of the link behind the joint [kg]; NaN where it is left out, and gravity then says nothing of it."""
-    com: tuple[Length, Length, Length] = (math.nan, math.nan, math.nan)
-    """(3,) centre of mass of that link [m], frame behind the joint."""
-    gear_ratio: float = math.nan
-    """Motor turns per turn of the joint, not zero; NaN where it is left out."""
+    mass: Mass = Field(math.nan, description="of the link behind the joint; unknown where it is left out")
+    com: tuple[Length, Length, Length] = Field(
+        (math.nan, math.nan, math.nan), description="centre of mass of that link, in the frame behind the joint"
+    )
+    gear_ratio: float = Field(math.nan, description="motor turns per turn of the joint, for ripple")
 
     @field_validator("name")
     @classmethod
@@ -169,8 +170,7 @@ class RobotFormat(Spec):
     tool: ToolSpec = Field(
         ToolSpec(), description="tool point in the flange (`free`: found from measurements), radius of the tool"
     )
-    payload: Mass = 0.0
-    """Mass at the tool point [kg]."""
+    payload: Mass = Field(0.0, description="mass at the tool point, for torque and compliance")
     gravity: tuple[float, float, float] = Field((0.0, 0.0, -9.81), description="m/s², world")
     corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
     velocity: dict[str, JointVelocity] = Field({}, description="JOINT: its largest speed, for the time along a path")
@@ -234,7 +234,7 @@ class RobotFormat(Spec):
 class TableRobot(RobotFormat):
     """A robot given by one table row a joint: the base of both Denavit-Hartenberg conventions."""
 
-    joints: tuple[JointSpec, ...]
+    joints: tuple[JointSpec, ...] = Field(description="rows of the table, from base to tool")
 
     @field_validator("joints")
     @classmethod

@@ -84,7 +84,7 @@ class PresetRobot(RobotFormat):
     """A robot of ``preset_names()``; keys given along with the name replace those of the preset."""
 
     kind: Literal["preset"] = "preset"
-    name: str
+    name: str = Field(description="of the preset: `optimize-posture list` has them")
 
     def nominal(self, folder: Path) -> Robot:
         """The preset in numbers; ``folder`` is not needed.

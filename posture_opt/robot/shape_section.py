@@ -25,12 +25,10 @@ class CapsuleSpec(Spec):
     That is the DH or MDH frame, or the child link of a URDF joint; ``base`` is at rest, ``tool`` is the tool frame.
     """
 
-    joint: str
-    start: tuple[Length, Length, Length] = Field(alias="from")
-    """(3,) [m], the key ``from``."""
-    end: tuple[Length, Length, Length] = Field(alias="to")
-    """(3,) [m], the key ``to``."""
-    radius: _Radius
+    joint: str = Field(description="in whose frame (behind it) the capsule is fixed; or `base`, `tool`")
+    start: tuple[Length, Length, Length] = Field(alias="from", description="one end of its axis")
+    end: tuple[Length, Length, Length] = Field(alias="to", description="the other end")
+    radius: _Radius = Field(description="distance of its surface from the axis")
 
     def capsule(self) -> Capsule:
         """The capsule in numbers."""

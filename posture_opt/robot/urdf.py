@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
@@ -46,9 +47,9 @@ class UrdfRobot(RobotFormat):
     """
 
     kind: Literal["urdf"] = "urdf"
-    file: str
-    base_link: str | None = None
-    tip_link: str | None = None
+    file: str = Field(description="the URDF, from the folder of the problem file")
+    base_link: str | None = Field(None, description="where the chain begins; by default at the root")
+    tip_link: str | None = Field(None, description="where it ends; by default at its only end, or before a gripper")
 
     def nominal(self, folder: Path) -> Robot:
         """The chain in numbers.

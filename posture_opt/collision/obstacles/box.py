@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
+from pydantic import Field
 
 from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
@@ -24,8 +25,7 @@ class Box(PlacedObstacle):
     summary: ClassVar[str] = "a box (size: its sides) about xyz, turned by rpy"
 
     kind: Literal["box"]
-    size: tuple[Side, Side, Side]
-    """(3,) sides along x, y, z of its frame [m]."""
+    size: tuple[Side, Side, Side] = Field(description="its sides along its own x, y, z")
 
     @property
     def half(self) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
+from pydantic import Field
 
 from posture_opt.collision.facets import revolved
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side, Size
@@ -25,9 +26,8 @@ class Cylinder(PlacedObstacle):
     summary: ClassVar[str] = "a cylinder (radius, length) about the z axis of its frame, xyz in its middle"
 
     kind: Literal["cylinder"]
-    radius: Side
-    """[m]; ``length`` [m] along z of its frame."""
-    length: Side
+    radius: Side = Field(description="of the cylinder")
+    length: Side = Field(description="along its own z axis")
 
     def smaller(self, by: Size) -> Self:
         """The same cylinder, its radius smaller by ``by`` and its length by ``2 by`` [m]."""

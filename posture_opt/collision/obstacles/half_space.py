@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator
 
 from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import Obstacle, Size
@@ -31,10 +31,8 @@ class HalfSpace(Obstacle):
     summary: ClassVar[str] = "solid where normal . x < offset: a floor, a wall"
 
     kind: Literal["half_space"]
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """(3,) out of the solid, world; of any length but zero."""
-    offset: Length = 0.0
-    """Height [m] of the surface over the world's origin, along the normal."""
+    normal: tuple[float, float, float] = Field((0.0, 0.0, 1.0), description="of its surface, out of the solid; world")
+    offset: Length = Field(0.0, description="of its surface from the origin, along the normal")
 
     @field_validator("normal")
     @classmethod

@@ -44,7 +44,7 @@ class Obstacle(Spec):
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
 
-    name: Annotated[str, AfterValidator(_given_name)]
+    name: Annotated[str, AfterValidator(_given_name)] = Field(description="in reports, unique")
     kind: str
 
     @property
@@ -100,8 +100,10 @@ class Obstacle(Spec):
 class PlacedObstacle(Obstacle):
     """An obstacle with a frame: ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` in the world."""
 
-    xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    xyz: tuple[Length, Length, Length] = Field((0.0, 0.0, 0.0), description="its middle, world")
+    rpy: tuple[Angle, Angle, Angle] = Field(
+        (0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed axes of the world, in this order"
+    )
 
     @cached_property
     def rotation(self) -> Array:

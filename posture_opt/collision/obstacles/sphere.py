@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
+from pydantic import Field
 
 from posture_opt.collision.facets import capsule_facets
 from posture_opt.collision.obstacles.obstacle import Obstacle, Side, Size
@@ -23,9 +24,8 @@ class Sphere(Obstacle):
     summary: ClassVar[str] = "a sphere (radius) about xyz"
 
     kind: Literal["sphere"]
-    radius: Side
-    """[m]; ``xyz`` (3,) its middle [m], world."""
-    xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    radius: Side = Field(description="of the sphere")
+    xyz: tuple[Length, Length, Length] = Field((0.0, 0.0, 0.0), description="its middle, world")
 
     def smaller(self, by: Size) -> Self:
         """The same sphere with a radius smaller by ``by`` [m]."""

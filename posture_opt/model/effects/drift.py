@@ -42,7 +42,7 @@ class Drift(Effect):
     for_planning: ClassVar[bool] = False
 
     kind: Literal["drift"] = "drift"
-    course: Literal["exponential", "linear"] = "linear"
+    course: Literal["exponential", "linear"] = Field("linear", description="of the shift over time")
     constant: Time = Field(gt=0, description="τ of an exponential drift, duration of a linear one")
 
     @property

@@ -26,8 +26,8 @@ class Ipopt(Solver):
 
     summary: ClassVar[str] = "sequential quadratic programming from every start; IPOPT confirms the answer"
 
-    kind: Literal["ipopt"] = "ipopt"
-    max_iterations: int = Field(default=200, ge=1)
+    kind: Literal["ipopt"] = Field("ipopt", description="the solver")
+    max_iterations: int = Field(default=200, ge=1, description="of one local search")
 
     def build(self, nlp: Nlp, *, confirms: bool = False) -> Polish:
         options = {

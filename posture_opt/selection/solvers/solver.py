@@ -57,9 +57,14 @@ class Solver(Spec):
     """One line for ``optimize-posture list``."""
 
     kind: str
-    starts: int | None = Field(default=None, ge=1, le=100_000)
-    seed: int = Field(default=0, ge=0)
-    tolerance: float = Field(default=1e-6, gt=0)
+    starts: int | None = Field(
+        default=None,
+        ge=1,
+        le=100_000,
+        description="postures that the search begins at; by default as many as there is freedom left for",
+    )
+    seed: int = Field(default=0, ge=0, description="of the random starts: the same seed, the same answer")
+    tolerance: float = Field(default=1e-6, gt=0, description="of the optimality conditions, scaled")
 
     @abstractmethod
     def build(self, nlp: Nlp, *, confirms: bool = False) -> Polish:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from pydantic import Field
+
 from posture_opt.selection.tasks.task import Criterion, Task
 from posture_opt.uncertainty.regions.critical import Within
 
@@ -19,6 +21,8 @@ class Custom(Task):
 
     kind: Literal["custom"]
     # Of other tasks these two belong to the class.
-    within: Within = "all"  # type: ignore[misc]
-    axis: Literal["aligned", "required", "free"] = "aligned"  # type: ignore[misc]
+    within: Within = Field("all", description="which part of the spread counts: across the direction, along it, or all")  # type: ignore[misc]
+    axis: Literal["aligned", "required", "free"] = Field(  # type: ignore[misc]
+        "aligned", description="tool axis along the direction: where the arm can; always; or not asked for"
+    )
     criterion: Criterion = "worst"

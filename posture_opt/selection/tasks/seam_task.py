@@ -21,7 +21,9 @@ class SeamTask(PathTask):
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
 
-    standoff: Annotated[Length, Field(ge=0)] = 0.0
+    standoff: Annotated[Length, Field(ge=0)] = Field(
+        0.0, description="distance of the tool point from the path, against the direction"
+    )
 
     @property
     def tool_points(self) -> tuple[Point, ...]:

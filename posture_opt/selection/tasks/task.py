@@ -22,7 +22,10 @@ from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.uncertainty.spread.held_part import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
-Criterion = Literal["worst", "trace", "area", "miss", "none"]
+Criterion = Annotated[
+    Literal["worst", "trace", "area", "miss", "none"],
+    Field(description="worst axis, RMS, area, mean square miss, or none of it"),
+]
 
 
 class Region(Spec):
@@ -31,8 +34,8 @@ class Region(Spec):
     The search chooses the point in it together with the posture.
     """
 
-    min: tuple[Length, Length, Length]
-    max: tuple[Length, Length, Length]
+    min: tuple[Length, Length, Length] = Field(description="corner with the least x, y, z; world")
+    max: tuple[Length, Length, Length] = Field(description="corner with the largest x, y, z; world")
 
     @model_validator(mode="after")
     def _ordered(self) -> Region:
@@ -68,11 +71,13 @@ class Task(Spec):
     features: Features = Field((), description="places of the workpiece that are all served in one placement")
     combine: Combine = Field("worst", description="the worst feature, their mean, or the probability of all")
     tool_axis: Direction = Field((0.0, 0.0, 1.0), description="of the tool, laid along `direction`; tool frame")
-    tilt: Annotated[Angle, Field(ge=0, le=math.pi / 2)] = 0.0
+    tilt: Annotated[Angle, Field(ge=0, le=math.pi / 2)] = Field(
+        0.0, description="by how much the tool axis may lean from `direction`"
+    )
     clearance: Annotated[Length, Field(gt=0)] | None = Field(
         None, description="radial play of the hole: gives the probability"
     )
-    criterion: Criterion = Field("worst", description="worst axis, RMS, area, mean square miss, or none of it")
+    criterion: Criterion = "worst"
     minimize: tuple[TermSpec, ...] = Field((), description="terms to minimise beside it, with weights")
     subject_to: tuple[TermSpec, ...] = Field((), description="terms to keep within bounds")
     payload: Mass | None = Field(None, ge=0, description="carried in the task, for effects that depend on it")

@@ -63,10 +63,10 @@ class Workpiece(Spec):
     postures.
     """
 
-    x: LengthSpan = (0.0, 0.0)
-    y: LengthSpan = (0.0, 0.0)
-    z: LengthSpan = (0.0, 0.0)
-    yaw: AngleSpan = (0.0, 0.0)
+    x: LengthSpan = Field((0.0, 0.0), description="of its origin in the world: a value, or `[least, most]`")
+    y: LengthSpan = Field((0.0, 0.0), description="as `x`")
+    z: LengthSpan = Field((0.0, 0.0), description="as `x`")
+    yaw: AngleSpan = Field((0.0, 0.0), description="its turn about the vertical: a value, or `[least, most]`")
 
     @property
     def lower(self) -> tuple[float, float, float, float]:
@@ -92,7 +92,7 @@ class Feature(Spec):
     """
 
     name: Annotated[str, Field(min_length=1, description="in reports, unique", examples=["hole 1"])]
-    position: tuple[Length, Length, Length]
+    position: tuple[Length, Length, Length] = Field(description="in the frame of the workpiece")
     direction: Direction | None = Field(None, description="default: that of the task")
     clearance: Annotated[Length, Field(gt=0)] | None = Field(None, description="default: that of the task")
 

@@ -26,7 +26,9 @@ class FixedJoints(Term):
     unit: ClassVar[str] = "1"
 
     kind: Literal["fixed_joints"]
-    values: Annotated[dict[str, JointValue], Field(min_length=1)]
+    values: Annotated[dict[str, JointValue], Field(min_length=1)] = Field(
+        description="JOINT: the value that it is held at"
+    )
 
     @property
     def subjects(self) -> dict[tuple[str, ...], str]:

@@ -34,7 +34,9 @@ class JointTorque(Term):
     unit: ClassVar[str] = "N m"
 
     kind: Literal["joint_torque"]
-    at_most: Bound | Annotated[dict[str, Bound], Field(min_length=1)] | None = None
+    at_most: Bound | Annotated[dict[str, Bound], Field(min_length=1)] | None = Field(
+        None, description="one bound for all joints, or JOINT: bound; by default those of a URDF"
+    )
 
     def check(self, robot: Robot) -> None:
         if not ArmState(robot, [0.0] * robot.n).weighed:

@@ -6,6 +6,7 @@ import math
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
 from posture_opt.selection.terms.term import BoundedTerm, Quantities
 from posture_opt.units import Angle
@@ -22,7 +23,7 @@ class LimitMargin(BoundedTerm):
     unit: ClassVar[str] = "rad"
 
     kind: Literal["limit_margin"]
-    at_least: Angle = 0.0
+    at_least: Angle = Field(0.0, description="distance of every revolute joint from both of its limits")
 
     def quantity(self, at: Quantities) -> ca.SX:
         margins = []

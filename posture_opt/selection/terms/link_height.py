@@ -9,6 +9,7 @@ import math
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
 from posture_opt.selection.terms.term import BoundedTerm, Quantities
 from posture_opt.units import Length
@@ -27,7 +28,7 @@ class LinkHeight(BoundedTerm):
     keeps_clear: ClassVar[bool] = True
 
     kind: Literal["link_height"]
-    at_least: Length = 0.0
+    at_least: Length = Field(0.0, description="height of the end of every link, world z")
 
     def quantity(self, at: Quantities) -> ca.SX:
         return ca.vertcat(ca.SX(0, 1), *(at.frames[2, k] for k in self._moving(at)))

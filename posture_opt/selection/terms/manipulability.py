@@ -6,6 +6,7 @@ import math
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
 from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.term import BoundedTerm, Quantities
@@ -24,7 +25,7 @@ class Manipulability(BoundedTerm):
     unit: ClassVar[str] = "m/rad"
 
     kind: Literal["manipulability"]
-    at_least: Length = 0.0
+    at_least: Length = Field(0.0, description="geometric mean of the singular values, as a length per rad")
 
     def quantity(self, at: Quantities) -> ca.SX:
         if not at.jacobian.shape[0]:  # no joint moves the tool point

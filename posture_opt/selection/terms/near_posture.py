@@ -29,8 +29,12 @@ class NearPosture(BoundedTerm):
     unit: ClassVar[str] = "rad"
 
     kind: Literal["near_posture"]
-    posture: Annotated[dict[str, JointValue], Field(min_length=1)]
-    at_most: Annotated[Angle, Field(gt=0)] | Annotated[dict[str, JointValue], Field(min_length=1)] | None = None
+    posture: Annotated[dict[str, JointValue], Field(min_length=1)] = Field(
+        description="JOINT: value, of joints that count"
+    )
+    at_most: Annotated[Angle, Field(gt=0)] | Annotated[dict[str, JointValue], Field(min_length=1)] | None = Field(
+        None, description="bound of the root mean square distance, or JOINT: its own bound"
+    )
 
     @model_validator(mode="after")
     def _bounds_of_named_joints(self) -> NearPosture:

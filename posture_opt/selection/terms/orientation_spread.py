@@ -31,8 +31,8 @@ class OrientationSpread(StandardDeviationTerm):
     minds_orientation: ClassVar[bool] = True
 
     kind: Literal["orientation_spread"]
-    of: Rotation = "tilt"
-    at_most: Annotated[Angle, Field(gt=0)] | None = None
+    of: Rotation = Field("tilt", description="the tilt of the tool axis, its spin, or every rotation")
+    at_most: Annotated[Angle, Field(gt=0)] | None = Field(None, description="bound of its standard deviation")
 
     def quantity(self, at: Quantities) -> ca.SX:
         C, axis = at.turning, at.axis

@@ -6,6 +6,7 @@ import math
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
 from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.term import BoundedTerm, Quantities
@@ -23,7 +24,7 @@ class SingularityMargin(BoundedTerm):
     unit: ClassVar[str] = "m/rad"
 
     kind: Literal["singularity_margin"]
-    at_least: Length = 0.0
+    at_least: Length = Field(0.0, description="smallest singular value, as a length per rad")
 
     def quantity(self, at: Quantities) -> ca.SX:
         smallest = criteria.eigenvalues(at.jacobian @ at.jacobian.T)[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import casadi as ca
+from pydantic import Field
 
 from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.standard_deviation import StandardDeviationTerm
@@ -26,8 +27,8 @@ class SpreadTerm(StandardDeviationTerm):
     unit: ClassVar[str] = "m"
 
     kind: Literal["spread"]
-    within: Within = "along"
-    at_most: Length | None = None
+    within: Within = Field("along", description="which part of it counts: across the direction, along it, or all")
+    at_most: Length | None = Field(None, description="bound of the standard deviation of its worst axis")
 
     @property
     def part(self) -> Within | None:

@@ -24,7 +24,9 @@ class Success(Term):
     unit: ClassVar[str] = "probability"
 
     kind: Literal["success"]
-    at_least: Annotated[float, Field(gt=0, lt=1)] | None = None
+    at_least: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        None, description="probability to stay within the clearance"
+    )
 
     def quantity(self, at: Quantities) -> ca.SX:
         if not at.has_hole:

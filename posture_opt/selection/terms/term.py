@@ -163,7 +163,7 @@ class Term(Spec):
     """Whether reports state the spread of the orientation where it is asked for."""
 
     kind: str
-    weight: float = Field(default=1.0, ge=0)
+    weight: float = Field(default=1.0, ge=0, description="in `minimize`: its factor beside the spread")
 
     @property
     def part(self) -> Within | None:

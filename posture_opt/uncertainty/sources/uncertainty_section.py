@@ -63,7 +63,7 @@ class UncertaintySpec(Spec):
     )
     repeatability: Length | None = Field(None, gt=0, description="data sheet's RP of ISO 9283")
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
-    measurement: MeasurementSpec | None = None
+    measurement: MeasurementSpec | None = Field(None, description="the instrument that measures the arm")
     workpiece: WorkpieceErrors | None = Field(None, description="where the workpiece stands: one draw for all features")
     feature: FeatureErrors | None = Field(None, description="where a feature is in it: a new draw for each")
 
