@@ -120,7 +120,7 @@ def test_the_report_says_so_in_words(written: tuple[Path, Result]) -> None:
     assert float(change) == pytest.approx(1e3 * LONGER, abs=4 * float(error))
     assert float(estimate) == pytest.approx(float(nominal) + float(change), abs=1e-9)
     assert "joint2.a and tool.x move what was measured the same way." in lines
-    assert "60 in 60 poses" in text
+    assert "60 rows in 60 postures" in text
     assert any(line.split() == [str(OUTLIER + 2), "50.0"] for line in lines)
     written_files = {file.name for file in out.iterdir()}
     assert written_files >= {"calibration.json", "calibrated.yaml", "calibrated_covariance.csv", "report.html"}

@@ -73,4 +73,4 @@ def test_a_wrist_that_scatters_is_named_by_its_orientations(seed: int, joint: st
 def test_without_repeats_larger_errors_of_orientations_are_unexplained() -> None:
     found = diagnosis(331, 4.0, repeats=1)
     assert (found.verdict, found.unexplained_places) == ("unexplained", ("orientation",))
-    assert "orientation errors are larger than the instrument accounts for" in found.report()
+    assert "orientation errors are larger than the instrument as stated accounts for" in found.report()
