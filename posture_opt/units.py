@@ -40,6 +40,7 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "per length": ("1/m", "2e-5 / m"),
     "length per length": ("m/m", "6 um/m"),
     "length per angle": ("m/rad", "0.8 mm/rad"),
+    "pixel": ("px", "0.2 px"),
 }
 
 LARGEST: dict[str, float] = {
@@ -98,6 +99,7 @@ _DEFINITIONS = [
     "minute = 60 * second = min",
     "hour = 3600 * second = h",
     "kelvin = [temperature] = K",
+    "pixel = [pixel] = px",
     "newton = 1000 * gram * meter / second ** 2 = N",
 ]
 
@@ -116,6 +118,7 @@ _COMMON_FACTORS: dict[tuple[str, str], float] = {
     ("mrad", "angle"): 1e-3,
     ("deg", "angle"): math.pi / 180,
     ("kg", "mass"): 1.0,
+    ("px", "pixel"): 1.0,
     ("mm/s", "velocity"): 1e-3,
     ("rad/s", "angular velocity"): 1.0,
     ("deg/s", "angular velocity"): math.pi / 180,
@@ -421,6 +424,7 @@ if TYPE_CHECKING:
     Time = float
     Velocity = float
     Torque = float
+    Pixels = float
     LengthPerLength = float
 else:
     Celsius = Annotated[
@@ -432,4 +436,5 @@ else:
     Time = _quantity_type("time")
     Velocity = _quantity_type("velocity")
     Torque = _quantity_type("torque")
+    Pixels = _quantity_type("pixel")
     LengthPerLength = _quantity_type("length per length")

@@ -233,7 +233,7 @@ def _check_batch(problem: ProblemData, data: Measurements) -> None:
             f"{len(names)} robots ({', '.join(names)}) do not show how the type varies: measure {MIN_ROBOTS} robots or "
             "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
         )
-    if not data.kind.size_known and not problem.data.distances:
+    if not data.kind.fixes_size and not problem.data.distances:
         add = state_a_distance(data) if data.touches else "measure positions or distances"
         raise InsufficientDataError(
             f"{data.kind.noun} alone do not determine the size of a robot, nor how sizes vary from one to the next: "

@@ -77,7 +77,7 @@ def check_size(residuals: Residuals, held: int | None) -> None:
     Raises:
         InsufficientDataError: no known distance, and no length in the arm.
     """
-    if residuals.data.kind.size_known or residuals.distances or held is not None:
+    if residuals.data.kind.fixes_size or residuals.distances or held is not None:
         return
     raise InsufficientDataError(
         f"{residuals.data.kind.noun} alone do not determine the size of this arm, and it has no length that could be "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.calibration.assumptions.instrument import position_sigma, stated_sigma_of
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Json, rms_length
 from posture_opt.selection.problem_data import ProblemData
@@ -54,9 +54,10 @@ def instruments_of(
         residuals: of all rows; x: (k,) estimates [rad, m]; errors: (N, 3) held-out errors [m]; kept: rows that count.
     """
     data, kind = residuals.data, residuals.data.kind
-    values, left = residuals.places(x), rms_length(errors[kept])
-    named = enumerate(kind.places(data.point_names))
+    own = errors if data.lever is None else errors / data.lever[:, None]
+    values, left = residuals.places(x), rms_length(own[kept])
+    named = enumerate(data.place_names)
     places = {name or kind.kind: kind.described(name, values[k]) for k, name in named}
-    sigma = position_sigma(problem, data)
+    sigma = position_sigma(problem, data) if data.lever is None else stated_sigma_of(problem, data)
     blind = f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
     return {kind.kind: Instrument(kind.kind, kind.noun, len(kept), left, sigma, kind.unit, places, blind)}

@@ -21,7 +21,7 @@ from posture_opt.texts import text_fault
 
 AXES = ("x", "y", "z")
 """Columns of the measured tool point."""
-LABELS = ("pose", "goal", "target", "robot", *(kind.label for kind in KINDS if kind.label))
+LABELS = ("pose", "goal", "target", "robot", *(n for kind in KINDS for n in (kind.label, kind.second_label) if n))
 """Columns whose cells name groups of rows."""
 
 LEAST_INPUTS: dict[str, tuple[float, str, str]] = {

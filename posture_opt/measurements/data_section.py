@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
+from posture_opt.measurements.camera_section import CameraSpec, MarkersSpec
 from posture_opt.measurements.kinds import AnchorSpec, PlaneSpec
 from posture_opt.spec import Spec
 from posture_opt.units import Length
@@ -28,6 +29,8 @@ class DataSpec(Spec):
     distances: tuple[Distance, ...] = Field((), description="[point, point, distance with its unit]")
     planes: dict[str, PlaneSpec] = Field({}, description="plane that the ball touches: what is known of it")
     anchors: dict[str, AnchorSpec] = Field({}, description="anchor of distances: what is known of the lengths to it")
+    cameras: dict[str, CameraSpec] = Field({}, description="camera: where it is mounted, and its intrinsics")
+    markers: dict[str, MarkersSpec] = Field({}, description="board: where it is mounted, and its points")
     columns: dict[str, ColumnHeader] = Field(
         {},
         description="known column: column header in the file, or number of the column from 1",

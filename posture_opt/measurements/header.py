@@ -19,7 +19,7 @@ from posture_opt.units import DIMENSIONS, parse_quantity
 
 _INPUT_DIMENSIONS = {"payload": "mass", "temperature": "temperature", "time": "time"}
 """Columns of inputs of effects, with their dimension."""
-_USUAL_UNITS = {"angle": "deg", "length": "mm", "mass": "kg", "temperature": "degC", "time": "s"}
+_USUAL_UNITS = {"angle": "deg", "length": "mm", "mass": "kg", "temperature": "degC", "time": "s", "pixel": "px"}
 """Dimension -> the unit that messages suggest."""
 _UNIT_ABBREVIATIONS = {
     "second": "s",
@@ -59,7 +59,7 @@ def column_kinds(robot: Robot) -> dict[str, CellKind]:
 
 def columns_of(kind: type[Kind]) -> set[str]:
     """The columns that data of a kind have and positions have not."""
-    return {*kind.columns, *([kind.label] if kind.label else [])}
+    return {*kind.columns, *(name for name in (kind.label, kind.second_label) if name)}
 
 
 def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:

@@ -14,7 +14,26 @@ BLANKS = " "
 """Separator of cells between which there are blanks, one or more."""
 _SEPARATORS = ("\t", ";", ",", BLANKS)
 """Separators that are tried; where two fit alike, the one that comes first."""
-_UNIT_WORDS = {"m", "mm", "cm", "um", "µm", "μm", "in", "deg", "°", "rad", "mrad", "s", "ms", "kg", "degC", "°C", "K"}
+_UNIT_WORDS = {
+    "m",
+    "mm",
+    "cm",
+    "um",
+    "µm",
+    "μm",
+    "in",
+    "deg",
+    "°",
+    "rad",
+    "mrad",
+    "s",
+    "ms",
+    "kg",
+    "degC",
+    "°C",
+    "K",
+    "px",
+}
 """What the cells of a line of units may hold."""
 _NUMBER_PATTERN = re.compile(r"[-+]?[\d.,' ]*\d[\d.,' ]*(?:[eE][-+]?\d+)?|nan", re.IGNORECASE)
 """A number with any marks, or NaN."""

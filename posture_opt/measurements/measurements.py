@@ -47,6 +47,8 @@ class Measurements(Summarised):
         time: (N,) [s], or ``None``.
         reading: (N, D) what an instrument showed that measures no position [m, rad]; ``None`` where nothing is read.
         instrument: what was read; ``None``: positions, or touched points.
+        second, second_names: (N,) codes and texts of a second column of names, as markers that cameras see.
+        lever: (N,) length at the tool that one unit of ``reading`` is [m]; ``None`` where it is read in metres.
         visit: (N,) a number for each stay at a pose, where rows between were taken out; ``None``: as rows follow.
         line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
         file: its name; ``table`` for one in memory.
@@ -93,6 +95,9 @@ class Measurements(Summarised):
     visit: Codes | None = None
     reading: Array | None = None
     instrument: Kind | None = None
+    second: Codes | None = None
+    second_names: tuple[str, ...] = ()
+    lever: Array | None = None
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -122,7 +127,22 @@ class Measurements(Summarised):
         """
         reading = self.reading if self.position is None else self.position
         empty = np.zeros((len(self), 0))
-        return Seen(position, columns, empty if reading is None else reading, self.point, values[self.point])
+        own = values[self.point]
+        if self.second is None:
+            return Seen(position, columns, empty if reading is None else reading, self.point, own)
+        own = own + values[self.kind.second_place(self.second)]
+        return Seen(position, columns, empty if reading is None else reading, self.point, own, self.second)
+
+    @property
+    def place_names(self) -> Sequence[str]:
+        """(P,) all places of which something is unknown: planes, anchors, cameras and what they see."""
+        return self.kind.places(self.point_names)
+
+    def at_place(self, code: int) -> Mask:
+        """(N,) the rows that belong to a place."""
+        if self.second is None:
+            return np.asarray(self.point == code)
+        return np.asarray((self.point == code) | (self.kind.second_place(self.second) == code))
 
     def about_points(self, values: Array) -> Array:
         """Rows ``values`` (N, …) less their mean over all touches of the same point; as they are where none is touched.
@@ -193,6 +213,7 @@ _FIELDS_OF_FILE = {
     "target_names",
     "robot_names",
     "point_names",
+    "second_names",
     "file",
     "warnings",
     "joint_units",

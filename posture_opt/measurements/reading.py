@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from posture_opt.errors import did_you_mean, listed
+from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
@@ -94,6 +94,7 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
     target, robots = (cells.code(name) or without_column for name in ("target", "robot"))
     point = next((code for kind in KINDS if kind.label and (code := cells.code(kind.label))), without_column)
+    second = next((code for k in KINDS if k.second_label and (code := cells.code(k.second_label))), without_column)
     measured = np.array([axis in columns for axis in AXES])
     side, length, given = _approach_sides(cells, q, robots[0], robot)
     return Measurements(
@@ -110,6 +111,8 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         target_names=target[1],
         robot_names=robots[1],
         point_names=point[1],
+        second=second[0].copy() if second[1] else None,
+        second_names=second[1],
         approach=side,
         approach_length=length,
         payload=cells.number("payload"),
@@ -130,14 +133,23 @@ def _with_instrument(data: Measurements, cells: Cells, problem: HasData) -> Meas
     if kind is None or data.position is not None or kind.kind == data.kind.kind:
         return data
     reading = np.column_stack([np.zeros((len(data), 0)), *(_present_column(cells.number(c)) for c in kind.columns)])
-    data = replace(data, reading=reading, instrument=kind.of(problem.data, data.point_names))
+    try:
+        instrument = kind.of(problem.data, data.point_names, data.second_names)
+        return _prepared(replace(data, reading=reading, instrument=instrument), problem)
+    except BadValueError as error:
+        raise InputError(Issue(error.message, ("data", kind.settings), hint=error.hint, file=data.file)) from None
+
+
+def _prepared(data: Measurements, problem: HasData) -> Measurements:
+    """The rows with reference values for what is unknown of their places, and the levers of their readings."""
     q = carried_joint_values(problem.arm, data.q)
     points, rotations = nominal_poses(problem.robot, q)
-    none = np.zeros((max(len(data.point_names), 1), 0))
-    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), none)
+    places = max(len(data.place_names), 1)
+    seen = data.seen(points.T, np.moveaxis(rotations, 0, -1).swapaxes(0, 1), np.zeros((places, data.kind.width)))
     gravity = np.array(problem.robot.gravity)
     up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
-    return replace(data, instrument=data.kind.prepared(seen, ~still_axes(problem.robot), up))
+    prepared = data.kind.prepared(seen, ~still_axes(problem.robot), up)
+    return replace(data, instrument=prepared, lever=prepared.levers(seen))
 
 
 def _is_read(name: str, cells: Cells) -> bool:

@@ -14,6 +14,7 @@ from posture_opt.errors import InputError, Issue, listed
 from posture_opt.measurements.header import data_issues
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import CatalogueEntry, NoiseEffect
+from posture_opt.problem.camera_files import with_camera_files
 from posture_opt.problem.effects_section import (
     arm_with,
     effect_sources,
@@ -64,7 +65,8 @@ def read_parts(
         arms = _arms(read, folder, issues)
         task = _collect(issues, lambda: with_path(read.task, folder))
         task = task.for_robot(arms[1].robot) if task is not None and arms else task
-        spec = spec.model_copy(update={"task": task})
+        data = _collect(issues, lambda: with_camera_files(read.data, folder)) or read.data
+        spec = spec.model_copy(update={"task": task, "data": data})
         issues += [issue.at("data") for issue in data_issues(read.data, arms[1].robot)] if arms else []
     if spec is not None and arms is not None:
         read, arm, sound = spec, arms[1], not found and not issues

@@ -13,7 +13,8 @@ import numpy as np
 
 from posture_opt.calibration.estimation.parameters import tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.estimation.starting_values import frame_rotation, roll_pitch_yaw, starting_deviations
+from posture_opt.calibration.estimation.starting_values import frame_rotation, starting_deviations
+from posture_opt.measurements.rotations import roll_pitch_yaw
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 

@@ -48,16 +48,15 @@ def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, t
     sigma = position_sigma(problem, data)
     if not sigma:
         sigma = DEFAULT_SIGMA_M
-        notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} m{data.kind.unit} taken")
+        unit = "mm at the tool" if data.lever is not None else f"m{data.kind.unit}"
+        notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} {unit} taken")
     rotation = rotation_sigma(problem)
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
     if data.kind.fixed_to_base:
         offset = problem.robot.factors[problem.robot.driven[0]].parameter
-        notes.append(
-            f"{data.kind.noun} say nothing of {offset} and what lies before it: it moves arm and {data.kind.label}s "
-            "together"
-        )
+        moved = f"it moves arm and {data.kind.place_noun} together"
+        notes.append(f"{data.kind.noun} say nothing of {offset} and what lies before it: {moved}")
     used = rotation if data.rotation is not None else 0.0
     parameters = unknown_parameters(problem, data, orientation=used > 0)
     distances = _known_distances(problem, data, sigma)
@@ -201,7 +200,7 @@ def held_length(residuals: Residuals) -> int | None:
     where there is none, the longest of all.
     """
     robot = residuals.robot
-    if residuals.data.kind.size_known or residuals.distances:
+    if residuals.data.kind.fixes_size or residuals.distances:
         return None
     every = {
         i: abs(p.nominal)

@@ -29,6 +29,8 @@ def position_sigma(problem: ProblemData, data: Measurements) -> float:
 
     ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
     """
+    if data.lever is not None:
+        return stated_sigma_of(problem, data) * rms(data.lever)
     if data.kind.sigma_key != "position":
         own = place_sigmas(problem, data)
         if not data.point_names:
@@ -38,7 +40,7 @@ def position_sigma(problem: ProblemData, data: Measurements) -> float:
 
 
 def stated_sigma_of(problem: ProblemData, data: Measurements) -> float:
-    """σ of a reading that the file states for data of this kind [m or rad]; 0 where there is none."""
+    """σ of a reading that the file states for data of this kind [m, rad or px]; 0 where there is none."""
     return float(getattr(problem.measurement, data.kind.sigma_key, None) or 0.0)
 
 
@@ -48,7 +50,7 @@ def place_sigmas(problem: ProblemData, data: Measurements) -> dict[str, float]:
     Empty for positions and touched points, of which all have one.
     """
     kind = data.kind
-    if not kind.settings:
+    if not kind.settings or data.lever is not None:
         return {}
     stated = stated_sigma_of(problem, data)
     found = {name: kind.sigma_of(name, stated) for name in data.point_names}

@@ -35,6 +35,7 @@ class Parameter:
         source: the parameter of the arm that it deviates; empty for places.
         code: target of a tool offset, or place; -1 where the parameter acts in all rows.
         axis: which of the unknowns of a place.
+        sigma: what is known of an unknown of a place beforehand, as of the focal length of a camera; 0: nothing.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Parameter:
     source: str = ""
     code: int = -1
     axis: int = 0
+    sigma: float = 0.0
 
 
 def tool_unknown(robot: Robot, data: Measurements) -> bool:
@@ -107,9 +109,9 @@ def place_parameters(data: Measurements) -> tuple[Parameter, ...]:
     """The unknowns of all places: touched points, planes, anchors; none where positions were measured."""
     kind = data.kind
     return tuple(
-        Parameter(kind.parameter(place, name), "place", unit, 0.0, "", k, i)
-        for k, place in enumerate(kind.places(data.point_names))
-        for i, (name, unit) in enumerate(kind.unknowns(place))
+        Parameter(kind.parameter(place, name), "place", unit, 0.0, "", k, i, kind.prior_sigma(place, name))
+        for k, place in enumerate(data.place_names)
+        for i, (name, unit) in zip(kind.slots(place), kind.unknowns(place), strict=True)
     )
 
 
@@ -142,4 +144,7 @@ def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> t
         if p.name in place and known[place[p.name], place[p.name]] > 0 and not free.get(p.group, False)
     ]
     columns = [place[parameters[i].name] for i in rows]
-    return rows, known[np.ix_(columns, columns)]
+    own = [i for i, p in enumerate(parameters) if p.sigma]
+    found = np.diag([*np.zeros(len(rows)), *(parameters[i].sigma ** 2 for i in own)])
+    found[: len(rows), : len(rows)] = known[np.ix_(columns, columns)]
+    return [*rows, *own], found

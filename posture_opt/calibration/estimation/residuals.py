@@ -15,7 +15,7 @@ from posture_opt.measurements.kinds.kind import Slots
 from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Twist
 from posture_opt.model.chain import Walk, factor_values, walk
-from posture_opt.numerics import Array, Codes, stacked_rows
+from posture_opt.numerics import Array, Codes, rms, stacked_rows
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 _LEVEL_TOLERANCE_RAD = np.radians(
     10
 )  # a levelled instrument and a base that was set up with a level agree to better than this
-_MAX_UNKNOWNS = 6
-"""Unknowns of a place at most."""
 MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
@@ -50,6 +48,7 @@ class Residuals:
         sigma_rotation: of each component of the measured rotation [rad]; 0 leaves orientations out.
         distances: (first point, second point, distance [m], standard deviation [m]) known between points.
         place_sigmas: standard deviations of a reading at some places, as planes of another flatness.
+        lever: root mean square of the levers of the rows that ``sigma`` is of [m per unit]; 1 of readings in metres.
     """
 
     arm: Arm
@@ -59,6 +58,7 @@ class Residuals:
     sigma_rotation: float = 0.0
     distances: tuple[Distance, ...] = ()
     place_sigmas: Mapping[str, float] = field(default_factory=dict)
+    lever: float = 1.0
 
     @classmethod
     def of(
@@ -68,7 +68,8 @@ class Residuals:
     ) -> Residuals:  # fmt: skip
         """Of an arm whose effects see the inputs of every row."""
         own = dict(place_sigmas or {})
-        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, sigma_rotation, distances, own)
+        lever = 1.0 if data.lever is None else rms(data.lever)
+        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, sigma_rotation, distances, own, lever)
 
     @property
     def robot(self) -> Robot:
@@ -217,13 +218,14 @@ class Residuals:
         return [self._rows(self.data.kind.slope(seen, shift, turn)) for shift, turn in twists]
 
     def _rows(self, slots: Slots) -> Array:
-        """(N, 3) of the numbers of a reading; zeros behind them."""
-        return stacked_rows([*slots, *[0.0] * (3 - len(slots))], len(self.data))
+        """(N, 3) [m] of the numbers of a reading; zeros behind them."""
+        rows = stacked_rows([*slots, *[0.0] * (3 - len(slots))], len(self.data))
+        return rows if self.data.lever is None else rows * self.data.lever[:, None]
 
     def whiten(self, twists: Sequence[Twist], x: Array, reached: Walk) -> Array:
         """(N, block, K) of K shifts and small rotations of the tool at deviations ``x`` (k,), in units of the σ's."""
         found = np.empty((len(self.data), self.block, len(twists)))
-        axes, kind, seen, sigma = self.axes, self.data.kind, self.seen(x, reached), self.row_sigma
+        axes, kind, seen, sigma = self.axes, self.data.kind, self.seen(x, reached), self._unit_sigma
         for k, (shift, turn) in enumerate(twists):
             slots = kind.slope(seen, shift, turn)
             for slot, axis in enumerate(axes):
@@ -249,7 +251,7 @@ class Residuals:
 
     def places(self, x: Array) -> Array:
         """(P, u) what is unknown of places among the deviations ``x``: coordinates of touched points [m], planes, …"""
-        found = np.zeros((len(self.data.point_names) or 1, _MAX_UNKNOWNS))
+        found = np.zeros((len(self.data.place_names) or 1, self.data.kind.width))
         for parameter, value in zip(self.parameters, x, strict=True):
             if parameter.group == "place":
                 found[parameter.code, parameter.axis] = parameter.nominal + value
@@ -258,14 +260,21 @@ class Residuals:
     @cached_property
     def row_sigma(self) -> Any:
         """Standard deviation of a reading [m], (N,) where it is not the same in all rows."""
+        if self.data.lever is not None:
+            return self.sigma * self.data.lever / self.lever
         if not self.place_sigmas:
             return self.sigma
         every = np.array([self.place_sigmas.get(name, self.sigma) for name in self.data.point_names])
         return every[self.data.point]
 
+    @property
+    def _unit_sigma(self) -> Any:
+        """Standard deviation of a reading in the unit of the kind, (N,) where it is not the same in all rows."""
+        return self.row_sigma if self.data.lever is None else self.sigma / self.lever
+
     def metres(self, whitened: Array, rows: Codes | slice = slice(None)) -> Array:
         """What values (n, …) of some rows, in units of the σ's, are in [m]."""
-        if not self.place_sigmas:
+        if not self.place_sigmas and self.data.lever is None:
             return whitened * self.sigma
         sigma = self.row_sigma[rows]
         return np.asarray(whitened * sigma.reshape(-1, *[1] * (whitened.ndim - 1)))
@@ -317,9 +326,9 @@ class Residuals:
     def _place_columns(self, columns: Array, parameter: Parameter, seen: Seen) -> None:
         """Puts what an unknown of a place changes into ``columns`` (N, block): its own rows alone."""
         slots = self.data.kind.unknown_slope(seen, parameter.axis)
-        own = self.data.point == parameter.code
+        own = self.data.at_place(parameter.code)
         for slot, axis in enumerate(self.axes):
-            columns[own, slot] = np.broadcast_to(slots[axis] / self.row_sigma, own.shape)[own]
+            columns[own, slot] = np.broadcast_to(slots[axis] / self._unit_sigma, own.shape)[own]
 
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""

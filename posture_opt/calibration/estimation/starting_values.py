@@ -12,6 +12,7 @@ from posture_opt.calibration.estimation.parameters import Parameter, tool_unknow
 from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import carried_joint_values, group_means
+from posture_opt.measurements.rotations import roll_pitch_yaw
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows
 from posture_opt.robot.robot import Factor, Robot
@@ -242,23 +243,13 @@ def _place_starts(residuals: Residuals, flange: _Flange, offset: Array) -> dict[
     data, kind = residuals.data, residuals.data.kind
     R_b, t_b = _base_pose(residuals)
     points, columns = flange.reached(offset) @ R_b.T + t_b, np.moveaxis(R_b @ flange.R, 0, -1).swapaxes(0, 1)
-    none = np.zeros((max(len(data.point_names), 1), 0))
+    none = np.zeros((max(len(data.place_names), 1), kind.width))
     found = kind.start(data.seen(points.T, list(columns), none), len(none))
     return {
         kind.parameter(place, name): float(found[k, i])
-        for k, place in enumerate(kind.places(data.point_names))
-        for i, (name, _) in enumerate(kind.unknowns(place))
+        for k, place in enumerate(data.place_names)
+        for i, (name, _) in zip(kind.slots(place), kind.unknowns(place), strict=True)
     }
-
-
-def roll_pitch_yaw(R: Array) -> dict[str, float]:
-    """Roll, pitch, yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
-    pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
-    if math.hypot(R[0, 0], R[1, 0]) < 1e-9:  # only a sum of roll and yaw is left: all of it into yaw
-        roll, yaw = 0.0, math.atan2(-R[0, 1], R[1, 1])
-    else:
-        roll, yaw = math.atan2(R[2, 1], R[2, 2]), math.atan2(R[1, 0], R[0, 0])
-    return {"roll": roll, "pitch": pitch, "yaw": yaw}
 
 
 def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Array:

@@ -252,7 +252,7 @@ def unknowable_causes(residuals: Residuals) -> tuple[Limit, ...]:
             lengths.
     """
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
-    evidence = Evidence(residuals.data.kind.size_known, tuple(lengths))
+    evidence = Evidence(residuals.data.kind.fixes_size, tuple(lengths))
     return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
 
 

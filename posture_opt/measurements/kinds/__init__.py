@@ -1,5 +1,6 @@
 """The kinds of measurement: one file each, listed here."""
 
+from posture_opt.measurements.kinds.camera import MarkerPixels
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, Seen
 from posture_opt.measurements.kinds.level import Level
@@ -7,7 +8,7 @@ from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
 from posture_opt.measurements.kinds.position import Position
 
-KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance, Level)
+KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level)
 """All kinds; the columns of a file say which of them it holds."""
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "AnchorSpec",
     "Kind",
     "Level",
+    "MarkerPixels",
     "PlaneContact",
     "PlaneSpec",
     "PointContact",

@@ -26,7 +26,8 @@ class Seen:
         columns: of the rotation R_world_tool, each three of (N,).
         reading: (N, D) what the instrument showed, in its SI unit.
         place: (N,) code of the plane, anchor or point that each row belongs to.
-        values: (N, u) the unknowns of that place.
+        values: (N, u) the unknowns of that place, and of a second one where rows belong to two.
+        second: (N,) codes in the second column of names, as markers that cameras see.
     """
 
     position: Vector
@@ -34,6 +35,7 @@ class Seen:
     reading: Array
     place: Codes
     values: Array
+    second: Codes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,10 @@ class Kind:
     """Column of numbers -> its dimension; all are required."""
     label: ClassVar[str] = ""
     """Column that names the place of a row."""
+    second_label: ClassVar[str] = ""
+    """Column that names what else a row belongs to, as the marker that a camera sees."""
+    width: ClassVar[int] = 6
+    """Unknowns of a row at most."""
     example: ClassVar[str] = ""
     """Headers to add to a file that measures nothing."""
     sigma_key: ClassVar[str] = "position"
@@ -87,9 +93,17 @@ class Kind:
     names: Sequence[str] = ()
 
     @classmethod
-    def of(cls, data: object, names: Sequence[str]) -> Kind:
-        """The kind with what the section ``data`` of a problem says of its places; ``names`` (P,) of these."""
+    def of(cls, data: object, names: Sequence[str], seconds: Sequence[str] = ()) -> Kind:
+        """The kind with what the section ``data`` of a problem says of its places; ``names`` (P,) of these.
+
+        ``seconds`` are the texts of the second column of names.
+        """
         return cls(getattr(data, cls.settings), names) if cls.settings else cls()
+
+    @property
+    def fixes_size(self) -> bool:
+        """Whether these data, with what is stated of their places, contain a length."""
+        return self.size_known
 
     def axes(self, measured: Mask) -> Codes:
         """(d,) places of the numbers of a reading in a vector of three; ``measured`` (3,) are coordinates in a file."""
@@ -111,9 +125,30 @@ class Kind:
         """Its places: those that the file ``names``, or one without a name where something else is unknown."""
         return names if self.label else ("",) if self.unknowns("") else ()
 
+    @property
+    def place_noun(self) -> str:
+        """What its places are called, in plural."""
+        return f"{self.label}s"
+
     def parameter(self, place: str, name: str) -> str:
         """What an unknown of a place is called among the parameters of a fit."""
         return f"{self.label}[{place}].{name}" if place else f"{self.kind}.{name}"
+
+    def slots(self, place: str) -> Sequence[int]:
+        """(u,) where the unknowns of a place are in a row of all unknowns; rows of two places hold both."""
+        return range(len(self.unknowns(place)))
+
+    def second_place(self, seconds: Codes) -> Codes:
+        """(N,) the second place of each row, by the codes of the second column of names."""
+        raise NotImplementedError(f"a row of {self.kind} belongs to one place")
+
+    def prior_sigma(self, place: str, name: str) -> float:
+        """What the file states of an unknown of a place beforehand; 0 where it says nothing."""
+        return 0.0
+
+    def levers(self, seen: Seen) -> Array | None:
+        """(N,) length that one unit of a reading is at the tool, at the nominal arm [m]; None for one of metres."""
+        return None
 
     def start(self, seen: Seen, places: int) -> Array:
         """(P, u) the unknowns that suit the tool at N rows best, roughly; NaN nowhere."""

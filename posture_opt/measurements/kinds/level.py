@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, dot
+from posture_opt.measurements.rotations import turned_by
 from posture_opt.numerics import Array, Codes, Mask
 
 _LEAST_COSINE = 1e-6
@@ -82,23 +83,12 @@ class Level(Kind):
         """(N, 3, 3) the axes of the inclinometer in the world as columns, or their derivative by one of the turns."""
         n = len(seen.place)
         R = np.stack([np.stack([np.broadcast_to(v, n) for v in c], axis=1) for c in seen.columns], axis=2)
-        turns = [_turn(axis, seen.values[:, axis], by == axis) for axis in range(3)]
-        return np.asarray(R @ self.mounting @ turns[2] @ turns[1] @ turns[0])
+        return np.asarray(R @ self.mounting @ turned_by(seen.values[:, :3], by))
 
 
 def _cosine(height: Array) -> Array:
     """(N,) the cosine of the angle whose sine is the ``height`` of an axis."""
     return np.asarray(np.sqrt(np.maximum(1 - height**2, _LEAST_COSINE**2)))
-
-
-def _turn(axis: int, angle: Array, derivative: bool) -> Array:
-    """(N, 3, 3) rotations about a coordinate axis by angles (N,), or their derivatives."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    c, s = (-np.sin(angle), np.cos(angle)) if derivative else (np.cos(angle), np.sin(angle))
-    found = np.zeros((len(angle), 3, 3))
-    found[:, axis, axis] = 0.0 if derivative else 1.0
-    found[:, i, i], found[:, i, j], found[:, j, i], found[:, j, j] = c, -s, s, c
-    return found
 
 
 def _mounting(up: Array, heights: Array) -> Array:

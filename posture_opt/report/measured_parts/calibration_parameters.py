@@ -64,24 +64,29 @@ def places_blocks(found: Calibration) -> list[Block]:
             continue
         names = list(dict.fromkeys(key for place in one.places.values() for key in place))
         rows = [(name, *(_place_cell(key, place.get(key)) for key in names)) for name, place in one.places.items()]
-        headers = (one.kind, *(f"{key} [mm]" if key in _LENGTHS else key for key in names))
+        headers = (one.kind, *(f"{key} [{_UNITS[key][1]}]" if key in _UNITS else key for key in names))
         blind = (f"{sentence(one.blind_spot)}",) if one.blind_spot else ()
         how = "In the world of the file; found together with the arm."
         blocks.append(Block(f"What the {one.noun} show", (how, Table(headers, tuple(rows)), *blind)))
     return blocks
 
 
-_LENGTHS = ("x", "y", "z", "offset", "distance")
-"""Unknowns of places that are lengths."""
+_UNITS = {
+    **dict.fromkeys(("x", "y", "z", "offset", "distance"), (1e3, "mm", 3)),
+    **dict.fromkeys(("roll", "pitch", "yaw"), (math.degrees(1.0), "deg", 4)),
+    **dict.fromkeys(("focal_length", "principal_point"), (1.0, "px", 2)),
+}
+"""Unknowns of places with a unit: factor from SI, unit and decimals in reports."""
 
 
 def _place_cell(key: str, value: object) -> str:
-    """One unknown of a place: lengths in mm, directions as they are."""
+    """One unknown of a place: lengths in mm, angles in deg, directions as they are."""
     if value is None:
         return ""
+    factor, _, decimals = _UNITS.get(key, (1.0, "", 5))
     if isinstance(value, list):
-        return "(" + ", ".join(f"{v:.5f}" for v in value) + ")"
-    return f"{1e3 * float(value):.3f}" if key in _LENGTHS else f"{float(value):.6f}"  # type: ignore[arg-type]
+        return "(" + ", ".join(f"{factor * v:.{decimals}f}" for v in value) + ")"
+    return f"{factor * float(value):.{decimals}f}"  # type: ignore[arg-type]
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:

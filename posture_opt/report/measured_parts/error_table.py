@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.numerics import rms
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.units_text import count, decimals_of, stated_length
 from posture_opt.units import fixed, number
@@ -69,7 +70,9 @@ def mm(metres: float) -> str:
 
 
 def reading_size(data: Measurements, sigma: float) -> str:
-    """The σ of a reading with its unit: a length, or an angle in deg."""
+    """The σ of a reading with its unit: a length, an angle in deg, or pixels with what they are at the marker."""
+    if data.lever is not None:
+        return f"{number(sigma / rms(data.lever), 2)} {data.kind.unit}, {stated_length(sigma)} at the marker"
     return stated_length(sigma) if data.kind.unit == "m" else f"{number(math.degrees(sigma), 2)} deg"
 
 

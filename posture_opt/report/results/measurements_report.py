@@ -15,6 +15,7 @@ import numpy as np
 from posture_opt.measurements.table import LINE_INDEX
 from posture_opt.report.page.presenter import SummaryPresenter, pandas_module
 from posture_opt.report.text.blocks import Summary
+from posture_opt.units import DIMENSIONS
 
 if TYPE_CHECKING:
     from posture_opt.measurements.measurements import Measurements
@@ -60,9 +61,8 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
     if data.position is not None:
         yield from ((f"{axis} [m]", data.position[:, k]) for k, axis in enumerate("xyz") if data.measured_axes[k])
     if data.reading is not None:
-        units = {"length": "m", "angle": "rad"}
         columns = data.kind.columns.items()
-        yield from ((f"{name} [{units[d]}]", data.reading[:, k]) for k, (name, d) in enumerate(columns))
+        yield from ((f"{name} [{DIMENSIONS[d][0]}]", data.reading[:, k]) for k, (name, d) in enumerate(columns))
     if data.rotation is not None:
         yield from ((name, data.rotation[:, k]) for k, name in enumerate(("qw", "qx", "qy", "qz")))
     yield from _labels(data)
@@ -86,8 +86,9 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
         ("target", data.target, data.target_names),
         ("robot", data.robot, data.robot_names),
         (data.kind.label, data.point, data.point_names),
+        (data.kind.second_label, data.second, data.second_names),
     ):
-        if names:
+        if names and codes is not None:
             yield label, [names[code] for code in codes]
 
 

@@ -20,7 +20,7 @@ from posture_opt.uncertainty.sources.covariance_file import read_covariance
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 from posture_opt.uncertainty.sources.workpiece import FeatureErrors, WorkpieceErrors, workpiece_sources
-from posture_opt.units import Angle, Length, Quantity, parse_quantity
+from posture_opt.units import Angle, Length, Pixels, Quantity, parse_quantity
 
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
 """Two parameters and the coefficient of correlation of their errors."""
@@ -39,6 +39,7 @@ class MeasurementSpec(Spec):
     orientation: Angle | None = Field(None, ge=0, description="of each component of the measured rotation")
     plane: Length | None = Field(None, ge=0, description="of each touch of a plane, its flatness left out")
     distance: Length | None = Field(None, ge=0, description="of each measured distance")
+    pixel: Pixels | None = Field(None, ge=0, description="of each image coordinate of a marker")
     level: Angle | None = Field(None, ge=0, description="of each angle of a level on the tool")
     degrees_of_freedom: int | None = Field(
         None, ge=1, description="of an estimate of it (GUM, G.3), as from repeats; left out where it is known"
