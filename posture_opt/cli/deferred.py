@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from posture_opt.cli.asked.quantities import columns_of as columns_of
     from posture_opt.cli.asked.quantities import corner as corner
+    from posture_opt.cli.asked.quantities import distance_of as distance_of
     from posture_opt.cli.asked.quantities import height_of as height_of
     from posture_opt.cli.asked.quantities import requested_posture as requested_posture
     from posture_opt.cli.asked.request import placed as placed
@@ -33,6 +34,7 @@ _HOMES = {
     "columns_of": "cli.asked.quantities",
     "compensated_program": "export.known_programs",
     "corner": "cli.asked.quantities",
+    "distance_of": "cli.asked.quantities",
     "export_kinds": "export.export_files",
     "height_of": "cli.asked.quantities",
     "listing": "cli.problem_texts",

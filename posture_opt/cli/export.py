@@ -41,20 +41,28 @@ class ExportCommand(click.Command):
 @task_options
 @click.option("--to", type=click.Choice([*ARM_FORMATS, *PROGRAM_FORMATS]), required=True, help="The format: see below.")
 @click.option("--name", default="", metavar="NAME", help="Of functions, programs and files.")
+@click.option(
+    "--approach",
+    metavar="LENGTH",
+    help="Come from that far in front of each stop on a line, and go back so; default: 50 mm for a path, else 0 mm.",
+)
 @click.option("--posture", metavar="TEXT", help="Stop of a robot program; default: the best posture, planned.")
 @motion_options(0.0)
 @common_options
 def export_command(
-    common: Common, to: str, name: str, posture: str | None, speed: float, wait: float, **given: str | None
-) -> None:
+    common: Common, to: str, name: str, approach: str | None, posture: str | None, speed: float, wait: float,
+    **given: str | None,
+) -> None:  # fmt: skip
     """The arm, its covariance as code, or its posture as a robot program, in another format."""
     problem = deferred.requested_problem(**given)
+    distance = None if approach is None else deferred.distance_of("--approach", approach)
     q = None if posture is None else deferred.requested_posture(posture, problem.robot)
     with output(common), deferred.placed(problem):
         with progress_bar(common, "exporting"):
             found = po.export_files(
-                problem, to, name=name, posture=q, speed=speed, wait=wait, seed=common.seed, workers=common.workers
-            )
+                problem, to, name=name, posture=q, speed=speed, wait=wait, approach=distance, seed=common.seed,
+                workers=common.workers,
+            )  # fmt: skip
         if common.out is not None:
             write_files(common.out, found.files)
 

@@ -38,6 +38,7 @@ def export_files(
     posture: PostureLike | None = None,
     speed: float = 10.0,
     wait: float = 0.0,
+    approach: float | None = None,
     seed: int | None = None,
     workers: int = 1,
 ) -> Exported:
@@ -49,6 +50,8 @@ def export_files(
         name: of functions, programs and files; each format has one of its own.
         posture: (n,) the stop of a robot program [rad or m]; default: the answer to the problem, which is planned.
         speed: of robot programs [percent]; wait: at every stop [s].
+        approach: distance [m] of a point in front of every stop, or of a path, and of one to retract to; None: 50 mm
+            in front of and behind a path.
         seed, workers: of the planning.
 
     Raises:
@@ -62,7 +65,7 @@ def export_files(
     if posture is not None:
         q = [read_posture(problem.robot, posture)]
         given = program_through(problem, "the given posture", q, [""], speed=speed, wait=wait)
-    source = ExportSource(problem, seed, workers, speed, wait, given)
+    source = ExportSource(problem, seed, workers, speed, wait, approach, given)
     return kinds[to](name=name).write(source)
 
 

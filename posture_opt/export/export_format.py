@@ -38,6 +38,7 @@ class ExportSource:
         problem: what is exported.
         seed, workers: of the planning.
         speed: of programs, in percent of what the format takes for full; wait: at every stop [s].
+        approach: of points in front of and behind stops [m]; None: of a path only.
         given: the program, where it is known already.
     """
 
@@ -46,6 +47,7 @@ class ExportSource:
     workers: int = 1
     speed: float = 10.0
     wait: float = 0.0
+    approach: float | None = None
     given: RobotProgram | None = None
 
     @cached_property
@@ -57,7 +59,7 @@ class ExportSource:
         """
         if self.given is not None:
             return self.given
-        return program_of(self.problem, self.seed, self.workers, self.speed, self.wait)
+        return program_of(self.problem, self.seed, self.workers, self.speed, self.wait, self.approach)
 
 
 class ExportFormat(Spec):

@@ -1,17 +1,23 @@
-"""KUKA Robot Language: ``PTP`` to axis values in degrees.
+"""KUKA Robot Language: ``PTP`` and ``LIN`` to axis values in degrees.
 
 A program is a ``.src`` file with the motions and a ``.dat`` file of the same name with its data. ``E6AXIS`` holds six
-robot axes A1 … A6 and six external ones E1 … E6, in degrees or mm.
+robot axes A1 … A6 and six external ones E1 … E6, in degrees or mm. ``LIN`` takes a pose, which ``FORWARD`` makes of
+axis values with the tool and base that are set: ``$TOOL`` in mm and degrees, A about Z, B about Y, C about X.
+``$VEL.CP`` in m/s; ``C_DIS`` rounds a corner within ``$APO.CDIS`` [mm].
 Source: KUKA, "KUKA System Software 8.x, Operating and Programming Instructions for System Integrators".
 """
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Literal
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, seconds
 from posture_opt.export.robot_program import RobotProgram
+from posture_opt.numerics import Array
+from posture_opt.robot.urdf_chain import xyz_rpy
+from posture_opt.units import fixed
 
 _AXES = (*(f"A{k}" for k in range(1, 7)), *(f"E{k}" for k in range(1, 7)))
 _MAX_NAME_LENGTH = 24  # characters of a name in KRL
@@ -22,7 +28,7 @@ _WORDS = """
     ENDSWITCH ENDWHILE ENUM EXIT EXOR EXT EXTFCT FALSE FOR FRAME GLOBAL GOTO HALT IF IMPORT INT INTERRUPT IS LIN
     LIN_REL LOOP MAXIMUM MINIMUM NOT OFF ON OR PATH POS PRIO PTP PTP_REL PUBLIC PULSE REAL REL REPEAT RESUME
     RETURN SCIRC SEC SIGNAL SLIN SPL SPLINE SPTP STRUC SWITCH SWRITE SREAD THEN TIME_BLOCK TO TRIGGER TRUE UNTIL
-    VAR WAIT WHEN WHILE WITH XOR
+    VAR WAIT WHEN WHILE WITH XOR FORWARD FAULT XL
 """
 """Key words, built-in types and the programs that this one calls."""
 
@@ -32,7 +38,8 @@ class Krl(ProgramFormat):
     percent.
     """
 
-    summary: ClassVar[str] = "program of a KUKA controller (PTP, degrees): .src and .dat"
+    summary: ClassVar[str] = "program of a KUKA controller (PTP, LIN, degrees): .src and .dat"
+    maker: ClassVar[str] = "KUKA"
 
     comment_mark: ClassVar[str] = ";"
     reserved: ClassVar[frozenset[str]] = frozenset(_WORDS.split())
@@ -51,12 +58,31 @@ class Krl(ProgramFormat):
             raise InputError(Issue(f"KRL has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
         head = self.comments(*program.head)
         data = ["&ACCESS RVP", f"DEFDAT {name}", *head]
-        moves = ["&ACCESS RVP", f"DEF {name}()", *head, "BAS(#INITMOV, 0)"]
+        lines = ["DECL E6POS XL", "DECL INT FAULT"] if program.has_lines else []
+        moves = ["&ACCESS RVP", f"DEF {name}()", *head, *lines, "BAS(#INITMOV, 0)"]
         moves += [f"BAS(#VEL_PTP, {program.speed:g})", f"BAS(#ACC_PTP, {program.speed:g})"]
-        for k, (values, label) in enumerate(zip(program.degrees, program.labels, strict=True), start=1):
+        if program.has_lines:
+            moves += [f"$TOOL={_frame(program.tool)}", "$BASE=$NULLFRAME", f"$VEL.CP={fixed(program.line_speed, 6)}"]
+        stops = zip(program.degrees, program.labels, program.moves, strict=True)
+        for k, (values, label, move) in enumerate(stops, start=1):
             axes = zip(_AXES, [*values, *["0"] * (6 - len(values))], strict=False)
             data.append(f"DECL E6AXIS XP{k}={{{', '.join(f'{axis} {value}' for axis, value in axes)}}}")
             moves += self.comments(label)
-            moves.append(f"PTP XP{k}")
-            moves += [f"WAIT SEC {seconds(program.wait)}"] if program.wait else []
+            waits = bool(move.waits and program.wait)
+            moves += _line(f"XP{k}", 0.0 if waits else move.blend) if move.line else [f"PTP XP{k}"]
+            moves += [f"WAIT SEC {seconds(program.wait)}"] if waits else []
         return {f"{name}.src": "\n".join([*moves, "END", ""]), f"{name}.dat": "\n".join([*data, "ENDDAT", ""])}
+
+
+def _line(stop: str, blend: float) -> list[str]:
+    """A straight move of the tool to axis values, its corner rounded within ``blend`` [m]."""
+    pose = [f"XL=FORWARD({stop}, FAULT)", "IF FAULT <> 0 THEN", "  HALT", "ENDIF"]
+    return [*pose, f"$APO.CDIS={blend * 1e3:g}", "LIN XL C_DIS"] if blend else [*pose, "LIN XL"]
+
+
+def _frame(T: Array) -> str:
+    """A pose (4, 4) [m] as KRL has it, in mm and degrees."""
+    xyz, (roll, pitch, yaw) = xyz_rpy(T)
+    values = (*(1e3 * v for v in xyz), *map(math.degrees, (yaw, pitch, roll)))
+    entries = zip(("X", "Y", "Z", "A", "B", "C"), values, strict=True)
+    return f"{{{', '.join(f'{axis} {fixed(value, 6)}' for axis, value in entries)}}}"

@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.export.maker import maker_of
 from posture_opt.export.robot_program import RobotProgram, plain
+from posture_opt.robot.robot import Robot
+
+_TOOL_DATA = (
+    "The tool data is that of the model, in its flange frame: check that the controller's flange frame is the same."
+)
 
 
 class ProgramFormat(ExportFormat):
-    """A robot program: it drives to every stop, joint by joint, and waits there.
+    """A robot program: it drives to every stop, joint by joint or with the tool on a line, and waits there.
 
-    Stops are joint values and not poses: the controller's own kinematics, which knows no correction, has no part in
-    it.
+    Stops are joint values and not poses: the controller's own kinematics, which knows no correction, only has a part in
+    the way between two points of a line.
     """
 
     default: ClassVar[str] = "posture"
     most_joints: ClassVar[int] = 12
     """That the language can move."""
+    maker: ClassVar[str] = ""
+    """Whose controllers read it, as `MAKERS` names them; empty: anybody's."""
     comment_mark: ClassVar[str]
     """What a comment begins with, to the end of its line."""
 
@@ -34,7 +43,16 @@ class ProgramFormat(ExportFormat):
         """
         if program.robot.n > self.most_joints:
             raise InputError(self._too_many(program.robot.n))
+        tool = (_TOOL_DATA,) if program.has_lines and self.maker else ()
+        program = replace(program, notes=(*self._other_maker(program.robot), *tool, *program.notes))
         return Exported(self.files(program), program.notes)
+
+    def _other_maker(self, robot: Robot) -> tuple[str, ...]:
+        """A note where the arm is not of the maker whose controllers read this."""
+        maker = maker_of(robot.name)
+        if not maker or not self.maker or maker == self.maker:
+            return ()
+        return (f"The arm is a {robot.name}, and this is a program for controllers of {self.maker}.",)
 
     @abstractmethod
     def files(self, program: RobotProgram) -> dict[str, str]:

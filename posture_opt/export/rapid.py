@@ -1,8 +1,10 @@
-"""RAPID: ``MoveAbsJ`` to joint targets in degrees.
+"""RAPID: ``MoveAbsJ`` and ``MoveL`` to joint targets in degrees.
 
 A ``jointtarget`` is ``[robax, extax]``: six robot axes and six external ones, in degrees or mm, 9E9 for one that is not
 there. ``VelSet`` scales all programmed speeds; ``fine`` stops at the point; ``WaitTime \\InPos`` waits until the arm
-is at rest.
+is at rest. ``MoveL`` takes a pose, which ``CalcRobT`` makes of a joint target for a tool. ``tooldata`` is ``[held,
+[position, quaternion], [mass, centre, …]]`` in mm and kg, ``speeddata`` ``[mm/s, deg/s, mm/s, deg/s]``; z0 and z1 round
+corners within 0.3 and 1 mm.
 Source: ABB, "Technical reference manual, RAPID Instructions, Functions and Data types".
 """
 
@@ -10,17 +12,23 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from scipy.spatial.transform import Rotation
+
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, seconds
 from posture_opt.export.robot_program import RobotProgram
+from posture_opt.units import fixed
 
 _MAX_NAME_LENGTH = 32  # characters of a name in RAPID
 _ABSENT_AXIS = "9E9"
+_ZONES = {1e-3: "z1", 0.3e-3: "z0"}  # radius [m] -> predefined zone
+_LEAST_MASS_KG = 0.1  # tooldata without a mass is refused
 _WORDS = """
     ALIAS AND BACKWARD CASE CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC ENDIF ENDMODULE ENDPROC
     ENDRECORD ENDTEST ENDTRAP ENDWHILE ERROR EXIT FALSE FOR FROM FUNC GOTO IF INOUT LOCAL MOD MODULE NOSTEPIN NOT
     NOVIEW OR PERS PROC RAISE READONLY RECORD RETRY RETURN STEP SYSMODULE TASK TEST THEN TO TRAP TRUE TRYNEXT UNDO
-    VAR VIEWONLY WHILE WITH XOR BOOL DNUM JOINTTARGET NUM STRING FINE TOOL0 WOBJ0 V1000 MOVEABSJ VELSET WAITTIME
+    VAR VIEWONLY WHILE WITH XOR BOOL DNUM JOINTTARGET NUM STRING FINE TOOL0 WOBJ0 V1000 MOVEABSJ MOVEL
+    CALCROBT TOOLDATA SPEEDDATA VELSET WAITTIME
 """
 """Key words, then built-in types and what this program uses of the controller."""
 
@@ -28,7 +36,8 @@ _WORDS = """
 class Rapid(ProgramFormat):
     """A program module of an ABB controller: ``MoveAbsJ`` to joint targets [deg, mm] with ``fine`` stops."""
 
-    summary: ClassVar[str] = "program module of an ABB controller (MoveAbsJ, degrees)"
+    summary: ClassVar[str] = "program module of an ABB controller (MoveAbsJ, MoveL, degrees)"
+    maker: ClassVar[str] = "ABB"
 
     comment_mark: ClassVar[str] = "!"
     reserved: ClassVar[frozenset[str]] = frozenset(_WORDS.split())
@@ -46,14 +55,37 @@ class Rapid(ProgramFormat):
         if len(name) > _MAX_NAME_LENGTH - 4:
             raise InputError(Issue(f"RAPID has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
         data, moves = [], [f"    VelSet {program.speed:g}, 5000;"]
-        for k, (values, label) in enumerate(zip(program.degrees, program.labels, strict=True), start=1):
+        tool, percent = "tool0", program.speed
+        if program.has_lines:
+            tool = f"{name}_tool"
+            data += [f"  PERS tooldata {tool} := {_tooldata(program)};"]
+            data += [f"  CONST speeddata {name}_v := [{program.line_speed * 1e3:.6g}, 500, 5000, 1000];"]
+        stops = zip(program.degrees, program.labels, program.moves, strict=True)
+        for k, (values, label, move) in enumerate(stops, start=1):
             robot = [*values, *["0"] * 6][: max(6, min(len(values), 6))]
             external = [*values[6:], *[_ABSENT_AXIS] * 6][:6]
             target = f"[[{', '.join(robot)}], [{', '.join(external)}]]"
             data.append(f"  CONST jointtarget {name}_p{k} := {target};")
             moves += [f"    {line}" for line in self.comments(label)]
-            moves.append(f"    MoveAbsJ {name}_p{k}\\NoEOffs, v1000, fine, tool0;")
-            moves += [f"    WaitTime\\InPos, {seconds(program.wait)};"] if program.wait else []
+            waits = bool(move.waits and program.wait)
+            if (wanted := 100.0 if move.line else program.speed) != percent:  # of lines the speed is their own
+                moves.append(f"    VelSet {wanted:g}, 5000;")
+                percent = wanted
+            zone = _ZONES.get(0.0 if waits else move.blend, "fine")
+            line = f"    MoveL CalcRobT({name}_p{k}, {tool}), {name}_v, {zone}, {tool};"
+            moves.append(line if move.line else f"    MoveAbsJ {name}_p{k}\\NoEOffs, v1000, fine, {tool};")
+            moves += [f"    WaitTime\\InPos, {seconds(program.wait)};"] if waits else []
+        moves += [] if percent == program.speed else [f"    VelSet {program.speed:g}, 5000;"]
         head = [f"  {line}" for line in self.comments(*program.head)]
         lines = [f"MODULE {name}", *head, *data, f"  PROC {name}_run()", *moves, "  ENDPROC", "ENDMODULE", ""]
         return {f"{name}.mod": "\n".join(lines)}
+
+
+def _tooldata(program: RobotProgram) -> str:
+    """The tool that the robot holds: position [mm], orientation as a quaternion, payload [kg] at the tool point."""
+    T = program.tool
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    at = ", ".join(fixed(float(1e3 * v), 6) for v in T[:3, 3])
+    turn = ", ".join(fixed(float(v), 9) for v in (w, x, y, z))
+    mass = max(program.robot.payload, _LEAST_MASS_KG)
+    return f"[TRUE, [[{at}], [{turn}]], [{mass:g}, [{at}], [1, 0, 0, 0], 0, 0, 0]]"

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from posture_opt import __version__
 from posture_opt.errors import listed
+from posture_opt.export.fixed_pose import fixed_pose
+from posture_opt.export.tool_moves import DEFAULT_APPROACH_M, REDUCED_SPEED, Move, path_moves, with_way
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
@@ -37,6 +39,8 @@ class RobotProgram:
         digits: what rounding may cost.
         speed: percent of what the language takes for full; wait: at every stop [s].
         notes: sentences for the first lines of the program.
+        given_moves: (N,) how each stop is reached; empty: joint by joint, with the wait at each.
+        line_speed: of the tool point on lines [m/s].
     """
 
     title: str
@@ -48,6 +52,8 @@ class RobotProgram:
     speed: float = 10.0
     wait: float = 0.0
     notes: tuple[str, ...] = ()
+    given_moves: tuple[Move, ...] = ()
+    line_speed: float = REDUCED_SPEED
 
     def __len__(self) -> int:
         return len(self.q)
@@ -57,6 +63,21 @@ class RobotProgram:
         """The first lines of the program: title, version, convention of the joints, notes."""
         what = f"{self.title}: {self.what}" if self.title else self.what
         return (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)
+
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """(N,) how each stop is reached."""
+        return self.given_moves or (Move(),) * len(self)
+
+    @property
+    def has_lines(self) -> bool:
+        """Whether the tool moves on a straight line anywhere."""
+        return any(move.line for move in self.moves)
+
+    @property
+    def tool(self) -> Array:
+        """(4, 4) the tool point in the flange of the model, lengths in [m]."""
+        return fixed_pose(self.robot.tool)
 
     @property
     def degrees(self) -> list[list[str]]:
@@ -77,20 +98,43 @@ class RobotProgram:
         ]
 
 
-def program_of(problem: ProblemData, seed: int | None, workers: int, speed: float, wait: float) -> RobotProgram:
+def program_of(
+    problem: ProblemData, seed: int | None, workers: int, speed: float, wait: float, approach: float | None = None
+) -> RobotProgram:
     """The answer to a problem as a program: its posture, those of its features in order, or the points of its path.
 
     Raises:
         NoSolutionError, InputError: as of `select_posture`.
     """
     answer = select_posture(problem, seed=seed, workers=workers)
-    return replace(answer_program(answer.problem, answer), speed=speed, wait=wait)
+    return answer_program(answer.problem, answer, speed, wait, approach)
 
 
-def answer_program(problem: ProblemData, answer: Answer) -> RobotProgram:
-    """The program of an answer that is known."""
+def answer_program(
+    problem: ProblemData, answer: Answer, speed: float = 10.0, wait: float = 0.0, approach: float | None = None
+) -> RobotProgram:
+    """The program of an answer that is known: a path on lines, other stops joint by joint.
+
+    Args:
+        speed: percent of what the language takes for full; of a path whose task states no speed, of 250 mm/s.
+        wait: at every stop [s].
+        approach: distance [m] of a point in front of each stop, or of a path, and of one to retract to; None: 50 mm of
+            a path, else none.
+    """
     what, stops = _stops(answer)
-    return program_through(problem, what, [q for q, _ in stops], [label for _, label in stops])
+    q, labels = np.array([q for q, _ in stops]), [label for _, label in stops]
+    moves, line_speed = [Move()] * len(q), REDUCED_SPEED * speed / 100
+    on_path = answer.followed is not None
+    if on_path:
+        stated = getattr(answer.task, "speed", None)
+        line_speed = line_speed if stated is None else answer.law.speed or line_speed
+        moves = path_moves(np.array([problem.arm.position(row) for row in q]), answer.law.lengths, line_speed)
+    distance = (DEFAULT_APPROACH_M if on_path else 0.0) if approach is None else approach
+    ways: list[str] = []
+    if distance > 0:
+        q, labels, moves, ways = with_way(problem, q, labels, moves, distance, on_path)
+    found = program_through(problem, what, q, labels, speed=speed, wait=wait)
+    return replace(found, notes=(*ways, *found.notes), given_moves=tuple(moves), line_speed=line_speed)
 
 
 def program_through(

@@ -1,18 +1,25 @@
-"""URScript: ``movej`` to joint values in radians.
+"""URScript: ``movej`` and ``movel`` to joint values in radians.
 
 Source: Universal Robots, "The URScript Programming Language", module motion: ``movej(q, a, v, t, r)``, joint positions
-as lists of six numbers in rad, ``a`` in rad/s², ``v`` in rad/s; ``sleep(t)`` in s.
+as lists of six numbers in rad, ``a`` in rad/s², ``v`` in rad/s; ``movel(pose, a, v, t, r)`` in m/s² and m/s with the
+corner radius r in m, whose pose may be joint positions, of which the controller takes the forward kinematics;
+``set_tcp(pose)`` with a rotation vector; ``sleep(t)`` in s.
 """
 
 from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from scipy.spatial.transform import Rotation
+
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, seconds
 from posture_opt.export.robot_program import RobotProgram
+from posture_opt.numerics import Array
+from posture_opt.units import fixed
 
 _SPEED, _ACCELERATION = 1.05, 1.4  # rad/s, rad/s²: the defaults of movej
+_LINE_ACCELERATION = 1.2  # m/s²: the default of movel
 _WORDS = """
     and break case continue def default elif else end enter_critical exit_critical False for global halt if in is
     join kill local mod not or pass return run sec struct switch thread True while xor movej movel movep movec
@@ -22,9 +29,12 @@ _WORDS = """
 
 
 class UrScript(ProgramFormat):
-    """A program of a Universal Robots controller: ``movej`` to joint values [rad] at a share of its default speed."""
+    """A program of a Universal Robots controller: ``movej`` to joint values [rad] at a share of its default speed,
+    ``movel`` along paths, ``set_tcp`` in front of them.
+    """
 
-    summary: ClassVar[str] = "program of a Universal Robots controller (movej, radians)"
+    summary: ClassVar[str] = "program of a Universal Robots controller (movej, movel, radians)"
+    maker: ClassVar[str] = "Universal Robots"
     most_joints: ClassVar[int] = 6
 
     comment_mark: ClassVar[str] = "#"
@@ -39,8 +49,21 @@ class UrScript(ProgramFormat):
             raise InputError(Issue(message, ("--to",), self.kind, "use --to jointstate"))
         share = program.speed / 100
         lines = [*self.comments(*program.head), f"def {self.stem}():"]
-        for values, label in zip(program.si, program.labels, strict=True):
+        lines += [f"  set_tcp({_tcp(program.tool)})"] if program.has_lines else []
+        turning = f"a={_ACCELERATION * share:.4g}, v={_SPEED * share:.4g}"
+        straight = f"a={_LINE_ACCELERATION * share:.4g}, v={program.line_speed:.4g}"
+        for values, label, move in zip(program.si, program.labels, program.moves, strict=True):
             lines += [f"  {line}" for line in self.comments(label)]
-            lines += [f"  movej([{', '.join(values)}], a={_ACCELERATION * share:.4g}, v={_SPEED * share:.4g})"]
-            lines += [f"  sleep({seconds(program.wait)})"] if program.wait else []
+            joints_text, waits = ", ".join(values), move.waits and program.wait
+            corner = f", r={move.blend:g}" if move.blend and not waits else ""
+            lines += [
+                f"  movel([{joints_text}], {straight}{corner})" if move.line else f"  movej([{joints_text}], {turning})"
+            ]
+            lines += [f"  sleep({seconds(program.wait)})"] if waits else []
         return {f"{self.stem}.script": "\n".join([*lines, "end", ""])}
+
+
+def _tcp(T: Array) -> str:
+    """The pose (4, 4) [m] as URScript has it: ``p[x, y, z, rx, ry, rz]``, in m and a rotation vector in rad."""
+    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    return f"p[{', '.join(fixed(float(v), 9) for v in (*T[:3, 3], *turn))}]"

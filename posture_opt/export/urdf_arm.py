@@ -16,7 +16,8 @@ import numpy as np
 
 from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
-from posture_opt.export.urdf_corrected import corrected_document, fixed_pose, relative_meshes
+from posture_opt.export.fixed_pose import fixed_pose
+from posture_opt.export.urdf_corrected import corrected_document, relative_meshes
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE, TOOL, Capsule

@@ -6,15 +6,15 @@ joint, which is the same before and after. Source: ROS, "URDF XML specification"
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from xml.dom import expatbuilder
 from xml.dom.minidom import Document, Element
 
 import numpy as np
 
-from posture_opt.model.chain import factor_values, stack, walk
+from posture_opt.export.fixed_pose import fixed_pose
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Factor, Joint, Robot, UrdfDescription
+from posture_opt.robot.robot import Joint, Robot, UrdfDescription
 from posture_opt.robot.urdf_chain import ChainSegment, segments_of, xyz_rpy
 from posture_opt.robot.urdf_reader import urdf_tree
 from posture_opt.robot.urdf_tree import UrdfTree
@@ -50,15 +50,6 @@ def corrected_document(robot: Robot, description: UrdfDescription, name: str, co
     _add_frame(document, root, (description.tip_link, TOOL), fixed_pose(robot.tool), before=False)
     body = root.toxml()
     return f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{body}\n'
-
-
-def fixed_pose(factors: Iterable[Factor]) -> Array:
-    """(4, 4) the product of factors at the joint value zero, lengths in [m]."""
-    still = [Factor(f.kind, f.axis, f.nominal) for f in factors]
-    reached = walk(still, factor_values(still, ()))
-    (a, b, c), x = reached.columns, reached.position
-    rows = [(a[k], b[k], c[k], x[k]) for k in range(3)]
-    return np.asarray(stack([*rows, (0.0, 0.0, 0.0, 1.0)]), dtype=float)
 
 
 def _each(root: Element, tag: str) -> Iterator[Element]:

@@ -13,13 +13,14 @@ NUMBER = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
 
 
 def urscript(files: Files, types: Sequence[str]) -> list[list[float]]:
-    """``movej([…], a=…, v=…)`` inside of ``def name(): … end``."""
+    """``movej([…], a=…, v=…)`` or ``movel([…], a=…, v=…, r=…)`` inside of ``def name(): … end``."""
     (text,) = files.values()
     code = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
     assert re.fullmatch(r"def \w+\(\):", code[0])
     assert code[-1] == "end"
     assert all(line.startswith(" ") for line in code[1:-1])
-    moves = [re.fullmatch(rf"\s+movej\(\[(.*)\], a=({NUMBER}), v=({NUMBER})\)", line) for line in code[1:-1]]
+    pattern = rf"\s+move[jl]\(\[(.*)\], a=({NUMBER}), v=({NUMBER})(?:, r=({NUMBER}))?\)"
+    moves = [re.fullmatch(pattern, line) for line in code[1:-1]]
     return [[float(v) for v in move[1].split(",")] for move in moves if move]
 
 
@@ -36,7 +37,8 @@ def krl(files: Files, types: Sequence[str]) -> list[list[float]]:
         axes = dict(entry.split() for entry in inside.split(","))
         assert list(axes)[:6] == [f"A{k}" for k in range(1, 7)]
         known[variable] = si([float(v) for v in axes.values()], types)
-    return [known[variable] for variable in re.findall(r"^PTP (\w+)$", source, re.MULTILINE)]
+    assert len(re.findall("^LIN XL", source, re.MULTILINE)) == source.count("FORWARD(")
+    return [known[a or b] for a, b in re.findall(r"^PTP (\w+)$|^XL=FORWARD\((\w+), FAULT\)$", source, re.MULTILINE)]
 
 
 def rapid(files: Files, types: Sequence[str]) -> list[list[float]]:
@@ -51,7 +53,9 @@ def rapid(files: Files, types: Sequence[str]) -> list[list[float]]:
         assert len(robot.split(",")) == len(external.split(",")) == 6
         values = [float(v) for v in robot.split(",")] + [float(v) for v in external.split(",") if float(v) < 9e9]
         known[variable] = si(values, types)
-    return [known[v] for v in re.findall(r"MoveAbsJ (\w+)\\NoEOffs, v1000, fine, tool0;", text)]
+    joints = r"MoveAbsJ (\w+)\\NoEOffs, v1000, fine, \w+;"
+    lines = r"MoveL CalcRobT\((\w+), \w+_tool\), \w+_v, (?:fine|z0|z1), \w+_tool;"
+    return [known[a or b] for a, b in re.findall(f"{joints}|{lines}", text)]
 
 
 def jointstate(files: Files, types: Sequence[str]) -> list[list[float]]:

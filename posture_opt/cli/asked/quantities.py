@@ -238,3 +238,18 @@ def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, f
             Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
         )
     return (values[0], values[1], values[2]) if len(values) == 3 else None
+
+
+def distance_of(option: str, text: str) -> float:
+    """A distance with its unit, as of ``--approach "50 mm"`` [m].
+
+    Raises:
+        InputError: no length, or a negative one.
+    """
+    try:
+        value = parse_quantity(text, "length")
+        if value < 0:
+            raise BadValueError("a distance is not negative", "write for example 50 mm")
+    except BadValueError as error:
+        raise InputError(error.issue((option,), text)) from None
+    return value
