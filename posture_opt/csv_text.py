@@ -14,12 +14,13 @@ from posture_opt.texts import one_line
 _FORMULA = re.compile(r"\s*'*[=+\-@]")
 _NUMBER = re.compile(r"\s*[-+]?[\d.,'\s]*\d[\d.,'\s]*(?:[eE][-+]?\d+)?\s*|\s*[-+]?(?:nan|inf)\s*", re.IGNORECASE)
 """Digits and the marks between them: no formula, whatever sign it begins with."""
-_QUOTED = re.compile(r"[\",;]")
 _GUARDED = re.compile(r"\s*'(?='*[=+\-@])")
 
 
 def csv_line(cells: Iterable[str], separator: str = ", ") -> str:
     """One row, without its end: numbers as they are, texts so that spreadsheets and `csv.reader` take them as texts.
+
+    Between commas, semicolons are quoted too: in many countries spreadsheets take them for separators.
 
     Behind a comma there is no blank before a quoted cell, as the quotes would be part of it then.
 
@@ -28,18 +29,19 @@ def csv_line(cells: Iterable[str], separator: str = ", ") -> str:
         '\\'=cmd(), -1.5, pin 1,"a, b"'
     """
     line = ""
-    for k, cell in enumerate(map(_csv_cell, cells)):
-        before = separator.rstrip() if cell.startswith('"') else separator
+    quoted = ',;"' if separator.strip() == "," else f'{separator}"'
+    for k, cell in enumerate(_csv_cell(cell, quoted) for cell in cells):
+        before = (separator.rstrip() or separator) if cell.startswith('"') else separator
         line += (before if k else "") + cell
     return line
 
 
-def _csv_cell(cell: str) -> str:
-    """A cell with its apostrophe and its quotes, where it needs them."""
+def _csv_cell(cell: str, quoted: str) -> str:
+    """A cell with its apostrophe, and with its quotes where it holds one of the characters ``quoted``."""
     text = one_line(cell)
     if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
         text = "'" + text
-    return '"' + text.replace('"', '""') + '"' if _QUOTED.search(text) else text
+    return '"' + text.replace('"', '""') + '"' if {*text} & {*quoted} else text
 
 
 def unguarded(cell: str) -> str:

@@ -90,7 +90,7 @@ _DEFINITIONS = [
     "meter = [length] = m = metre",
     "inch = 0.0254 * meter = in",
     "radian = [angle] = rad",
-    "degree = 0.017453292519943295 * radian = deg = °",
+    "degree = 0.017453292519943295 * radian = deg = ° = º = Grad = Grd",  # the last two in German
     "arcminute = degree / 60 = arcmin",
     "arcsecond = degree / 3600 = arcsec",
     "turn = 6.283185307179586 * radian = rev",
@@ -103,7 +103,7 @@ _DEFINITIONS = [
     "newton = 1000 * gram * meter / second ** 2 = N",
 ]
 
-_UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°µμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
+_UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°ºµμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
 _MAX_UNIT_LENGTH = 40
 """Characters of a unit: what is longer is none, and costs pint time."""
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
@@ -152,7 +152,7 @@ def _unit_factor(unit: str, dimension: str) -> float:
         raise BadValueError(f"unknown unit '{unit[:_MAX_UNIT_LENGTH]}'", f"write for example {example}")
     units = registry()
     # "N m" is how people write a product of units; pint wants an operator between them.
-    text = re.sub(r"(?<=[A-Za-z°µμ)\d])\s+(?=[A-Za-z°µμ(])", "*", unit)
+    text = re.sub(r"(?<=[A-Za-z°ºµμ)\d])\s+(?=[A-Za-z°ºµμ(])", "*", unit)
     try:
         quantity: Any = units.Quantity(f"1 {text}" if text.startswith("/") else f"1 * {text}")
         return float(quantity.to(units.Unit(si)).magnitude)

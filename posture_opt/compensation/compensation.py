@@ -91,7 +91,10 @@ class Compensation(Result):
         return tuple((joint, *joint_column(self.targets, joint)) for joint in self.problem.robot.joints)
 
     def to_csv(self) -> str:
-        """The targets with the joint values in place: their columns and units, then ``off [mm]`` and ``left [mm]``."""
+        """The targets with the joint values in place: their columns and units, then ``off [mm]`` and ``left [mm]``.
+
+        Cells are separated as in the file of the targets, and numbers have its decimal mark.
+        """
         rows = [[self._column_header(k) for k in range(len(self.targets.headers))]]
         rows[0] = [
             *([] if self._joints_given else [header for _, header, _ in self.headers]),
@@ -105,11 +108,16 @@ class Compensation(Result):
             else {}
         )
         for k, cells in enumerate(self.targets.cells):
-            joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.headers, self.q[k], strict=True)]
+            values = zip(self.headers, self.q[k], strict=True)
+            joints = [self._written(self.digits.text(j, v, f)) for (j, _, f), v in values]
             texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
-            off, left = (fixed(1e3 * float(values[k]), _LENGTH_DECIMALS) for values in (self.off, self.left))
+            off, left = (self._written(fixed(1e3 * float(v[k]), _LENGTH_DECIMALS)) for v in (self.off, self.left))
             rows.append([*([] if self._joints_given else joints), *texts, off, left])
-        return "".join(csv_line(row, ",") + "\n" for row in rows)
+        return "".join(csv_line(row, self.targets.separator) + "\n" for row in rows)
+
+    def _written(self, number: str) -> str:
+        """A number with the decimal mark of the targets."""
+        return number.replace(".", self.targets.decimal)
 
     @property
     def _joints_given(self) -> bool:

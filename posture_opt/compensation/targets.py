@@ -33,6 +33,7 @@ class Targets:
         side: (N, n) the stated side from which a joint arrives, -1 or +1; 0 where the row before says it.
         payload: (N,) [kg], temperature: (N,) [degC], time: (N,) [s]; ``None`` without the column.
         line: (N,) of each row in ``file``.
+        separator: of its cells; ``decimal`` the mark in its numbers.
     """
 
     headers: tuple[str, ...]
@@ -47,6 +48,8 @@ class Targets:
     time: Array | None
     line: Codes
     file: str
+    separator: str = ","
+    decimal: str = "."
 
     def __len__(self) -> int:
         """The number of targets."""
@@ -89,6 +92,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
         table.titles, tuple(map(tuple, texts)), columns, position,
         None if rotation is None else rotation_matrices(rotation), near, _stated_sides(cells, robot),
         cells.number("payload"), cells.number("temperature"), cells.number("time"), cells.line, faults.file,
+        table.separator, cells.marks.decimal,
     )  # fmt: skip
 
 

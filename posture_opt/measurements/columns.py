@@ -65,12 +65,14 @@ class Cells:
         numbers: column -> of each block (N,) values in SI units, radians or degC.
         codes: column -> of each block (N,) codes, counted in the order of first appearance.
         texts: column -> text -> its code.
+        marks: how its numbers are written.
     """
 
     lines: list[Codes] = field(default_factory=list)
     numbers: dict[str, list[Array]] = field(default_factory=dict)
     codes: dict[str, list[Codes]] = field(default_factory=dict)
     texts: dict[str, dict[str, int]] = field(default_factory=dict)
+    marks: NumberText = field(default_factory=NumberText)
 
     @property
     def line(self) -> Codes:
@@ -99,7 +101,7 @@ def read_cells(
     """
     cells, known, marks = Cells(), list(columns), None
     for block in blocks:
-        marks = marks or _number_marks(block, known, faults, spec or DataSpec())
+        cells.marks = marks = marks or _number_marks(block, known, faults, spec or DataSpec())
         cells.lines.append(np.asarray(block.lines, dtype=np.intp))
         for column in known:
             texts = block.cells[column.index]

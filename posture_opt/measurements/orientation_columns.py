@@ -17,6 +17,8 @@ ANGLES = ("roll", "pitch", "yaw")
 """Columns of angles about fixed axes: ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
 VECTOR = ("rx", "ry", "rz")
 """Columns of a rotation vector: unit axis times angle [rad]."""
+DEGREES = ("deg", "°", "º", "Grad", "Grd")
+"""How files write degrees."""
 _GROUP_WORDS = {QUATERNION: "the quaternion", ANGLES: "the orientation", VECTOR: "the rotation vector"}
 _NORM_TOLERANCE = 5e-3
 """How far the norm of a quaternion written with three decimals may be off one."""
@@ -91,7 +93,7 @@ def _of_angles(angles: Array, columns: dict[str, Column], line: Codes, faults: F
 
 def _of_vectors(vectors: Array, columns: dict[str, Column], line: Codes, faults: Faults) -> Array:
     """(N, 4) quaternions of rotation vectors (N, 3) [rad]: axis times angle, as Universal Robots writes poses."""
-    in_degrees = [name for name in VECTOR if columns[name].unit in ("deg", "°")]
+    in_degrees = [name for name in VECTOR if columns[name].unit in DEGREES]
     if in_degrees:
         message = f"{', '.join(in_degrees)} in degrees: a rotation vector is in rad"
         hint = (

@@ -50,6 +50,7 @@ class RawTable:
         blocks: the rows behind it; can be run through once.
         faults: of the file, which grow while the blocks are read.
         notes: what was taken for granted of the text.
+        separator: of its cells.
     """
 
     titles: tuple[str, ...]
@@ -57,6 +58,7 @@ class RawTable:
     blocks: Iterator[RowBlock]
     faults: Faults
     notes: tuple[str, ...] = ()
+    separator: str = ","
 
 
 def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | None = None) -> RawTable:
@@ -128,9 +130,9 @@ def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
         faults.stop("the header is no plain text", "is it a CSV file, with its quotes closed?", layout.line)
     rest = (line for line in chain(sample, lines) if line.number > layout.last)
     rows = _cell_rows(rest, layout, faults)
-    return RawTable(
-        layout.titles, layout.line, _row_blocks(rows, len(layout.titles), faults), faults, _text_notes(encoding, layout)
-    )
+    blocks = _row_blocks(rows, len(layout.titles), faults)
+    notes = _text_notes(encoding, layout)
+    return RawTable(layout.titles, layout.line, blocks, faults, notes, layout.separator)
 
 
 def _text_notes(encoding: str, layout: Layout) -> tuple[str, ...]:
