@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import threading
 import webbrowser
 from collections.abc import Sequence
@@ -10,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from posture_opt.collision.narrowest import narrowest
 from posture_opt.errors import InputError, Issue
+from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer, Answers, Request
 from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import server, stop
-from posture_opt.explore.settings import settings_of
-from posture_opt.files import problems_folder
+from posture_opt.explore.taken_away import TakenAway, millimetres, position_of
 from posture_opt.numerics import Array
-from posture_opt.output import write_file
 from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.scene.arm_geometry import ArmGeometry
@@ -28,8 +27,8 @@ from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 
 DEFAULT_PORT = 8080
-_EXPLORED = "_explored"
-"""What the name of a saved problem ends in."""
+_TARGET = "target"
+"""The group of keys that a command line states by options."""
 
 
 class Explorer:
@@ -50,21 +49,20 @@ class Explorer:
     def __init__(self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None):
         first = PostureSelector(problem, compiled=False, offers=False).solve()
         self._stated = self._problem = problem
-        self._changes: dict[str, Plain] = {}
-        self._folder = folder or Path()
+        self._changes: dict[str, dict[str, Plain]] = {}  # by groups of keys
+        self._away = TakenAway(problem, folder or Path())
         self._guard, self._drawing = threading.RLock(), threading.Lock()  # what is asked; one picture at a time
         self._closed = threading.Event()
         self._solution: Solution | None = first
         self._shown: Answer | None = None
         self._server = server(host, port, f"posture_opt: {problem.name}")
         arm = ArmSolids(first.spread.tool_point.robot)
-        self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged)
-        self._panel = Panel(
-            self._server, problem.name, self._typed, self._changed, self.turn, self._redraw,
-            self._save, self._report, self.command,
-            problem.robot.joints, settings_of(problem),
-        )  # fmt: skip
-        stated = _position(problem)
+        self._cell = problem.scene
+        self._panel = Panel(self._server, problem, self._actions())
+        obstacle_moved = self._panel.obstacles.move
+        self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged, obstacle_moved)
+        self._scene.cell.show(self._cell)
+        stated = position_of(problem)
         self._target = np.array(first.spread.position if stated is None else stated)
         self._scene.place_handle(self._target)
         self._panel.place(self._target)
@@ -114,13 +112,7 @@ class Explorer:
 
     def command(self) -> str:
         """The command line that gives the answer to what is asked."""
-        problem = self.problem
-        saved = set(self._changes) - {"task__position"}  # what no option states
-        file = f"{_stem(problem)}{_EXPLORED}.yaml" if saved else _named(problem)
-        words = ["optimize-posture", "--problem", file]
-        if _position(problem) is not None and not saved:
-            words += ["--position", ", ".join(_millimetres(self.target))]
-        return shlex.join(words) + ("   # once the problem is saved" if saved else "")
+        return self._away.command(self.problem, any(v for group, v in self._changes.items() if group != _TARGET))
 
     def end_search(self) -> None:
         """Solve nothing more: the page stays as it is."""
@@ -152,22 +144,53 @@ class Explorer:
         self._ask(place)
         self._scene.place_handle(place)
 
+    def _actions(self) -> Actions:
+        return Actions(
+            moved=self._typed, changed=self.change, turned=self.turn, redraw=self._redraw,
+            chosen=lambda place: self._scene.cell.choose(place),
+            save=lambda: self._away.save(self.problem), report=lambda: self._away.report(self.solution),
+            picture=self._away.picture, command=self.command,
+        )  # fmt: skip
+
     def _ask(self, place: Array) -> None:
         """Have the target solved, in tenths of a millimetre: what a file says of it is what was solved."""
-        self._changes = {**self._changes, "task__position": _millimetres(place)}
-        problem = self._stated.replace(**self._changes)
+        problem = self._replaced(_TARGET, {"task__position": millimetres(place)})
         with self._guard:
-            self._problem, self._target = problem, np.array(_position(problem))
+            self._target = np.array(position_of(problem))
         self._put(Request(problem))
 
-    def _changed(self, changes: dict[str, Plain]) -> None:
-        """Have the same target solved with other errors, or another task."""
-        kept = {key: value for key, value in self._changes.items() if key == "task__position"}
-        self._changes = {**kept, **changes}
-        problem = self._stated.replace(**self._changes) if self._changes else self._stated
-        with self._guard:
-            self._problem = problem
+    def change(self, group: str, values: dict[str, Plain]) -> bool:
+        """Have the same target solved with other values at some keys of the problem file; False where they do not fit.
+
+        Args:
+            group: of keys; what was changed of it before is as stated again.
+            values: key -> value as `Problem.replace` takes them.
+        """
+        try:
+            problem = self._replaced(group, values)
+        except InputError as error:
+            self._panel.say(str(error))
+            return False
+        self._panel.obstacles.follow(problem)
+        if group == "obstacles":
+            with self._drawing:
+                self._cell = problem.scene
+                self._scene.cell.show(self._cell)
         self._put(Request(problem))
+        return True
+
+    def _replaced(self, group: str, values: dict[str, Plain]) -> Problem:
+        """What is asked from now on.
+
+        Raises:
+            InputError: the values do not fit; nothing else is asked then.
+        """
+        with self._guard:
+            changes = {**self._changes, group: values}
+            every = {key: value for part in changes.values() for key, value in part.items()}
+            problem = self._stated.replace(**every) if every else self._stated
+            self._changes, self._problem = changes, problem
+            return problem
 
     def turn(self, q: tuple[float, ...] | None) -> None:
         """Show a posture of the user's own; None: go back to the best one."""
@@ -202,34 +225,14 @@ class Explorer:
             self._drawn(answer)
 
     def _drawn(self, answer: Answer) -> None:
+        shown = answer.own or answer.solution
+        self._scene.cell.show_gap(None if shown is None else narrowest(self._cell, np.asarray(shown.q)))
         if answer.own is not None:
             self._scene.show_own(answer.own, self._panel.layers)
         elif answer.solution is None:
             self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
         else:
             self._scene.show(answer.solution, self._panel.layers)
-
-    def _save(self) -> str:
-        """Write the problem with what it needs into the folder that the program was started in."""
-        stem = f"{_stem(self._problem)}{_EXPLORED}"
-        try:
-            for name, content in self.problem.files(stem).items():
-                write_file(self._folder / name, content)
-        except InputError as error:
-            return str(error)
-        return f"{stem}.yaml written to {self._folder.resolve()}"
-
-    def _report(self) -> str:
-        """Write the report of the latest answer into a folder of that where the program was started."""
-        found = self.solution
-        if found is None:
-            return "There is no posture to report."
-        folder = self._folder / f"{_stem(self._problem)}{_EXPLORED}"
-        try:
-            found.save(folder)
-        except InputError as error:
-            return str(error)
-        return f"Report written to {folder.resolve()}"
 
 
 def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True) -> Explorer:
@@ -248,24 +251,3 @@ def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PO
     if browser:
         webbrowser.open_new_tab(page.url)
     return page
-
-
-def _position(problem: Problem) -> tuple[float, ...] | None:
-    """Where the task asks the tool point for [m]; None where it may be anywhere."""
-    return None if problem.task is None or problem.task.position is None else tuple(problem.task.position)
-
-
-def _millimetres(place: Sequence[float] | Array) -> list[str]:
-    """A place [m] in tenths of a millimetre, as files write it."""
-    return [f"{1e3 * v + 0.0:.1f} mm" for v in np.round(np.asarray(place, dtype=float), 4) + 0.0]
-
-
-def _named(problem: Problem) -> str:
-    """The file of a problem, as a command line names it; of a built-in one the name."""
-    file = Path(problem.origin.file or problem.name)
-    return file.stem if file.parent == problems_folder() else str(file)
-
-
-def _stem(problem: Problem) -> str:
-    """The name of the file of a problem, or a plain word."""
-    return Path(problem.origin.file).stem if problem.origin.file else "problem"

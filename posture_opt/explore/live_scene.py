@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from posture_opt.explore.drawing import OPACITY, add_grid, add_lines, add_mesh, add_solid, frame_along, rgb, wxyz
+from posture_opt.explore.live_cell import LiveCell
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
-from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement
-from posture_opt.report.scene.arm_solids import ArmSolids, Role, Solid
+from posture_opt.report.scene.arm_solids import ArmSolids
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
@@ -26,10 +27,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.uncertainty.spread.spread import Spread
 
-_COLOURS: dict[Role, str] = {
-    "base": GREY, "link": LIGHT, "joint": BLUE, "tool": ORANGE, "obstacle": GREY, "floor": LIGHT, "region": ORANGE,
-}  # fmt: skip
-_OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
 _PALE = 0.25  # opacity of the last posture where there is none for the target
 _HANDLE_SHARE = 0.22  # of the arm's extent: the handle that is dragged
 _ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
@@ -60,19 +57,27 @@ class LiveScene:
         server: of the page.
         geometry: of the first answer; what stands still is drawn from it.
         arm: its solids.
-        moved: called while the target is dragged.
+        moved: called while the target is dragged; ``obstacle_moved`` while an obstacle is.
     """
 
-    def __init__(self, server: viser.ViserServer, geometry: ArmGeometry, arm: ArmSolids, moved: Moved) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        geometry: ArmGeometry,
+        arm: ArmSolids,
+        moved: Moved,
+        obstacle_moved: Callable[[Array], None],
+    ) -> None:
         self._server, self._arm, self._extent = server, arm, geometry.extent
         self._down = np.array([0.0, -1.0, 0.0] if geometry.planar else [0.0, 0.0, -1.0])
         self._frames = [server.scene.add_frame(f"/arm/{k}", show_axes=False) for k in range(arm.robot.n + 2)]
         kept = {solid.role for solid in geometry.solids} | {"link", "joint", "tool"}
         self._bodies = [
-            _drawn(server, f"/arm/{solid.frame}/{k}", solid) for k, solid in enumerate(arm.solids) if solid.role in kept
+            add_solid(server, f"/arm/{solid.frame}/{k}", solid)
+            for k, solid in enumerate(arm.solids)
+            if solid.role in kept
         ]
-        for k, solid in enumerate((*geometry.obstacles, *([geometry.floor] if geometry.floor else []))):
-            _drawn(server, f"/cell/{k}", solid)
+        self.cell = LiveCell(server, geometry, obstacle_moved)
         self.handle: Any = self._handle(geometry.planar, moved)
         self._label: Any = None
         self._reachable = server.scene.add_icosphere(
@@ -127,7 +132,7 @@ class LiveScene:
         if layers.first_order:
             first = replace(spread, covariance=spread.covariance_first_order, bias=np.zeros(3))
             surface = ErrorRegion.of(first, factor).surface()
-            _add_grid(self._server, "/layers/first_order", surface, PURPLE)
+            add_grid(self._server, "/layers/first_order", surface, PURPLE)
         else:
             scene.remove_by_name("/layers/first_order")
 
@@ -138,12 +143,12 @@ class LiveScene:
     def _pose(self, frames: Array) -> None:
         """The solids where their frames (n + 2, 4, 4) are."""
         for node, T in zip(self._frames, frames, strict=True):
-            node.wxyz, node.position = _wxyz(T[:3, :3]), T[:3, 3]
+            node.wxyz, node.position = wxyz(T[:3, :3]), T[:3, 3]
 
     def _region(self, region: ErrorRegion) -> None:
         """The error region, and how much it is enlarged."""
         mesh = Triangles.of([region.faces()])
-        _add(self._server, "/answer/region", mesh, ORANGE, _OPACITY["region"])
+        add_mesh(self._server, "/answer/region", mesh, ORANGE, OPACITY["region"])
         text, place = region.label, region.center + _LABEL_SHARE * self._extent * self._down
         if self._label is None:
             self._label = self._server.scene.add_label(
@@ -155,20 +160,15 @@ class LiveScene:
         """The direction of the task and the play of the hole, enlarged as the region is."""
         place = tool_point if target.kind != "point" else target.lower
         shaft = arrow()
-        corners = place + self._extent * _ARROW_SHARE * (shaft.corners - [0, 0, 1.0]) @ _frame_along(target.direction).T
-        _add(self._server, "/answer/direction", Triangles(corners, shaft.faces, shaft.owner), VERMILLION, 1.0)
+        corners = place + self._extent * _ARROW_SHARE * (shaft.corners - [0, 0, 1.0]) @ frame_along(target.direction).T
+        add_mesh(self._server, "/answer/direction", Triangles(corners, shaft.faces, shaft.owner), VERMILLION, 1.0)
         if target.clearance is None:
             return
         angle = np.linspace(0.0, 2 * np.pi, _RIM_POINTS + 1)
-        ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) @ _frame_along(target.direction).T
+        ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) @ frame_along(target.direction).T
         points = place + region.factor * target.clearance * ring
-        self._server.scene.add_line_segments(
-            "/answer/clearance",
-            np.stack([points[:-1], points[1:]], axis=1),
-            rgb(CLEARANCE_COLOUR),
-            thickness=3.0,
-            thickness_units="screen",
-        )
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        add_lines(self._server, "/answer/clearance", segments, CLEARANCE_COLOUR, 3.0)
 
     def _handle(self, planar: bool, moved: Moved) -> Any:
         """What is dragged: along axes and in planes, of a planar arm in its plane alone."""
@@ -191,55 +191,3 @@ class LiveScene:
         self._server.scene.set_up_direction("+y" if geometry.planar else "+z")
         self._server.initial_camera.look_at = middle
         self._server.initial_camera.position = middle + self._extent * offset
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    """``#RRGGBB`` as three numbers.
-
-    Example:
-        >>> rgb("#0072B2")
-        (0, 114, 178)
-    """
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    return red, green, blue
-
-
-def _drawn(server: viser.ViserServer, name: str, solid: Solid) -> Any:
-    """A solid on the page; obstacles let through what is behind them."""
-    flat = solid.role in ("obstacle", "floor", "base")
-    return _add(server, name, Triangles.of([solid.faces]), _COLOURS[solid.role], _OPACITY.get(solid.role, 1.0), flat)
-
-
-def _add(server: viser.ViserServer, name: str, mesh: Triangles, colour: str, opacity: float, flat: bool = False) -> Any:
-    return server.scene.add_mesh_simple(
-        name,
-        mesh.corners,
-        mesh.faces,
-        color=rgb(colour),
-        opacity=None if opacity == 1.0 else opacity,
-        side="double",
-        flat_shading=flat,
-        cast_shadow=False,
-        receive_shadow=False,
-    )
-
-
-def _add_grid(server: viser.ViserServer, name: str, surface: Array, colour: str) -> None:
-    """The lines of a surface (a, b, 3) [m]: along its rims, and every fourth along its rows."""
-    lines = [surface[k] for k in range(0, len(surface), 4)] if len(surface) > 4 else [surface[-1]]
-    lines += [surface[:, k] for k in range(0, surface.shape[1], 4)] if len(surface) > 4 else []
-    segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
-    server.scene.add_line_segments(name, segments, rgb(colour), thickness=2.0, thickness_units="screen")
-
-
-def _frame_along(axis: Array) -> Array:
-    """(3, 3) a right-handed frame whose z axis is the given one."""
-    z = axis / np.linalg.norm(axis)
-    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _wxyz(R: Array) -> Array:
-    """(4,) quaternion of a rotation (3, 3)."""
-    return np.asarray(Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]])

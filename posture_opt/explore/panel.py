@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer
 from posture_opt.explore.live_scene import Layers
-from posture_opt.explore.settings import Setting
+from posture_opt.explore.obstacles_panel import ObstaclesPanel
+from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
-from posture_opt.problem.plain_data import Plain
+from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.report.parts.parts import sentence
 
@@ -21,10 +24,12 @@ if TYPE_CHECKING:
 
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.answer.solution import Solution
+    from posture_opt.uncertainty.spread.budget import Share
     from posture_opt.uncertainty.spread.spread import Spread
 
 _BARS = 6  # of the error budget
 _STEP_MM = 0.1
+_NEW_ABOVE_M = np.array([0.0, 0.0, 0.3])  # from the target to an obstacle that is added
 _DIGITS = 2  # of joint values, in degrees and mm
 
 
@@ -33,80 +38,65 @@ class Panel:
 
     Args:
         server: of the page.
-        moved: called with the place (3,) [m] that was typed.
-        changed: called with key -> value of the problem file when a setting is changed.
-        turned: called with the posture (n,) [rad or m] that the joints were set to; with None, to go back to the best.
-        redraw: called when other layers are asked for.
-        save: writes the problem, returns what to say of it; ``report`` the report of the answer.
-        command: the command line that gives the answer.
-        joints: those of the arm; ``settings`` what else has a slider.
+        problem: as stated.
+        actions: what the controls call.
     """
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        title: str,
-        moved: Callable[[Array], None],
-        changed: Callable[[dict[str, Plain]], None],
-        turned: Callable[[tuple[float, ...] | None], None],
-        redraw: Callable[[], None],
-        save: Callable[[], str],
-        report: Callable[[], str],
-        command: Callable[[], str],
-        joints: Sequence[Joint],
-        settings: Sequence[Setting],
-    ) -> None:
-        gui, self._command = server.gui, command
-        gui.set_panel_label(title)
+    def __init__(self, server: viser.ViserServer, problem: Problem, actions: Actions) -> None:
+        gui, self._actions = server.gui, actions
+        gui.set_panel_label(problem.name)
         self._state = gui.add_html(_line("searching …"))
         self._numbers = gui.add_html("")
         self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
         self._budget = gui.add_html("")
         self._cloud = gui.add_checkbox("Monte Carlo cloud", False, hint="draws of the errors through the full model")
         self._first_order = gui.add_checkbox("First order", False, hint="the 95 % region by the Jacobian alone")
-        for box in (self._cloud, self._first_order):
-            box.on_update(lambda _event: redraw())
         with gui.add_folder("Errors and task", expand_by_default=False):
-            self._settings = [(setting, _setting_slider(gui, setting)) for setting in settings]
-            self._stated = gui.add_html("")
-            as_stated = gui.add_button("As stated")
+            self._task = TaskPanel(gui, problem, partial(actions.changed, "task"))
+        with gui.add_folder("Obstacles", expand_by_default=False):
+            changed = partial(actions.changed, "obstacles")
+            self.obstacles = ObstaclesPanel(gui, problem, changed, actions.chosen, self._near)
         with gui.add_folder("Joints", expand_by_default=False):
-            self._joints = [_slider(gui, joint) for joint in joints]
+            self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
             back = gui.add_button("Back to the best posture")
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
-        button = gui.add_button("Save problem", hint="as a file that the command line takes")
-        told = gui.add_button("Save report", hint="figures, numbers and a page, as --out writes them")
+        self._add_taken_away(gui)
+        for box in (self._cloud, self._first_order):
+            box.on_update(lambda _event: actions.redraw())
+        # What the program sets itself, without a browser, is no request.
+        self._place.on_update(lambda event: self._moved() if event.client is not None else None)
+        for _scale, slider in self._joints:
+            slider.on_update(lambda event: actions.turned(self._posture()) if event.client is not None else None)
+        back.on_click(lambda _event: actions.turned(None))
+
+    def _add_taken_away(self, gui: viser.GuiApi) -> None:
+        """The buttons that write files, and what they say."""
+        problem = gui.add_button("Save problem", hint="as a file that the command line takes")
+        report = gui.add_button("Save report", hint="figures, numbers and a page, as --out writes them")
+        picture = gui.add_button("Save picture", hint="what this browser shows, as a PNG file")
         self._saved = gui.add_html("")
 
-        @self._place.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:  # what the program sets itself is no request
-                moved(np.array(self._place.value) / 1e3)
+        def write(doing: str, done: Callable[[Any], str]) -> Callable[[Any], None]:
+            def clicked(event: Any) -> None:
+                self._saved.content = _line(doing)
+                self._saved.content = _line(done(event.client))
 
-        @back.on_click
-        def _(_event: Any) -> None:
-            turned(None)
+            return clicked
 
-        for _setting, slider in self._settings:
-            slider.on_update(lambda event: changed(self._changes()) if event.client is not None else None)
+        problem.on_click(write("writing …", lambda _: self._actions.save()))
+        report.on_click(write("writing the report …", lambda _: self._actions.report()))
+        picture.on_click(write("taking the picture …", self._actions.picture))
 
-        @as_stated.on_click
-        def _(_event: Any) -> None:
-            for setting, slider in self._settings:
-                slider.value = setting.range[2]
-            changed({})
+    def _moved(self) -> None:
+        self._actions.moved(np.array(self._place.value) / 1e3)
 
-        for _scale, slider in self._joints:
-            slider.on_update(lambda event: turned(self._posture()) if event.client is not None else None)
+    def _near(self) -> Array:
+        """Where a new obstacle is put: above the target [m]."""
+        return np.asarray(np.array(self._place.value) / 1e3 + _NEW_ABOVE_M)
 
-        @button.on_click
-        def _(_event: Any) -> None:
-            self._saved.content = _line(save())
-
-        @told.on_click
-        def _(_event: Any) -> None:
-            self._saved.content = _line("writing the report …")
-            self._saved.content = _line(report())
+    def say(self, words: str) -> None:
+        """Why something cannot be done."""
+        self._state.content = _line(sentence(words), alarm=True)
 
     @property
     def layers(self) -> Layers:
@@ -115,8 +105,8 @@ class Panel:
 
     def show(self, answer: Answer) -> None:
         """An answer in numbers; of none, the reason."""
-        self._text.value = self._command()
-        self._stated.content = _settings_table([(s, slider.value) for s, slider in self._settings])
+        self._text.value = self._actions.command()
+        self._task.show()
         if answer.solution is None:
             self._numbers.content = self._budget.content = ""
             self._state.content = _line(
@@ -127,16 +117,13 @@ class Panel:
         if answer.own is not None:
             self._state.content = _line(_compared(answer.solution, answer.own))
             self._numbers.content = _small(answer.own._repr_html_())
+            self._budget.content = _bars(answer.own.budget)
             return
         self._state.content = _line(_status(answer))
         self._numbers.content = _small(answer.solution._repr_html_())
-        self._budget.content = _bars(answer.solution)
+        self._budget.content = _bars(answer.solution.budget)
         for (factor, slider), value in zip(self._joints, answer.solution.q, strict=True):
             slider.value = round(float(value) * factor, _DIGITS)
-
-    def _changes(self) -> dict[str, Plain]:
-        """Key -> value of all that is not as stated."""
-        return {key: value for s, slider in self._settings for key, value in s.change(slider.value).items()}
 
     def _posture(self) -> tuple[float, ...]:
         """(n,) what the joints are set to [rad or m]."""
@@ -172,23 +159,6 @@ def _slider(gui: viser.GuiApi, joint: Joint) -> tuple[float, Any]:
     return scale, gui.add_slider(f"{joint.name} [{unit}]", low, high, step, min(max(0.0, low), high))
 
 
-def _setting_slider(gui: viser.GuiApi, setting: Setting) -> Any:
-    """A slider of a setting; of a logarithmic one it shows the decades from what is stated."""
-    low, high, first = setting.range
-    label = f"{setting.label}, log10 of the factor" if setting.logarithmic else f"{setting.label} [deg]"
-    return gui.add_slider(label, low, high, 0.01, first)
-
-
-def _settings_table(settings: Sequence[tuple[Setting, float]]) -> str:
-    """What each setting is now, and what the file states where that is something else."""
-    rows = "".join(
-        f"<tr><td>{escape(s.label)}</td><td>{escape(s.words(at))}</td><td>"
-        f"{escape('stated ' + s.words(s.range[2])) if at != s.range[2] else ''}</td></tr>"
-        for s, at in settings
-    )
-    return f'<table style="margin:4px 14px;font-size:12px">{rows}</table>'
-
-
 def _small(html: str) -> str:
     return f'<div style="margin:0 10px;font-size:13px;text-align:left">{html}</div>'
 
@@ -198,13 +168,13 @@ def _line(text: str, alarm: bool = False) -> str:
     return f'<p style="margin:4px 14px;font-size:13px;font-weight:{weight}" role="status">{escape(text)}</p>'
 
 
-def _bars(solution: Solution) -> str:
+def _bars(budget: Sequence[Share]) -> str:
     """The error budget: a bar a source, as long as its share of the variance."""
     rows = "".join(
         f'<div style="margin:3px 0"><div style="background:{LIGHT};height:6px">'
         f'<div style="background:{BLUE};height:6px;width:{100 * share.share:.1f}%"></div></div>'
         f"{escape(share.parameter)} {100 * share.share:.0f} %</div>"
-        for share in solution.budget[:_BARS]
+        for share in budget[:_BARS]
         if share.share > 0
     )
     return f'<div style="margin:4px 14px;font-size:12px"><b>Error budget</b>{rows}</div>'

@@ -104,7 +104,7 @@ def parse_yaml(text: str, file: str = "") -> Document:
     Raises:
         InputError: not YAML, empty, nested too deeply, or no mapping at the top.
     """
-    node = _compose(text, file)
+    node = compose(text, file)
     if node is None:
         raise InputError(Issue("the file is empty", file=file, hint=_STARTER_HINT))
     if not isinstance(node, yaml.MappingNode):
@@ -122,7 +122,7 @@ def parse_yaml(text: str, file: str = "") -> Document:
     return Document(data, file, reader.lines, tuple(reader.issues))
 
 
-def _compose(text: str, file: str) -> yaml.Node | None:
+def compose(text: str, file: str = "") -> yaml.Node | None:
     """The node tree of a text; None of an empty one.
 
     Raises:
@@ -283,6 +283,16 @@ def dump_yaml(data: Section) -> str:
     robot: {kind: preset, name: ur10}
     """
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
+
+
+def dump_flow(data: Plain) -> str:
+    """Data as YAML in one line.
+
+    >>> dump_flow({"size": ["10 mm", 2]})
+    '{size: [10 mm, 2]}'
+    """
+    text = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=True, width=math.inf)
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def dump_scalar(text: str) -> str:

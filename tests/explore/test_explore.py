@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import socket
 import subprocess
 import sys
@@ -17,8 +18,10 @@ import pytest
 
 import posture_opt as po
 from posture_opt.cli.main import main
+from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Request
 from posture_opt.explore.settings import settings_of
+from posture_opt.explore.taken_away import png
 
 pytest.importorskip("viser", reason="viser is not installed")
 PLANAR = "insert_planar_2r_fixed_hole"
@@ -40,20 +43,21 @@ def page() -> Iterator[Any]:
 
 
 def test_the_page_answers_what_the_command_line_answers(page: Any, tmp_path: Path, capsys: Any) -> None:
-    """To the last digit, for the saved file, once the target rests; and the server is gone at the end."""
+    """To the last digit, for the saved file and the copied command, once the target rests."""
     assert urllib.request.urlopen(page.url, timeout=10).status == 200
     page.target = (0.8, 0.52349, 0.0)
     assert page.target == pytest.approx((0.8, 0.5235, 0.0), abs=1e-12)
     until(lambda: page._shown is not None and page._shown.whole and page.solution.problem.task.position[0] == 0.8)
-    page._folder = tmp_path
-    assert "_explored.yaml" in page._save()
+    page._away.folder = tmp_path
+    assert "_explored.yaml" in page._away.save(page.problem)
     (file,) = tmp_path.glob("*.yaml")
-    with pytest.raises(SystemExit) as ended:
-        main(["--problem", str(file), "--json"])
-    assert ended.value.code == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["critical"]["sigma_max"] == page.solution.sigma_max
-    assert told["posture"] == dict(page.posture)
+    for given in (["--problem", str(file)], shlex.split(page.command())[1:]):
+        with pytest.raises(SystemExit) as ended:
+            main([*given, "--json"])
+        assert ended.value.code == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["critical"]["sigma_max"] == page.solution.sigma_max
+        assert told["posture"] == dict(page.posture)
     address = page.url.removeprefix("http://").split(":")
     page.close()
     with pytest.raises(OSError, match="refused"):
@@ -104,11 +108,11 @@ def test_errors_on_a_slider_are_those_of_the_file(page: Any) -> None:
     until(lambda: page._shown is not None and page._shown.whole)
     before = page.solution.sigma_max
     small = [setting for label, setting in settings.items() if label.startswith("σ")]
-    page._changed({key: value for setting in small for key, value in setting.change(-1.0).items()})
+    page.change("task", {key: value for setting in small for key, value in setting.change(-1.0).items()})
     until(lambda: page._shown.whole and page.solution.sigma_max < 0.5 * before)
     assert page.solution.sigma_max == pytest.approx(0.1 * before, rel=0.02)  # the full model is not linear at 3 deg
     assert "once the problem is saved" in page.command()
-    page._changed({})
+    page.change("task", {})
     until(lambda: page._shown.whole and page.solution.sigma_max == before)
 
 
@@ -142,6 +146,58 @@ def test_without_viser_the_command_says_how_to_get_it(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.long
+def test_obstacles_are_added_moved_resized_and_removed(tmp_path: Path) -> None:
+    """What the page says of them is what the saved file says, whose comments stay; the arm keeps its distance."""
+    with po.load_problem("insert_scara_cell").explore(port=18140) as page:
+        page._away.folder = tmp_path
+        panel, before = page._panel.obstacles, page.problem.to_dict()
+        panel._add("box", panel_kind("box"))
+        assert page.problem.cell.obstacles[-1].name == "box 1"
+        panel.move(np.array([0.1, 0.45, 0.2]))
+        assert page.problem.cell.obstacles[-1].xyz == pytest.approx((0.1, 0.45, 0.2))
+        entry, _ = panel._fields["size"]
+        panel._put(entry, (80.0, 90.0, 400.0))
+        assert page.problem.cell.obstacles[-1].size == pytest.approx((0.08, 0.09, 0.4))
+        panel._put(entry, (80.0, -90.0, 400.0))  # refused: nothing changes
+        assert page.problem.cell.obstacles[-1].size == pytest.approx((0.08, 0.09, 0.4))
+        until(lambda: page._shown is not None and page._shown.request is page._request)
+        assert page.solution.problem.scene.least(page.solution.q)[0] >= page.problem.cell.clearance - 1e-6
+        assert "_explored.yaml written" in page._away.save(page.problem)
+        (file,) = tmp_path.glob("*.yaml")
+        saved = po.load_problem(file)
+        assert saved.to_dict()["cell"] == page.problem.to_dict()["cell"]
+        lines = Path(page._stated.origin.file).read_text(encoding="utf-8").splitlines()
+        assert [line for line in lines if line.startswith("#")] == [
+            line for line in file.read_text(encoding="utf-8").splitlines() if line.startswith("#")
+        ]
+        panel._remove()
+        assert page.problem.to_dict()["cell"] == before["cell"]
+
+
+def panel_kind(word: str) -> Any:
+    return next(kind for kind in OBSTACLES if word in str(kind.model_fields["kind"].annotation))
+
+
+@pytest.mark.long
+def test_criterion_and_direction_can_be_changed(page: Any) -> None:
+    assert page.change("task", {"task__criterion": "trace", "task__direction": [1.0, 0.0, 0.0]})
+    until(lambda: page._shown is not None and page._shown.whole and page._shown.request is page._request)
+    asked = po.load_problem(PLANAR).replace(task__criterion="trace", task__direction=[1.0, 0.0, 0.0])
+    assert page.solution.sigma_max == po.select_posture(asked).sigma_max
+    assert not page.change("task", {"task__direction": [0.0, 0.0, 0.0]})
+    assert page.problem.task.direction == (1.0, 0.0, 0.0)
+
+
+def test_pixels_are_those_of_the_png_file() -> None:
+    from io import BytesIO
+
+    import matplotlib.image
+
+    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 4), dtype=np.uint8)
+    np.testing.assert_array_equal(np.round(255 * matplotlib.image.imread(BytesIO(png(pixels)))), pixels)
+
+
+@pytest.mark.long
 def test_two_hundred_moves_leave_nothing_behind(capsys: Any) -> None:
     """Targets, some of them out of reach, postures and layers in turn: no error, and memory stays where it was."""
     rng, resident = np.random.default_rng(3), []
@@ -163,8 +219,8 @@ def test_two_hundred_moves_leave_nothing_behind(capsys: Any) -> None:
 @pytest.mark.long
 def test_the_report_is_that_of_the_answer(page: Any, tmp_path: Path) -> None:
     until(lambda: page._shown is not None and page._shown.whole)
-    page._folder = tmp_path
-    assert "Report written" in page._report()
+    page._away.folder = tmp_path
+    assert "Report written" in page._away.report(page.solution)
     (folder,) = tmp_path.iterdir()
     document = json.loads((folder / "solution.json").read_text())
     assert document["posture"] == dict(page.solution.posture)

@@ -1,0 +1,96 @@
+"""Solids, grids and frames on the page, in the colours of the figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from posture_opt.numerics import Array
+from posture_opt.report.interactive.triangles import Triangles
+from posture_opt.report.page.colours import BLUE, GREY, LIGHT, ORANGE
+from posture_opt.report.scene.arm_solids import Role, Solid
+
+if TYPE_CHECKING:
+    import viser
+
+_COLOURS: dict[Role, str] = {
+    "base": GREY, "link": LIGHT, "joint": BLUE, "tool": ORANGE, "obstacle": GREY, "floor": LIGHT, "region": ORANGE,
+}  # fmt: skip
+OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """``#RRGGBB`` as three numbers.
+
+    Example:
+        >>> rgb("#0072B2")
+        (0, 114, 178)
+    """
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return red, green, blue
+
+
+def add_solid(server: viser.ViserServer, name: str, solid: Solid) -> Any:
+    """A solid on the page; obstacles let through what is behind them."""
+    flat = solid.role in ("obstacle", "floor", "base")
+    mesh, near_side = Triangles.of([solid.faces]), solid.role == "obstacle"
+    colour, opacity = _COLOURS[solid.role], OPACITY.get(solid.role, 1.0)
+    return add_mesh(server, name, _outward(mesh) if near_side else mesh, colour, opacity, flat, near_side)
+
+
+def add_mesh(
+    server: viser.ViserServer,
+    name: str,
+    mesh: Triangles,
+    colour: str,
+    opacity: float = 1.0,
+    flat: bool = False,
+    near_side: bool = False,
+) -> Any:
+    """A mesh in one colour; with ``near_side`` what turns away is not drawn: seen through, both would show as tiles."""
+    return server.scene.add_mesh_simple(
+        name,
+        mesh.corners,
+        mesh.faces,
+        color=rgb(colour),
+        opacity=None if opacity == 1.0 else opacity,
+        side="front" if near_side else "double",
+        flat_shading=flat,
+        cast_shadow=False,
+        receive_shadow=False,
+    )
+
+
+def add_grid(server: viser.ViserServer, name: str, surface: Array, colour: str) -> None:
+    """The lines of a surface (a, b, 3) [m]: along its rims, and every fourth along its rows."""
+    lines = [surface[k] for k in range(0, len(surface), 4)] if len(surface) > 4 else [surface[-1]]
+    lines += [surface[:, k] for k in range(0, surface.shape[1], 4)] if len(surface) > 4 else []
+    segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    add_lines(server, name, segments, colour, 2.0)
+
+
+def add_lines(server: viser.ViserServer, name: str, segments: Array, colour: str, thickness: float) -> Any:
+    """Segments (k, 2, 3) [m], so many pixels thick."""
+    return server.scene.add_line_segments(name, segments, rgb(colour), thickness=thickness, thickness_units="screen")
+
+
+def frame_along(axis: Array) -> Array:
+    """(3, 3) a right-handed frame whose z axis is the given one."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def wxyz(R: Array) -> Array:
+    """(4,) quaternion of a rotation (3, 3)."""
+    return np.asarray(Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]])
+
+
+def _outward(mesh: Triangles) -> Triangles:
+    """The same convex surface with corners that run counterclockwise as seen from outside."""
+    a, b, c = (mesh.corners[mesh.faces[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - mesh.corners.mean(axis=0)) < 0
+    return Triangles(mesh.corners, np.where(inward[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces), mesh.owner)
