@@ -5,7 +5,8 @@
     explorer.py ── Explorer     the handle: page, target, answer
     answers.py ─── Answers      the loop of solving: one thread, the newest request wins
     whole_search.py             the full search, in a process of its own that can be stopped
-    live_scene.py  LiveScene    the arm and its error region on the page; live_cell.py the obstacles and the narrowest gap
+    live_scene.py  LiveScene    the arm and its error region on the page
+    live_cell.py   LiveCell     the obstacles and the narrowest gap
     panel.py ───── Panel        numbers and joints; task_panel.py, obstacles_panel.py what may be asked differently
     taken_away.py  TakenAway    what is written: problem, report, picture; and the command line
     server.py ──── a viser server on this machine alone
