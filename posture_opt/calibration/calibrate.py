@@ -33,6 +33,8 @@ from posture_opt.calibration.estimation.fit_setup import (
 )
 from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.estimation.tolerances import sigmas_of_data
+from posture_opt.calibration.geometry_notes import size_notes, tolerance_notes
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.second_file import OtherFile, predict_other_file
 from posture_opt.interrupts import interruptible
@@ -44,7 +46,10 @@ from posture_opt.selection.problem_data import ProblemData
 MAX_FITTED_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
 _NOISE_ROUNDS = 3  # of fitting and judging the noise anew
-SIZE_NOTE = "{} alone do not determine the size of the arm: {} is held; {}"
+_TOLERANCE_ROUNDS = 6
+"""Of fitting, and judging anew how far parts are from nominal."""
+_TOLERANCE_CHANGE = 0.05
+"""Of a tolerance: less is far below what a handful of parameters say of it."""
 WEIGHED_NOTE = (
     "orientations are weighted with {:.2g} times their stated σ, as much as they scatter beside the positions"
 )
@@ -235,8 +240,8 @@ def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bo
         InsufficientDataError: too few rows, or no length to hold.
     """
     x_nominal = fit_frames(residuals)
-    held = held_length(residuals)
-    check_size(residuals, held)
+    held = held_length(residuals, priors)
+    check_size(residuals, held_length(residuals, priors=False))
     known = determine_directions(problem, residuals, x_nominal, held, priors)
     if not enough:
         check_amount(residuals, known, groups)
@@ -244,7 +249,7 @@ def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bo
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
-    notes = () if held is None else (_size_note(residuals, held),)
+    notes = (*size_notes(residuals, held), *tolerance_notes(residuals, known))
     return _Fitted(x_nominal, known, found, held, notes)
 
 
@@ -264,6 +269,13 @@ def _settled_estimate(
         if again.noise > known.noise / 2:
             break
         known = again
+    for _ in range(_TOLERANCE_ROUNDS * bool(np.isfinite(known.assumed).any())):
+        assumed = sigmas_of_data(found, known.assumed)
+        change = np.nanmax(np.abs(assumed / known.assumed - 1))
+        known = determine_directions(problem, residuals, x, held, priors, found, assumed)
+        found = estimate_parameters(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
+        if change < _TOLERANCE_CHANGE:
+            break
     return known, found
 
 
@@ -300,6 +312,7 @@ def _assemble_calibration(
         by=by,
         test=test,
         prior=known.stated,
+        assumed=np.isfinite(known.assumed),
         unseen=chart.given_sizes(found.x, unseen_errors_of_fit(residuals, known, found, fitted.held)),
         notes=notes,
     )
@@ -326,12 +339,6 @@ def _step_reporter(progress: Progress | None, total: int) -> Callable[[], None]:
     """A callable that reports one more of ``total`` fits at each call; nothing without a ``progress``."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
-
-
-def _size_note(residuals: Residuals, held: int) -> str:
-    """Which length is held, and what would determine it."""
-    kind = residuals.data.kind
-    return SIZE_NOTE.format(kind.noun, residuals.parameters[held].name, kind.remedy)
 
 
 def _unconverged_note(fits: int, rounds: int) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from posture_opt.calibration.estimation.identifiability import (
 )
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.instrument_scatter import InstrumentScatter, instrument_scatter
 from posture_opt.calibration.instruments import Instrument, instruments_of
 from posture_opt.calibration.other_preset import OtherPreset, other_preset
 from posture_opt.calibration.second_file import OtherFile
@@ -57,7 +58,8 @@ class Calibration(Result):
         errors_fitted: (N, 3) position errors of the arm fitted to all rows [m].
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
-        prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
+        prior: (k,) the σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
+        assumed: (k,) whether that is a tolerance by manufacturing, and not stated.
         unseen: (k,) part of the standard errors that combinations leave which nothing determines [rad, m].
         notes: sentences for the report.
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
@@ -77,6 +79,7 @@ class Calibration(Result):
     by: By
     test: OtherFile | None
     prior: Array
+    assumed: Mask
     unseen: Array
     notes: tuple[str, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
@@ -92,7 +95,8 @@ class Calibration(Result):
     def implausible(self) -> dict[str, tuple[float, float, str]]:
         """Geometry farther from nominal than parts ever are, with certainty: (deviation, standard error, SI unit)."""
         far = {"m": _MAX_DEVIATION_RATIO * LENGTH_TOLERANCE_M, "rad": _MAX_DEVIATION_RATIO * ANGLE_TOLERANCE_RAD}
-        rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), self.prior.tolist(), strict=True)
+        own = np.where(self.assumed, nan, self.prior).tolist()
+        rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), own, strict=True)
         return {
             p.name: (x, std, p.unit)
             for p, x, std, stated in rows
@@ -172,15 +176,15 @@ class Calibration(Result):
 
     @property
     def std(self) -> Array:
-        """(k,) standard errors [rad, m]; NaN where nothing determines the parameter."""
+        """(k,) standard errors [rad, m]; NaN where nothing determines the parameter, nor a tolerance holds it."""
         variance = np.maximum(np.diag(self.covariance), 0.0) + self.unseen**2
-        return np.where(self.fixed, np.sqrt(variance), np.nan)
+        return np.where(self.fixed | self.assumed, np.sqrt(variance), np.nan)
 
     @property
     def z(self) -> Array:
         """(k,) deviations from nominal over their standard errors; NaN where nothing determines the parameter."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(self.std > 0, self.x / self.std, np.nan))
+            return np.asarray(np.where(self.fixed & (self.std > 0), self.x / self.std, np.nan))
 
     @property
     def p_values(self) -> Array:
@@ -203,6 +207,11 @@ class Calibration(Result):
     def instruments(self) -> dict[str, Instrument]:
         """What each instrument measured, by name."""
         return instruments_of(self.request.problem, self.residuals, self.x, self.errors, self.kept_rows)
+
+    @cached_property
+    def instrument_scatter(self) -> InstrumentScatter | None:
+        """Whether the instrument scatters more than the arm errs; None of positions."""
+        return instrument_scatter(self.fit, self.x_nominal)
 
     @cached_property
     def start_up(self) -> StartUp | None:
@@ -245,6 +254,8 @@ class Calibration(Result):
         }
         if self.other_preset is not None:
             document["other_preset"] = self.other_preset.to_json()
+        if self.instrument_scatter is not None:
+            document["instrument_scatter"] = self.instrument_scatter.to_json()
         if self.start_up is not None:
             document["start_up"] = self.start_up.to_json()
         if self.test is not None:

@@ -216,7 +216,7 @@ def _inside_regions(
     """
     e, d = errors[:, residuals.axes], len(residuals.axes)
     frames = sum(p.group != "geometry" for p in residuals.parameters)
-    fitted = frames if found is None else found.directions.shape[1]
+    fitted = frames if found is None else found.spent
     free = max(len(taught) - fitted / d, d + 1.0)
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:

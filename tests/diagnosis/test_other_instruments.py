@@ -10,7 +10,7 @@ from tests.helpers.instruments import TrueArm, distance_table, level_table, plan
 from tests.helpers.variants import conformance
 
 WIDTH = 6e-4  # rad
-TABLES = {"plane": (plane_table, 40, 2e-5), "distance": (distance_table, 30, 2e-5), "level": (level_table, 60, 3e-5)}
+TABLES = {"plane": (plane_table, 40, 2e-5), "distance": (distance_table, 40, 2e-5), "level": (level_table, 60, 3e-5)}
 
 
 @pytest.mark.parametrize("kind", conformance(("plane", "distance", "level"), ("distance",)))
@@ -19,7 +19,7 @@ def test_a_hidden_backlash_is_named(kind: str) -> None:
     arm = TrueArm.drawn(rng, backlash=(2, WIDTH))
     tables = {
         "plane": (plane_table, 40, 2e-5),
-        "distance": (distance_table, 30, 2e-5),
+        "distance": (distance_table, 40, 2e-5),
         "level": (level_table, 60, 3e-5),
     }
     make, count, sigma = tables[kind]

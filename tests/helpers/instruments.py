@@ -27,6 +27,13 @@ class TrueArm:
     tool: np.ndarray = field(default_factory=lambda: np.array([0.03, -0.02, 0.12]))
     errors: np.ndarray = field(default_factory=lambda: np.zeros((6, 4)))  # theta, d, a, alpha
     backlash: tuple[int, float] = (0, 0.0)
+    beta: np.ndarray = field(default_factory=lambda: np.zeros(6))  # turns about y behind each link, of a model
+
+    def error_of(self, name: str) -> float:
+        """The true deviation of a parameter as the program names it [rad or m]."""
+        joint, _, kind = name.rpartition(".")
+        kinds = ("theta", "d", "a", "alpha")
+        return float(self.errors[JOINTS.index(joint), kinds.index(kind)]) if kind in kinds else 0.0
 
     def pose(self, q: np.ndarray, side: np.ndarray | None = None) -> np.ndarray:
         """(N, 4, 4) of the ball's frame in the base, for postures (N, 6) and sides of approach (N, 6)."""
@@ -41,7 +48,8 @@ class TrueArm:
             A[:, 1, :3] = np.stack([s, c * ca, -c * sa], axis=1)
             A[:, 0, 3], A[:, 1, 3], A[:, 2, 3] = (a + ea) * c, (a + ea) * s, d + ed
             A[:, 2, 1], A[:, 2, 2], A[:, 3, 3] = sa, ca, 1.0
-            T = T @ A
+            cb, sb = np.cos(self.beta[i]), np.sin(self.beta[i])
+            T = T @ A @ np.array([[cb, 0, sb, 0], [0, 1, 0, 0], [-sb, 0, cb, 0], [0, 0, 0, 1]])
         T = T.copy()
         T[:, :3, 3] += T[:, :3, :3] @ self.tool
         return T
@@ -54,6 +62,20 @@ class TrueArm:
     def drawn(cls, rng: np.random.Generator, size: float = 5e-4, **more: object) -> TrueArm:
         """Errors of 0.5 mm and 0.5 mrad in all parameters."""
         return cls(errors=rng.normal(0, size, (6, 4)), **more)  # type: ignore[arg-type]
+
+
+def misplaced(values: dict[str, float], q: np.ndarray, truth: np.ndarray) -> float:
+    """RMS distance [m] of an arm with these parameters from true points (N, 3), the base aligned to them (Kabsch)."""
+    found = TrueArm(tool=np.array([values[f"tool.{axis}"] for axis in "xyz"]))
+    for i, (joint, (d, a, alpha)) in enumerate(zip(JOINTS, UR10, strict=True)):
+        for k, (kind, nominal) in enumerate(zip(("theta", "d", "a", "alpha"), (0.0, d, a, alpha), strict=True)):
+            found.errors[i, k] = values.get(f"{joint}.{kind}", nominal) - nominal
+        found.beta[i] = values.get(f"{joint}.beta", 0.0)
+    p = found.point(q)
+    U, _, Vt = np.linalg.svd((truth - truth.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    left = (p - p.mean(axis=0)) @ R.T - (truth - truth.mean(axis=0))
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 
 def postures(rng: np.random.Generator, n: int) -> np.ndarray:

@@ -192,15 +192,16 @@ def places_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     return wide, minimum_of(wide, x0, steps, np.zeros((0, len(x0))))[0]
 
 
-def held_length(residuals: Residuals) -> int | None:
+def held_length(residuals: Residuals, priors: bool = True) -> int | None:
     """The length that is held where an arm touches points or planes and no known distance determines its size.
 
     A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
     The longest one between the second and the last joint is held, as what lies before or behind is not the arm's alone;
-    where there is none, the longest of all.
+    where there is none, the longest of all. With ``priors`` none is: the tolerances of all lengths hold the size.
     """
     robot = residuals.robot
-    if residuals.data.kind.fixes_size or residuals.distances:
+    kind = residuals.data.kind
+    if kind.fixes_size or residuals.distances or (priors and kind.leaves_geometry_open):
         return None
     every = {
         i: abs(p.nominal)

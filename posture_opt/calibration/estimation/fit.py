@@ -110,6 +110,12 @@ class Fit:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
+    def spent(self) -> float:
+        """How many unknowns the rows determine: the steps, less what the prior contributes to each."""
+        known = known_rows(self.prior, self.weight, self.directions)
+        return float(self.directions.shape[1]) - _prior_share(self.minimum.R, known)
+
+    @property
     def geometry(self) -> Codes:
         """(g,) the steps that are none of effects."""
         own = [i for i, p in enumerate(self.residuals.parameters) if p.group != "effect"]
@@ -353,8 +359,13 @@ def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
 def variance_of(found: Minimum, known: Array) -> float:
     """Residual variance of the measurements: what a wrong prior costs is no noise of theirs."""
     measured = found.residuals[: len(found.residuals) - len(known)]
-    by_prior = float(np.sum((known @ np.linalg.pinv(found.R, rcond=1e-14)) ** 2))
+    by_prior = _prior_share(found.R, known)
     return float(measured @ measured) / max(len(measured) - len(found.x) + by_prior, 1.0)
+
+
+def _prior_share(R: Array, known: Array) -> float:
+    """How many unknowns the rows ``known`` (p, r) of a prior determine: ``tr(K (RᵀR)⁻¹ Kᵀ)``."""
+    return float(np.sum((known @ np.linalg.pinv(R, rcond=1e-14)) ** 2))
 
 
 def _prior_function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]

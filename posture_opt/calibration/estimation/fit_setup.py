@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,11 +19,14 @@ from posture_opt.calibration.estimation.least_squares import robust_noise, unexp
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, tool_sigma
+from posture_opt.calibration.estimation.tolerances import assumed_sigmas
 from posture_opt.errors import enumerated
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 
+IMPROVED_SHARE = 0.5
+"""Of a tolerance by manufacturing: what data leave less of, they determine; of the variance, a quarter."""
 FREE_TOLERANCE = 1.0  # m or rad: what is unknown of a free frame or a touched point
 DESIGN_NOTE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
 NOMINAL_NOTE = (
@@ -46,6 +49,7 @@ class FitSetup:
         design: how many rows say as much as one alone would, as neighbouring postures err alike.
         held: (k, h) steps of a tolerance each that nothing determines: they are not fitted [rad or m].
         notes: sentences on what was assumed.
+        assumed: (k,) standard deviations by manufacturing; NaN where none is assumed.
     """
 
     identifiability: Identifiability
@@ -57,21 +61,24 @@ class FitSetup:
     design: float
     held: Array
     notes: tuple[str, ...]
+    assumed: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def determine_directions(
     problem: ProblemData, residuals: Residuals, x: Array, held: int | None, priors: bool,
-    found: Fit | None = None,
+    found: Fit | None = None, assumed: Array | None = None,
 ) -> FitSetup:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
     The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
     express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
-    geometry has the prior of 10 mm and 1°. With an estimate already ``found``, the noise is what that one leaves.
+    geometry has the prior of 10 mm and 1°, or that of manufacturing, `assumed_sigmas`. With an estimate already
+    ``found``, the noise is what that one leaves.
 
     Args:
         x: (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
         priors: whether stated σ's, and tolerances of the geometry, count as knowledge.
+        assumed: (k,) standard deviations by manufacturing, where the data have changed them.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
     names = [p.name for p in parameters]
@@ -80,6 +87,10 @@ def determine_directions(
     spread *= float(np.sqrt(design))
     indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
     scale = prior_tolerances(parameters, indices)
+    by_making = np.full(len(names), np.nan)
+    if priors:
+        by_making = assumed_sigmas(residuals, indices) if assumed is None else assumed
+        indices, covariance, scale = _with_assumed(indices, covariance, scale, by_making)
     alone = identify_parameters(names, J, rows, held, scale=scale, noise=spread)
     stated = np.full(len(names), np.nan)
     stated[indices] = np.sqrt(np.diag(covariance))
@@ -92,12 +103,24 @@ def determine_directions(
     both = (
         identify_parameters(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     )
+    own = np.isfinite(by_making)
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
+    fixed = np.where(own, both.alone < IMPROVED_SHARE * scale, fixed)
     prior = full_prior(parameters, problem.robot, scale, indices, covariance)
-    notes = (*_design_notes(design), *([NOMINAL_NOTE.format(_vague_names(both))] if both.hardly.shape[1] else []))
+    vague = both.hardly.shape[1] and not own.any()
+    notes = (*_design_notes(design), *([NOMINAL_NOTE.format(_vague_names(both))] if vague else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
-    return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes)
+    return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes, by_making)
+
+
+def _with_assumed(stated: list[int], covariance: Array, scale: Array, assumed: Array) -> tuple[list[int], Array, Array]:
+    """Indices with a known σ, their covariance, and all tolerances, with the parameters that are ``assumed`` (k,)."""
+    more = np.flatnonzero(np.isfinite(assumed)).tolist()
+    wide = np.zeros((len(stated) + len(more),) * 2)
+    wide[: len(stated), : len(stated)] = covariance
+    wide[len(stated) :, len(stated) :] = np.diag(assumed[more] ** 2)
+    return [*stated, *more], wide, np.where(np.isfinite(assumed), assumed, scale)
 
 
 def unseen_errors_of_fit(residuals: Residuals, known: FitSetup, found: Fit, length: int | None) -> Array:

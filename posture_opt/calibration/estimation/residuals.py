@@ -305,7 +305,7 @@ class Residuals:
         parts = [self.error(x, reached)[:, self.axes] / np.reshape(self.row_sigma, (-1, 1))]
         if self.oriented:
             parts.append(self.rotation_error(reached) / self.sigma_rotation)
-        rows = np.concatenate(parts, axis=1).ravel()
+        rows = np.concatenate(parts, axis=1).ravel() / self._size(x)
         return np.concatenate([rows, self._distance_residuals(x)[0]])
 
     def _jacobian(self, x: Array, reached: Walk) -> Array:
@@ -321,7 +321,25 @@ class Residuals:
             elif parameter.code >= 0:
                 J[k, self.data.target != parameter.code] = 0.0
         dense = J.reshape(len(self.parameters), -1).T
+        if self._sizes.any():
+            rows = self._vector(x, reached)[: len(dense), None]
+            dense = (dense - rows * self._sizes) / self._size(x)
         return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """(k,) growth of the arm by a unit of each parameter; zeros where the data know its size, or are angles.
+
+        Errors count relative to the size where they show none: an arm of half the size misses its planes by half,
+        and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``.
+        """
+        L = np.array([p.nominal * (p.group == "geometry" and p.unit == "m") for p in self.parameters])
+        known = self.data.kind.fixes_size or self.distances or self.data.lever is not None or not L.any()
+        return np.zeros(len(L)) if known else L / float(L @ L)
+
+    def _size(self, x: Array) -> float:
+        """The size of the arm at the deviations x (k,), relative to nominal."""
+        return 1.0 + float(self._sizes @ x)
 
     def _place_columns(self, columns: Array, parameter: Parameter, seen: Seen) -> None:
         """Puts what an unknown of a place changes into ``columns`` (N, block): its own rows alone."""

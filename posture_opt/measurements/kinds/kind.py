@@ -72,6 +72,8 @@ class Kind:
     """Key of the section ``data`` with what is known of its places."""
     size_known: ClassVar[bool] = True
     """Whether it contains a length, so that an arm of half the size would not fit as well."""
+    leaves_geometry_open: ClassVar[bool] = True
+    """Whether parts are taken to be within manufacturing tolerances, as such data do not show all of them."""
     held_out_by: ClassVar[Literal["pose", "place"]] = "pose"
     """What a cross-validation leaves out together."""
     fixed_to_base: ClassVar[bool] = True

@@ -18,6 +18,7 @@ class Position(Kind):
     kind: ClassVar[str] = "position"
     noun: ClassVar[str] = "positions"
     fixed_to_base: ClassVar[bool] = False
+    leaves_geometry_open: ClassVar[bool] = False
     example: ClassVar[str] = "x [mm], y [mm], z [mm]"
 
     def axes(self, measured: Mask) -> Codes:

@@ -51,6 +51,7 @@ def parameters_block(found: Calibration) -> Block:
     points = len(data.point_names) if data.touches else 0
     extra = [f"The positions of {count(points, 'touched point')} are fitted too."] if points else []
     priors = "; the prior is the stated σ" if width == len(headers) else "; no prior σ is stated"
+    priors = "; the prior is a tolerance by manufacturing, or the stated σ" if found.assumed.any() else priors
     text = f"Estimates with one standard error, without bounds{priors}. "
     words = [*extra, *_significance(found), *_far(found, shown)]
     return Block("Parameters", (text, table, *words, *_correlations(found, shown)))

@@ -29,6 +29,7 @@ from posture_opt.report.measured_parts.error_table import (
     mm,
     rows_words,
 )
+from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.measured_parts.start_up_words import start_up_lead
@@ -78,9 +79,9 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
 def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread.
 
-    Order: contradictions with the file and implausible values, the answer, a test file on which the calibration fails,
-    the first warnings, the comparison of plans, and the coverage of the predicted spread. Warnings of the data are
-    left out where a fitted contradiction explains them.
+    Order: an instrument that is worse than the arm, contradictions with the file and implausible values, the answer,
+    a test file on which the calibration fails, the first warnings, the comparison of plans, and the coverage of the
+    predicted spread. Warnings of the data are left out where a fitted contradiction explains them.
     """
     found = shown.result
     explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
@@ -93,6 +94,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     )
     fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
     return (
+        *instrument_scatter_lead(found.instrument_scatter),
         *doubts_lead(found),
         _answer(found),
         *fails,

@@ -1,0 +1,97 @@
+"""How far parts of an arm are from their nominal values: by manufacturing, and by what the data show of it.
+
+Plates, wires and sockets leave much of a geometry open, and may scatter more than the arm errs: fitted freely, the arm
+would get worse. Each parameter is taken to be normal about its nominal value instead; lengths, angles and zeros of
+joints each have one standard deviation τ, whose own prior is the tolerance of machined parts:
+``τ² ~ ν τ₀² / χ²(ν)``. The data make it larger or smaller: τ is where the expectation of the squares is its own, given
+the measurements (EM; MacKay 1992, "evidence").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.least_squares import reduced_jacobian
+from posture_opt.calibration.estimation.parameters import Parameter
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.numerics import Array, Codes
+
+LENGTH_SIGMA_M = 0.3e-3
+"""ISO 2768-1, medium: ±0.5 mm for 120 to 400 mm; uniform within, σ is 0.29 mm."""
+ANGLE_SIGMA_RAD = 0.3e-3
+"""Of axes, and of zeros of joints: 0.3 mm at a lever of 1 m."""
+PRIOR_FREEDOM = 1.0
+"""ν: the tolerance counts as much as one parameter would whose deviation was known."""
+_MAX_ROUNDS = 200
+_SETTLED = 1e-3
+"""Relative change of all τ² at which they have settled."""
+
+
+def assumed_sigmas(residuals: Residuals, stated: Sequence[int]) -> Array:
+    """(k,) standard deviations of parameters of the geometry by manufacturing [rad, m]; NaN where none is assumed.
+
+    None is for positions and poses, which show the whole geometry, for frames, and where the file states one.
+    """
+    found = np.full(len(residuals.parameters), np.nan)
+    if not residuals.data.kind.leaves_geometry_open:
+        return found
+    for i, p in enumerate(residuals.parameters):
+        if p.group == "geometry" and i not in stated:
+            found[i] = LENGTH_SIGMA_M if p.unit == "m" else ANGLE_SIGMA_RAD
+    return found
+
+
+def sigmas_of_data(fit: Fit, assumed: Array) -> Array:
+    """(k,) the assumed standard deviations as the data ask for them, to first order about a fit.
+
+    Args:
+        assumed: (k,) those of the prior of the fit; NaN where none is.
+    """
+    own = np.flatnonzero(np.isfinite(assumed))
+    groups, unit = _groups(fit.residuals.parameters, own)
+    used = fit.residuals.take(np.flatnonzero(fit.kept))
+    r, J = used.residuals_and_jacobian(fit.x)
+    D, noise = fit.directions, fit.design * fit.variance
+    A = reduced_jacobian(J, D) / np.sqrt(noise)
+    others = _information_of_others(fit, assumed)
+    M, slope = A.T @ A + D.T @ others @ D, A.T @ r / np.sqrt(noise) + D.T @ others @ fit.x
+    counts = np.bincount(groups)
+    squares = (assumed[own] / unit)[[np.flatnonzero(groups == g)[0] for g in range(len(counts))]] ** 2
+    for _ in range(_MAX_ROUNDS):
+        P = D[own] / (unit * np.sqrt(squares)[groups])[:, None]
+        C = np.linalg.pinv(M + P.T @ P, hermitian=True)
+        step = -C @ (slope + P.T @ (fit.x[own] / (unit * np.sqrt(squares)[groups])))
+        x = fit.x[own] + D[own] @ step
+        expected = x**2 + np.einsum("ij,jk,ik->i", D[own], C, D[own])
+        new = (PRIOR_FREEDOM + np.bincount(groups, expected / unit**2)) / (PRIOR_FREEDOM + counts)
+        settled = bool(np.all(np.abs(new - squares) <= _SETTLED * squares))
+        squares = new
+        if settled:
+            break
+    found = assumed.copy()
+    found[own] = unit * np.sqrt(squares)[groups]
+    return found
+
+
+def _information_of_others(fit: Fit, assumed: Array) -> Array:
+    """(k, k) information of what is known beside the ``assumed`` standard deviations (k,)."""
+    assert fit.prior is not None
+    W = fit.prior.matrix(len(fit.x))
+    return np.asarray(W.T @ W - np.diag(np.where(np.isfinite(assumed), 1 / assumed**2, 0.0)))
+
+
+def _groups(parameters: Sequence[Parameter], own: Codes) -> tuple[Codes, Array]:
+    """(p,) the group of each parameter, lengths, angles or zeros of joints, and its tolerance by manufacturing."""
+    kinds = [part_of(parameters[i]) for i in own]
+    unit = np.array([LENGTH_SIGMA_M if parameters[i].unit == "m" else ANGLE_SIGMA_RAD for i in own])
+    return np.unique(kinds, return_inverse=True)[1].astype(np.intp), unit
+
+
+def part_of(parameter: Parameter) -> str:
+    """What a parameter of the geometry is of."""
+    if parameter.unit == "m":
+        return "lengths"
+    return "zeros of joints" if parameter.name.endswith(".theta") else "angles"

@@ -1,0 +1,43 @@
+"""Sentences on what holds a geometry that the data leave open: the size of the arm, and tolerances of its parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posture_opt.calibration.estimation.fit_setup import FitSetup
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.estimation.tolerances import part_of
+from posture_opt.errors import listed
+
+_SIZE_NOTE = "{} alone do not determine the size of the arm: {}; {}"
+_HELD_BY_LENGTHS = "the lengths in the file hold it, within their tolerance"
+_TOLERANCE_NOTE = (
+    "parts are taken to be within manufacturing tolerance of nominal, as wide as the data suggest (one σ: {})"
+)
+_STAY_NOTE = "the data hardly improve, so that they stay near nominal: {}"
+_MAX_NAMED = 12
+"""Parameters that a sentence names."""
+
+
+def size_notes(residuals: Residuals, held: int | None) -> tuple[str, ...]:
+    """A sentence on what holds the size of an arm that the data leave open, and what would determine it."""
+    kind = residuals.data.kind
+    if held is None and (kind.fixes_size or residuals.distances):
+        return ()
+    by = _HELD_BY_LENGTHS if held is None else f"{residuals.parameters[held].name} is held"
+    return (_SIZE_NOTE.format(kind.noun, by, kind.remedy),)
+
+
+def tolerance_notes(residuals: Residuals, known: FitSetup) -> tuple[str, ...]:
+    """Sentences on tolerances by manufacturing, and on the parameters that the data do not improve."""
+    own = np.flatnonzero(np.isfinite(known.assumed))
+    if not len(own):
+        return ()
+    parameters = [residuals.parameters[i] for i in own]
+    sizes = {
+        part_of(p): f"{1e3 * sigma:.2g} m{p.unit}" for p, sigma in zip(parameters, known.assumed[own], strict=True)
+    }
+    text = ", ".join(f"{part} {size}" for part, size in sizes.items())
+    names = [residuals.parameters[i].name for i in own if not known.fixed[i]]
+    stay = (_STAY_NOTE.format(listed(names, _MAX_NAMED)),) if names else ()
+    return (_TOLERANCE_NOTE.format(text), *stay)

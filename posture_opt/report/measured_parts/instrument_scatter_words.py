@@ -1,0 +1,28 @@
+"""Words on an instrument that scatters more than the arm errs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from posture_opt.report.text.units_text import stated_length
+from posture_opt.units import number
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.instrument_scatter import InstrumentScatter
+
+
+def instrument_scatter_lead(found: InstrumentScatter | None) -> tuple[str, ...]:
+    """The first line where the instrument is worse than the arm; nothing elsewhere."""
+    if found is None or not found.exceeds:
+        return ()
+    scatter, arm = (_size(value, found.unit) for value in (found.scatter, found.arm))
+    return (
+        f"The instrument scatters more than the arm errs: {found.noun} scatter by {scatter} a reading, of which errors "
+        f"of the nominal arm explain {arm}. The arm stays near nominal wherever the data do not improve it.",
+    )
+
+
+def _size(value: float, unit: str) -> str:
+    """A length, or an angle in deg."""
+    return stated_length(value) if unit == "m" else f"{number(math.degrees(value), 2)} deg"

@@ -1,0 +1,84 @@
+"""Instruments that scatter more than the arm errs, at arms of a simulator of its own: nothing delivered is worse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead
+from tests.helpers.instruments import TrueArm, misplaced, plane_table, postures
+
+SMALL, COARSE, FINE = 1.5e-4, 3e-4, 2e-5  # errors of an arm; scatter of plates [m]
+
+
+def calibrated(seed: int, size: float, sigma: float, each: int = 60) -> tuple[po.Calibration, TrueArm]:
+    rng = np.random.default_rng(seed)
+    arm = TrueArm.drawn(rng, size)
+    given = po.problem_from_dict(
+        {
+            "robot": {
+                "kind": "preset",
+                "name": "ur10",
+                "tool": {"xyz": ["30 mm", "-20 mm", "120 mm"], "rpy": ["0 deg", "0 deg", "0 deg"], "free": True},
+            },
+            "uncertainty": {"measurement": {"plane": f"{sigma * 1e3:g} mm"}},
+        }
+    )
+    data = po.read_measurements(plane_table(arm, rng, each, sigma, 0.0), given)
+    return po.calibrate(given, data, plan=False), arm
+
+
+def rms_error(found: po.Calibration, arm: TrueArm, x: np.ndarray) -> float:
+    """RMS error of the tool at 60 other postures, the base aligned: geometry and tool as found, by the simulator."""
+    values = {p.name: p.nominal + v for p, v in zip(found.parameters, x, strict=True)}
+    q = postures(np.random.default_rng(99), 60)
+    return misplaced(values, q, arm.point(q))
+
+
+def test_plates_worse_than_the_arm_do_not_make_it_worse() -> None:
+    found, arm = calibrated(300, SMALL, COARSE)
+    assert rms_error(found, arm, found.x) < 1.2 * rms_error(found, arm, found.x_nominal)  # 1.12; others gain a third
+    assert found.instrument_scatter is not None
+    assert found.instrument_scatter.exceeds
+    assert found.instrument_scatter.scatter == pytest.approx(COARSE, rel=0.2)
+    assert "The instrument scatters more than the arm errs" in instrument_scatter_lead(found.instrument_scatter)[0]
+    assert found.estimates_json()["instrument_scatter"]["exceeds_arm"] is True
+    z = (found.x - arm_errors(found, arm))[found.assumed] / found.std[found.assumed]
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+
+
+def test_plates_better_than_the_arm_improve_it_and_move_only_what_they_show() -> None:
+    found, arm = calibrated(309, 5e-4, FINE)
+    assert rms_error(found, arm, found.x) < 0.6 * rms_error(found, arm, found.x_nominal)
+    assert found.instrument_scatter is not None
+    assert not found.instrument_scatter.exceeds
+    still = found.assumed & ~found.fixed
+    assert still.any()  # a common scale of all links, say
+    assert np.all(np.abs(found.x[still]) < 3 * found.prior[still])
+    assert any("the data hardly improve, so that they stay near nominal" in note for note in found.notes)
+    assert instrument_scatter_lead(found.instrument_scatter) == ()
+
+
+@pytest.mark.conformance
+def test_the_first_line_says_that_the_instrument_is_worse_than_the_arm() -> None:
+    report = calibrated(301, SMALL, COARSE)[0].report()
+    assert report.splitlines()[1].startswith("The instrument scatters more than the arm errs")
+
+
+def arm_errors(found: po.Calibration, arm: TrueArm) -> np.ndarray:
+    """(k,) the true deviations of the geometry; NaN elsewhere."""
+    return np.array([arm.error_of(p.name) if p.group == "geometry" else np.nan for p in found.parameters])
+
+
+@pytest.mark.campaign
+def test_intervals_cover_the_truth_whatever_the_plates() -> None:
+    inside, better = [], []
+    for seed in range(200, 220):
+        found, arm = calibrated(seed, SMALL, COARSE, 40)
+        z = (found.x - arm_errors(found, arm))[found.assumed] / found.std[found.assumed]
+        inside.append(np.abs(z) < 1.96)
+        better.append(rms_error(found, arm, found.x) / rms_error(found, arm, found.x_nominal))
+    assert np.mean(inside) > 0.92
+    assert np.median(better) < 0.8
+    assert max(better) < 1.6
