@@ -18,15 +18,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 ROOT = Path(__file__).parents[2]
 PRELOADED = (
-    "casadi", "matplotlib.figure", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "numpy",
-    "pint", "scipy.optimize", "scipy.special", "yaml", "posture_opt.cli.posture", "posture_opt.cli.measured",
-    "posture_opt.cli.compensate", "posture_opt.cli.map", "posture_opt.cli.compare", "posture_opt.cli.export",
-    "posture_opt.cli.main", "posture_opt.cli.plan_measurements", "posture_opt.cli.recheck",
-    "posture_opt.report.page.save",
+    "casadi", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "numpy",
+    "pint", "scipy.optimize", "scipy.sparse.csgraph", "scipy.special", "yaml",
 )  # fmt: skip
+EXTRA = ("posture_opt.explore", "posture_opt.__main__")  # the second runs the command line
 CPU = 20  # s, of a call
 SECONDS = 60  # on the wall: what waits for ever uses no processor
 ADDRESS_SPACE = 6 << 30  # bytes; mapped, not used
@@ -107,11 +106,20 @@ class CommandServer:
         return Answer(given, code, out, err, used, memory)
 
 
+def preload() -> None:
+    """Loads all that a command may need, but what extras bring."""
+    package = import_module("posture_opt")
+    own = [found.name for found in walk_packages(package.__path__, "posture_opt.")]
+    for module in (*PRELOADED, *(name for name in own if not name.startswith(EXTRA))):
+        import_module(module)
+    load = import_module("posture_opt.problem.load").load_builtin
+    for name in ("insert_planar_2r", "insert_ur10_extended"):  # pydantic builds its schema, also that of effects
+        load(name)
+
+
 def serve() -> None:
     """Forks a child for every request, and returns in the child."""
-    for module in PRELOADED:
-        import_module(module)
-    import_module("posture_opt.problem.load").load_builtin("insert_planar_2r")  # pydantic builds its schema
+    preload()
     gc.collect()
     gc.freeze()  # or every child would copy what it never touches
     before = 0.0
