@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -148,12 +149,12 @@ class ArmGeometry:
             solids, frames, joints, spread.position, region, direction, target, obstacles, floor, planar
         )  # fmt: skip
 
-    @property
+    @cached_property
     def points(self) -> Array:
         """(k, 3) corners of all surfaces of the arm [m]."""
         return np.concatenate([solid.faces.reshape(-1, 3) for solid in self.solids])
 
-    @property
+    @cached_property
     def extent(self) -> float:
         """The largest edge of the box around the arm [m]."""
         return extent_of(self.points)

@@ -55,11 +55,12 @@ class DepthImage:
                 for part in np.array_split(mine, max(len(mine) * box[0] * box[1] // _MAX_CHUNK_POINTS, 1)):
                     at, z, w, k = _covered(triangles[part], box, shape)
                     np.maximum.at(depth, at, z)
-                    first = depth[at] == z
-                    face[at[first]] = part[k[first]]
-                    weights[at[first]] = 0.0
-                    for column, corner in enumerate(corners):
-                        weights[at[first], corner] = w[first, column]
+                    first = np.flatnonzero(depth[at] == z)
+                    at = at[first]
+                    face[at] = part[k[first]]
+                    weights[at] = 0.0
+                    for own, corner in zip(w, corners, strict=True):
+                        weights[at, corner] = own[first]
         return cls(depth.reshape(shape), face.reshape(shape), weights.reshape(*shape, 4))
 
 
@@ -71,11 +72,13 @@ def _area(triangles: Array) -> Array:
     return area
 
 
-def _covered(triangles: Array, box: list[int], shape: tuple[int, int]) -> tuple[Codes, Array, Array, Codes]:
+def _covered(
+    triangles: Array, box: list[int], shape: tuple[int, int]
+) -> tuple[Codes, Array, tuple[Array, Array, Array], Codes]:
     """The points of the picture (H, W) whose centres triangles (k, 3, 3) cover, each in a box of columns and rows.
 
     Returns:
-        (m,) the points; (m,) their depths; (m, 3) the weights of the corners; (m,) the triangles.
+        (m,) the points; (m,) their depths; (m,) the weights of each of the three corners; (m,) the triangles.
     """
     height, width = shape
     corner = np.floor(triangles[..., :2].min(axis=1)).astype(np.int64)
@@ -85,8 +88,10 @@ def _covered(triangles: Array, box: list[int], shape: tuple[int, int]) -> tuple[
     u, v = (_side(triangles[:, (k + 1) % 3], triangles[:, (k + 2) % 3], x, y) / area for k in range(2))
     inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
     k, i, j = np.nonzero(inside)
-    w = np.column_stack([u[k, i, j], v[k, i, j], 1 - u[k, i, j] - v[k, i, j]])
-    return (corner[k, 1] + i) * width + corner[k, 0] + j, np.sum(w * triangles[k, :, 2], axis=1), w, k
+    u, v = u[k, i, j], v[k, i, j]
+    w = 1 - u - v
+    depth = u * triangles[k, 0, 2] + v * triangles[k, 1, 2] + w * triangles[k, 2, 2]
+    return (corner[k, 1] + i) * width + corner[k, 0] + j, depth, (u, v, w), k
 
 
 def _side(a: Array, b: Array, x: Codes, y: Codes) -> Array:
