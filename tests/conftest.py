@@ -3,6 +3,8 @@
 import os
 import signal
 
+import pytest
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Reports are as wide as the terminal: tests see what a pipe sees.
 os.environ["COLUMNS"] = "100"
@@ -26,3 +28,10 @@ def pytest_collection_modifyitems(config, items):
     left_out = {id(item) for k, item in enumerate(marked) if k % step}
     config.hook.pytest_deselected(items=[item for item in items if id(item) in left_out])
     items[:] = [item for item in items if id(item) not in left_out]
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Pictures of arms of fewer points: what stands in them, and where labels go, does not depend on the grain."""
+    monkeypatch.setattr("posture_opt.report.scene.scene_image._DPI", 40)
+    monkeypatch.setattr("posture_opt.report.scene.scene_image._OVERSAMPLING", 1)

@@ -165,6 +165,7 @@ def test_without_pandas_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
         MADE["Spread"]().to_dataframe()
 
 
+@pytest.mark.usefixtures("coarse")
 def test_it_draws_and_saves_itself(result: Result, tmp_path: Path) -> None:
     figures = result.figures()
     assert figures

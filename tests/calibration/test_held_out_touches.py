@@ -44,7 +44,7 @@ def touches(rng: np.random.Generator, count: int) -> dict[str, Any]:
     return {"point": point} | {f"joint{j + 1} [rad]": values for j, values in enumerate(q)}
 
 
-@pytest.mark.parametrize("by", ["pose", "place"])
+@pytest.mark.parametrize("by", [pytest.param("pose", marks=pytest.mark.long), "place"])
 def test_the_rms_of_held_out_touches_is_that_about_their_points(by: Any) -> None:
     """4 touches of a point in 5 folds: from the mean of what a fold holds, less than half would be left."""
     rng, given = np.random.default_rng(100), problem()

@@ -27,7 +27,7 @@ from tests.hidden.files import write
             (704, "ur10", 100, 0.02, 4),
             (705, "seven", 60, 0.001, 3),
         ],
-        always=[(700, "ur10", 60, 0.0, 9), (704, "ur10", 100, 0.02, 4)],
+        always=[(704, "ur10", 100, 0.02, 4)],
     ),
 )
 def test_frames_stay_near_and_errors_are_noise(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -50,8 +52,10 @@ def function(expression):
     return ca.Function("bound", [START, ALONG, OTHER, OTHER_ALONG], [expression])
 
 
-@pytest.mark.parametrize("length", conformance([0.6, 0.1, 0.0], [0.1]))
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "length"),
+    conformance(product(KINDS, [0.6, 0.1, 0.0]), [(kind, 0.1) for kind in KINDS if kind not in ("disc", "post")]),
+)
 def test_the_bound_is_never_above_the_distance_and_little_below(kind: str, length: float) -> None:
     a, u, b, v = drawn(length)
     bound = np.array(function(KINDS[kind](length)).map(COUNT)(a.T, u.T, b.T, v.T)).ravel()

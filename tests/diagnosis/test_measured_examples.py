@@ -15,6 +15,7 @@ from posture_opt.validation.calibrated_arm import calibrated_models, compare_mod
 from tests.helpers import measured_planar_2r as shop
 from tests.helpers import measured_ur10 as loaded
 from tests.helpers.same_problem import assert_same_numbers, written
+from tests.helpers.variants import conformance
 
 LOADED = "ur10_measured", "ur10_another_day"
 
@@ -74,7 +75,7 @@ def test_what_is_hidden_in_the_loaded_arm_is_found_and_the_plan_with_it_hits() -
     assert np.linalg.norm(old) > 10 * np.linalg.norm(off)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", conformance([0, 1, 2], [0]))
 def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
     # The scatter of the joints is some five times the instrument's noise here. The best candidate, a fast wave, comes
     # by chance one time in 20 (4799 flips); with 299 of them some draws make it one in 200.

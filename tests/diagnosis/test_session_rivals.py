@@ -11,6 +11,7 @@ import posture_opt as po
 from posture_opt.diagnosis.causes.causes import Finding
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
+from tests.helpers.variants import conformance
 
 ROWS = 100
 LASTING = {"thermal_growth", "thermal_offset"}
@@ -42,7 +43,7 @@ def moving(found: po.Diagnosis) -> list[Finding]:
 
 
 @pytest.mark.parametrize("cause", ["growth", "drift"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", conformance([0, 1], [0]))
 def test_in_a_small_volume_growth_and_drift_are_rivals_of_each_other(cause: str, seed: int, tmp_path: Path) -> None:
     first, *_ = moving(diagnosed(tmp_path, cause, 0.03, seed))
     rivals = {rival.kind for rival in first.confounded_with}
@@ -50,7 +51,7 @@ def test_in_a_small_volume_growth_and_drift_are_rivals_of_each_other(cause: str,
     assert LASTING & {first.kind, *rivals}
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", conformance([0, 1], [0]))
 def test_one_drift_is_named_and_not_several_lasting_causes(seed: int, tmp_path: Path) -> None:
     assert [f.kind for f in moving(diagnosed(tmp_path, "drift", 0.6, seed))] == ["drift"]
 

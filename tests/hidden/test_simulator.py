@@ -173,7 +173,7 @@ def test_noise_is_as_stated() -> None:
     assert set(np.argsort(np.linalg.norm(added, axis=1))[-3:]) == set(rows)
 
 
-@pytest.mark.parametrize("family", conformance(sorted(FAMILIES), ["batch", "full", "joint_noise", "loose", "planar"]))
+@pytest.mark.parametrize("family", conformance(sorted(FAMILIES), ["batch", "joint_noise", "planar"]))
 def test_a_seed_is_a_case(family: str) -> None:
     first, again, other = draw(5, family), draw(5, family), draw(6, family)
     np.testing.assert_array_equal(first.points, again.points)

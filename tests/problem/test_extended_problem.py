@@ -142,7 +142,7 @@ def uncertain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Problem]:
     return {"stated": po.problem_from_dict(stated, folder), "unknown": po.problem_from_dict(data, folder)}
 
 
-@pytest.mark.parametrize("case", ["stated", "unknown"])
+@pytest.mark.parametrize("case", ["stated", pytest.param("unknown", marks=pytest.mark.long)])
 def test_moments_are_those_of_an_independent_simulator(case: str, uncertain: dict[str, Problem]) -> None:
     """Geometry and effects uncertain together; the covariance between them is a third of the variance and more."""
     problem, n = uncertain[case], 50_000

@@ -316,6 +316,7 @@ def words(figure: Any) -> str:
 
 
 class TestFigures:
+    @pytest.mark.usefixtures("coarse")
     def test_each_is_drawn_labelled_and_valid(self, solved: tuple[Any, Any]) -> None:
         _, solution = solved
         for name, figure in drawn_of(solution, cloud_of(solution.spread, 300, 0)).items():

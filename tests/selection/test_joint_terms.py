@@ -151,7 +151,9 @@ def test_a_bound_on_the_tilt_chooses_another_posture() -> None:
     ("robot", "target", "held"),
     [
         pytest.param("ur10", UR10, {"wrist_3": "25 deg"}, marks=pytest.mark.conformance),
-        ("panda", PANDA, {"panda_joint3": "-10 deg", "panda_joint7": "45 deg"}),
+        pytest.param(
+            "panda", PANDA, {"panda_joint3": "-10 deg", "panda_joint7": "45 deg"}, marks=pytest.mark.conformance
+        ),
         ("scara", SCARA, {"joint4": "-30 deg"}),
     ],
 )

@@ -75,9 +75,7 @@ def test_every_task_is_solved_told_and_written(kind: str, robot: str) -> None:
     assert solution.critical.sigma_max <= worst * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("kind", "robot"), conformance(product(SINGLE, FAR), [(kind, "scara") for kind in SINGLE[::3]])
-)
+@pytest.mark.parametrize(("kind", "robot"), conformance(product(SINGLE, FAR), [(SINGLE[0], "scara")]))
 def test_every_task_names_a_target_that_is_out_of_reach(kind: str, robot: str) -> None:
     with pytest.raises(NoSolutionError) as caught:
         po.select_posture(problem(robot, kind, position=FAR[robot]))
@@ -129,7 +127,7 @@ def heading(solution: Any) -> float:
 
 @pytest.mark.parametrize(
     ("robot", "yaw"),
-    conformance(product(POINTS, YAWS), [("scara", 75.0), ("panda", -170.0)]),
+    conformance(product(POINTS, YAWS), [("scara", 75.0)]),
 )
 def test_the_yaw_is_held_where_it_is_asked_for(robot: str, yaw: float) -> None:
     solution = po.select_posture(problem(robot, "place", yaw=f"{yaw} deg"))
@@ -193,7 +191,7 @@ DESCRIBED: dict[str, dict[str, Any]] = {
     ("kind", "robot"),
     conformance(
         product(DESCRIBED, ("panda", "scara")),
-        [("probe", "scara"), ("drill", "panda")],
+        [("probe", "scara")],
     ),
 )
 def test_custom_is_the_task_that_its_keys_describe(kind: str, robot: str) -> None:

@@ -201,7 +201,7 @@ def random_correlations(rng, k):
     return R
 
 
-@pytest.mark.parametrize("seed", conformance(range(25), range(6)))
+@pytest.mark.parametrize("seed", conformance(range(25), range(3)))
 def test_every_covariance_is_positive_semidefinite(seed):
     rng = np.random.default_rng(seed)
     robot = load_preset("ur10")

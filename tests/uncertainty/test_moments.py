@@ -221,7 +221,6 @@ def scara_errors():
     conformance(
         product([case for case in CASES if "in space" not in case], [1, 10, 30]),
         [
-            ("6R, 30 independent errors", 1),
             ("planar, all correlated", 30),
             ("scara, all correlated", 30),
             ("6R, joints and lengths correlated", 10),

@@ -68,8 +68,7 @@ def test_it_is_that_of_samples(case, sigma):
         assert (np.abs(first - C)[3:] > 5.5 * of_C[3:] + 0.01 * units[3:]).any()
 
 
-@pytest.mark.parametrize("sigma", [0.01, 10, 60])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("case", "sigma"), conformance(product(CASES, [0.01, 10, 60]), [(case, 10) for case in CASES]))
 def test_it_has_the_covariance_of_the_position_and_is_positive_semidefinite(case, sigma):
     spread = spread_of(case, sigma)
     P = spread.pose_covariance
