@@ -29,7 +29,7 @@ from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
-from posture_opt.diagnosis.causes.selected_sizes import Factors, selection_factors, with_selection_errors
+from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
@@ -50,7 +50,7 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
-from posture_opt.numerics import Codes, Progress
+from posture_opt.numerics import Array, Codes, Progress
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.repeat_scatter import prismatic_joints
 
@@ -61,7 +61,7 @@ class _Explained:
 
     Args:
         geometry: the calibrated arm; ``predictive`` with the effects that have a name and that held-out rows need.
-        wider: factors of the standard errors of these effects, as they were chosen.
+        deviations: (K, k) of its parameters beside the effects that each fold chose.
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
@@ -72,7 +72,7 @@ class _Explained:
     search: SearchResult
     geometry: Fit
     predictive: PredictiveModel
-    wider: Factors
+    deviations: Array
     unnamed: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
     noise: Sequence[NoiseCause]
@@ -81,7 +81,7 @@ class _Explained:
     @cached_property
     def model(self) -> Fit:
         """The calibrated arm with the effects that have a name."""
-        return with_selection_errors(self.predictive.fit, self.wider)
+        return with_choice_errors(self.predictive.fit, self.deviations)
 
     @property
     def names(self) -> SearchResult:
@@ -203,7 +203,9 @@ def _explain_residuals(
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals
     geometry, names = calibration.fit_effects(residuals, []), found.names or found
-    wider = selection_factors(model, geometry, names.nested.each[0], names.size) if model.effects else {}
+    deviations = np.zeros((0, len(model.x)))
+    if model.effects:
+        deviations = choice_deviations(model, geometry, names.nested.each[0], names.size)
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     everything = linearised.baseline(found.chosen)
     repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
@@ -211,7 +213,7 @@ def _explain_residuals(
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
     p_value = 0.0 if unnamed else left.p_value
     noise, uneven = noise_causes(problem, calibration, model, everything, p_value, seed)
-    return _Explained(calibration, linearised, found, geometry, predictive, wider, unnamed, left, noise, uneven)
+    return _Explained(calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven)
 
 
 def _needed_effects(
@@ -292,10 +294,8 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
 
 def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
     """The arm to plan with, with effects of time or without."""
-    delivery = deliver_arm(
-        found.calibration, found.predictive.fit, held.models, held.parts, found.noise, with_time=with_time
-    )
-    return replace(delivery, fit=with_selection_errors(delivery.fit, found.wider))
+    model, deviations = found.predictive.fit, found.deviations
+    return deliver_arm(found.calibration, model, deviations, held.models, held.parts, found.noise, with_time=with_time)
 
 
 def _predict_session(

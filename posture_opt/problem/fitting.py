@@ -157,7 +157,8 @@ def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[Ca
         if found.smooth_shape:  # the stated size was fitted in the shape that was found
             plain = plain.with_shape(float(getattr(found, found.smooth_shape)))
         total = [a + b for a, b in zip(plain.values, found.values, strict=True)]
-        effects[found.name] = plain.with_estimate(total).also_measured(found)
+        total_effect = plain.with_estimate(total).also_measured(found)
+        effects[found.name] = total_effect.model_copy(update={"size_undetermined": found.size_undetermined})
     for noise in fit.noises:
         stated = effects.get(noise.name)
         effects[noise.name] = stated.joined(noise) if isinstance(stated, NoiseEffect) else noise

@@ -60,13 +60,18 @@ def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
     assert abs(value - 300) < 4 * std
 
 
-def delivered(problem: po.Problem, data: po.Measurements, *effects: Effect, with_time: bool = False) -> Delivery:
+def delivered(
+    problem: po.Problem, data: po.Measurements, *effects: Effect, with_time: bool = False, doubt: float = 0.0
+) -> Delivery:
+    """What is delivered; with a ``doubt`` of the last effect's sizes, that share of them, from five folds."""
     calibration = po.calibrate(problem, data, folds=5)
     residuals = linearise_calibration(calibration, flips=0).sensitivities.residuals
     model = calibration.fit_effects(residuals, effects)
     parts = folds_of(groups_of(residuals.data, "pose", 5), 5, "pose")
     held = {**calibration.held, "extended": held_out(model, parts)}
-    return deliver_arm(calibration, model, held, parts, [], with_time=with_time)
+    deviations = np.zeros((5, len(model.x)))
+    deviations[:4, model.slices[-1]] = doubt * np.array([[1], [-1]] * 2) * model.x[model.slices[-1]]
+    return deliver_arm(calibration, model, deviations, held, parts, [], with_time=with_time)
 
 
 @pytest.mark.parametrize("case", list(TIMED))
@@ -99,6 +104,20 @@ def test_what_has_no_size_without_the_session_is_not_delivered(tmp_path: Path) -
     found = delivered(problem, data, TIMED["drift"], GearEccentricity(joint="joint2"))
     assert (found.session, found.vague, found.kept) == ((0,), (1,), ())
     assert not found.fit.effects
+
+
+def test_what_is_sure_beside_the_rest_alone_is_delivered_with_it(tmp_path: Path) -> None:
+    """Folds of other effects beside it have the sine twice as large, or none: it predicts, and is no size."""
+    problem, data = measured(tmp_path, "none")
+    sure, doubtful = (delivered(problem, data, ECCENTRIC, doubt=doubt) for doubt in (0.0, 1.0))
+    assert (sure.kept, sure.together) == ((0,), ())
+    assert (doubtful.kept, doubtful.vague, doubtful.together) == ((0,), (), (0,))
+    assert doubtful.held.rms == sure.held.rms
+    np.testing.assert_array_equal(doubtful.fit.x, sure.fit.x)
+    own, x = sure.fit.slices[0], sure.fit.x[sure.fit.slices[0]]
+    added = (doubtful.fit.covariance - sure.fit.covariance)[own, own]
+    np.testing.assert_allclose(added, (2.776 / 1.96) ** 2 * np.outer(x, x), rtol=1e-3)  # t of four degrees, any table
+    assert doubtful.to_json([ECCENTRIC])["together"] == [{"kind": "gear_eccentricity", "target": "joint1"}]
 
 
 def test_one_certain_direction_hides_no_wild_one(tmp_path: Path) -> None:

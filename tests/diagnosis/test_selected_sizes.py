@@ -1,17 +1,17 @@
-"""Standard errors with the choice of effects in them: by hand, and where every fold chooses alike."""
+"""Standard errors with the choice of effects in them: by hand, where folds choose alike, differ, or lack an effect."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
-from posture_opt.diagnosis.causes.selected_sizes import selection_factors, with_selection_errors
+from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.diagnosis.search.nested_selection import NestedSelection
+from posture_opt.model.effects import Effect
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
 from tests.helpers.planar_2r import position
@@ -22,7 +22,7 @@ FIRST, OTHER = GearEccentricity(joint="joint1"), GearSecondHarmonic(joint="joint
 
 
 def test_a_size_that_depends_on_its_neighbour_is_less_sure(tmp_path: Path) -> None:
-    """A joint that turned by 57 degrees: its first and second harmonic trade, and two of five folds take both."""
+    """A joint that turned by 57 degrees: its first and second harmonic trade, and three of five folds take both."""
     rng = np.random.default_rng(4)
     q = rng.uniform((-0.5, -2.5), (0.5, 2.5), (120, 2))
     turned = q + np.outer(3e-4 * np.sin(q[:, 0]) + 2e-4 * np.sin(2 * q[:, 0]), [1, 0])
@@ -34,38 +34,36 @@ def test_a_size_that_depends_on_its_neighbour_is_less_sure(tmp_path: Path) -> No
     groups = groups_of(residuals.data, "pose", 5)
     folds = folds_of(groups, 5, "pose")
     geometry, model = (calibration.fit_effects(residuals, effects) for effects in ([], [FIRST]))
+    names = [p.name for p in model.residuals.parameters]
+    own = [names.index(name) for name in ("joint1.theta", *FIRST.parameter_names)]
 
-    def factor(*second: bool) -> float:
-        sets = tuple(((), (FIRST,), (FIRST, OTHER) if more else (FIRST,)) for more in second)
-        nested = NestedSelection(linearised, folds, groups, sets, np.zeros((3, len(q))))
-        return selection_factors(model, geometry, nested, 2)[FIRST.kind, FIRST.target]
+    def added(*sets: tuple[Effect, ...]) -> np.ndarray:
+        nested = NestedSelection(linearised, folds, groups, tuple(((), *[s] * 2) for s in sets), np.zeros((3, len(q))))
+        wider = with_choice_errors(model, choice_deviations(model, geometry, nested, 2))
+        return np.asarray((wider.covariance - model.covariance)[np.ix_(own, own)])
 
-    # Five estimates of two parameters: between 1 and the root of a mean of 8 squares, 1.6 at 1 in 100.
-    assert 1 <= factor(*[False] * 5) < 1.7
-    found = factor(True, True, False, False, False)
-    assert found == pytest.approx(by_hand(q, np.asarray(residuals.data.position), folds, model), rel=0.05)
-    assert found > 3
-    wider = with_selection_errors(model, {(FIRST.kind, FIRST.target): found})
-    own = model.slices[0]
-    np.testing.assert_allclose(wider.std[own], found * model.std[own])
-    np.testing.assert_allclose(wider.covariance[: own.start], model.covariance[: own.start])
-    assert np.linalg.eigvalsh(wider.C).min() > 0
+    measured = np.asarray(residuals.data.position)
+    scale = np.sqrt(np.diag(model.covariance)[own])
+    np.testing.assert_allclose(added(*[(FIRST,)] * 5) / np.outer(scale, scale), 0, atol=1e-4)  # chosen alike
+    # A fold that lacks the first harmonic says how large it would be beside the second.
+    found = added((FIRST, OTHER), (OTHER, FIRST), (FIRST,), (FIRST,), (OTHER,))
+    expected = by_hand(q, measured, folds, [True, True, False, False, True])
+    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), rtol=0.05)
+    assert np.all(np.diag(found) > 9 * scale**2)
 
 
-def by_hand(q: np.ndarray, measured: np.ndarray, folds: list[np.ndarray], model) -> float:  # type: ignore[no-untyped-def]
-    """Root of the jackknife variance of the first harmonic over its variance by least squares of all rows."""
+def by_hand(q: np.ndarray, measured: np.ndarray, folds: list[np.ndarray], second: list[bool]) -> np.ndarray:
+    """Mean square (3, 3) of what the second harmonic does to offset, sine and cosine, by least squares of each fold."""
     J = np.stack([(position(q + d) - position(q - d)) / 2e-6 for d in 1e-6 * np.eye(2)], axis=2)
     x, y = (position(q, a) for a in ((1, 0), (0, 1)))
     w = q[:, 0]
     waves = [J[:, :, 0] * f(k * w)[:, None] for k in (1, 2) for f in (np.sin, np.cos)]
     A = np.stack([J[:, :, 0], J[:, :, 1], x, y, *waves], axis=2)
     e = measured[:, :2] - position(q)
-    moved = []
-    for k, left in enumerate(folds):
+    total = np.zeros((3, 3))
+    for left in (left for left, both in zip(folds, second, strict=True) if both):
         learn = np.setdiff1d(np.arange(len(q)), left)
-        n = 8 if k < 2 else 6
-        z = np.linalg.lstsq(A[learn][:, :, :n].reshape(-1, n), e[learn].ravel(), rcond=None)[0]
-        moved.append(A[:, :, 4:6] @ z[4:6])
-    spread = np.array(moved) - np.mean(moved, axis=0)
-    B, C = A[:, :, 4:6].reshape(-1, 2), model.covariance[model.slices[0], model.slices[0]]
-    return float(np.sqrt(4 / 5 * np.sum(spread**2) / np.trace(B.T @ B @ C)))
+        each = [np.linalg.lstsq(A[learn][:, :, :n].reshape(-1, n), e[learn].ravel(), rcond=None)[0] for n in (8, 6)]
+        apart = (each[0][:6] - each[1])[[0, 4, 5]]
+        total += np.outer(apart, apart)
+    return (2.776 / 1.96) ** 2 * total / (len(folds) - 1)  # t of four degrees of freedom, from any table

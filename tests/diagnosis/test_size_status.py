@@ -16,20 +16,27 @@ from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
 NOISE = 2e-5  # m
-QUANTILES = {1: 3.841, 2: 5.991, 3: 7.815}
-"""The 95 % points of χ² by degrees of freedom, from any table."""
 
 
-@pytest.mark.parametrize("k", list(QUANTILES))
-def test_the_region_is_a_ball_as_wide_as_that_of_a_chi_square_at_most(k: int) -> None:
-    rng = np.random.default_rng(k)
-    A, B = rng.normal(size=(k, k)), rng.normal(size=(50, k))
-    C = 1e-8 * A @ A.T
-    worst = np.linalg.norm(B @ np.linalg.cholesky(C), 2)  # moves the tool points by one standard error at most
+@pytest.mark.parametrize("spread", [[1.0], [1.0, 0.6], [1.0, 1.0, 0.1], [1.0] * 8, [30.0, *[1.0] * 7]], ids=str)
+def test_a_size_exceeds_what_its_error_is_one_time_in_twenty(spread: list[float]) -> None:
+    """Against drawn errors; satisfied by 1.96 errors in the worst direction at the least."""
+    rng = np.random.default_rng(len(spread))
+    k = len(spread)
+    A, B = np.linalg.qr(rng.normal(size=(k, k)))[0] * spread, np.linalg.qr(rng.normal(size=(50, k)))[0]
+    drawn = np.linalg.norm(rng.normal(size=(40_000, k)) @ (B @ A).T, axis=1)
+    limit = np.quantile(drawn, 0.95)
     values = rng.normal(size=k)
-    values *= np.sqrt(QUANTILES[k]) * worst / np.linalg.norm(B @ values)
-    for factor, told in ((0.99, False), (1.01, True)):
-        assert is_determined(factor * values, C, B) is told
+    values *= limit / np.linalg.norm(B @ values)
+    for factor, told in ((0.96, False), (1.04, True)):
+        assert is_determined(1e-4 * factor * values, 1e-8 * A @ A.T, B) is told
+    assert limit > 1.9 * np.linalg.norm(B @ A, 2)
+
+
+def test_a_parameter_that_was_not_fitted_hides_no_wild_one() -> None:
+    assert not is_determined(np.array([3.0, 0.0]), np.diag([4.0, 0.0]))
+    assert is_determined(np.array([3.0, 0.0]), np.diag([1.0, 0.0]))
+    assert is_determined(np.array([3.0]), np.zeros((1, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +73,27 @@ def test_an_undetermined_size_never_leads(found: po.Diagnosis) -> None:
     lead = nothing.report().split("Causes, the largest first, geometry last")[0]
     assert "that no cause of known size explains" in " ".join(lead.split())
     assert "these data do not determine the size: its error is as large" in " ".join(nothing.report().split())
+
+
+def test_what_is_sure_beside_the_rest_alone_is_delivered_as_no_size(found: po.Diagnosis) -> None:
+    place = found.effects[0].place
+    assert place is not None
+    among = replace(found, delivery=replace(found.delivery, together=(place,)))
+    document = among.to_json()["delivered"]
+    assert document["together"] == [{"kind": "gear_eccentricity", "target": "joint1"}]
+    assert found.to_json()["delivered"]["together"] == []
+    entries = {entry["joint"]: entry for entry in among.extended.to_dict()["effects"]}
+    assert entries["joint1"].pop("size_undetermined") is True
+    assert entries == {entry["joint"]: entry for entry in found.extended.to_dict()["effects"]}
+    assert "no size of a cause (size_undetermined): gear_eccentricity(joint1)." in among.extended.to_yaml()
+    words = [effect.stated_words for effect in po.problem_from_dict(without_files(among.extended.to_dict())).effects]
+    assert words[0] == "gear eccentricity of joint1 (size undetermined)"
+    assert "mrad" in words[1]
+    assert "together with all else in extended.yaml" in " ".join(among.report(full=True).split())
+
+
+def without_files(document: dict) -> dict:  # type: ignore[type-arg]
+    """A problem without the covariance that stands beside it."""
+    document = {**document, "uncertainty": {"sigma": {}}}
+    document["effects"] = [{k: v for k, v in entry.items() if k != "covariance"} for entry in document["effects"]]
+    return document

@@ -169,12 +169,17 @@ class Fit:
         """(m,) residuals of all rows in units of the instrument's σ."""
         return self.residuals.whitened(self.x)[: self.residuals.measured]
 
-    def keeping(self, effects: Sequence[int]) -> Fit:
-        """The same estimate without the other effects, nothing fitted again: as certain as all was together."""
-        rows = [k for k, p in enumerate(self.residuals.parameters) if p.group != "effect"]
+    def places_of(self, effects: Sequence[int]) -> list[int]:
+        """Where in ``x`` the parameters of the geometry and of some effects are, shapes included."""
+        places = [k for k, p in enumerate(self.residuals.parameters) if p.group != "effect"]
         for i in effects:
             part = self.slices[i]
-            rows += range(part.start, part.stop + (i in self.shapes))
+            places += range(part.start, part.stop + (i in self.shapes))
+        return places
+
+    def keeping(self, effects: Sequence[int]) -> Fit:
+        """The same estimate without the other effects, nothing fitted again: as certain as all was together."""
+        rows = self.places_of(effects)
         steps = np.flatnonzero(np.any(self.directions[rows], axis=0)).tolist()
         return replace(
             self,

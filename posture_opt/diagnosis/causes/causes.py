@@ -50,8 +50,7 @@ class Finding:
         gain: relative drop of the RMS of held-out rows by it, everything else fitted again without it.
         confounded_with: causes that could replace it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
-        determined: whether the data determine the size, given the geometry and the other effects; else it is stated
-            nowhere.
+        determined: whether the data determine the size, whatever else is chosen beside it; else it is stated nowhere.
         place: of an effect among those of the model.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
         beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
@@ -157,7 +156,7 @@ def effect_findings(found: SearchResult, predictive: PredictiveModel, model: Fit
             gain.value,
             tuple(r.what for r in found.rivals[i]),
             (gain.low, gain.high),
-            determined=determines(predictive.fit, place),
+            determined=determines(model, place),
             place=place,
             stated=_stated_effect(model, place),
         )

@@ -13,6 +13,7 @@ from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.determined_sizes import undetermined
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
+from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.model.effects import Effect
@@ -30,6 +31,8 @@ class Delivery:
         vague: the places of those whose size the data do not determine: fitted for them to be absent, too.
         dropped: the places of the others: compared with the calibrated arm, or without those above, held-out rows are
             predicted no worse without them.
+        together: those of ``kept`` that are sure beside the rest of this very arm only: what they do together predicts
+            held-out rows, and beside other effects that explain as much each would have another size.
     """
 
     fit: Fit
@@ -38,6 +41,7 @@ class Delivery:
     session: tuple[int, ...] = ()
     vague: tuple[int, ...] = ()
     dropped: tuple[int, ...] = ()
+    together: tuple[int, ...] = ()
 
     @property
     def model(self) -> Literal["extended", "without_session", "calibrated"]:
@@ -50,12 +54,16 @@ class Delivery:
         """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
         reasons = {"session": self.session, "size_undetermined": self.vague, "no_gain": self.dropped}
         left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
-        return {"model": self.model, "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left]}
+        return {
+            "model": self.model,
+            "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left],
+            "together": [{"kind": effects[i].kind, "target": effects[i].target} for i in self.together],
+        }
 
 
 def deliver_arm(
-    calibration: Calibration, model: Fit, held: Mapping[str, HeldOut], parts: Folds, noise: Sequence[NoiseCause], *,
-    with_time: bool = False,
+    calibration: Calibration, model: Fit, deviations: Array, held: Mapping[str, HeldOut], parts: Folds,
+    noise: Sequence[NoiseCause], *, with_time: bool = False,
 ) -> Delivery:  # fmt: skip
     """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one.
 
@@ -80,7 +88,10 @@ def deliver_arm(
         errors = held_out(fit, parts, shape=noise_shape(fit, noise))
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
-    return Delivery(fit, errors, tuple(kept), session, vague, tuple(i for i in stays if i not in kept))
+    if kept:
+        fit = with_choice_errors(fit, deviations[:, model.places_of(kept)])
+    together = tuple(kept[i] for i in undetermined(fit))
+    return Delivery(fit, errors, tuple(kept), session, vague, tuple(i for i in stays if i not in kept), together)
 
 
 def outlasts_session(effect: Effect, with_time: bool = False) -> bool:

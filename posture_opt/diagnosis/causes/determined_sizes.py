@@ -1,4 +1,4 @@
-"""Whether data determine the size of a cause: in every direction of its parameters, and not only in the best one."""
+"""Whether data determine the size of a cause: all directions of its parameters together, not only the best one."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.scores import levels
 from posture_opt.numerics import Array
 
-_RANK_TOLERANCE = 1e-12  # of unit columns: columns of one effect that are alike by rounding
-
 
 def is_determined(values: Array, covariance: Array, columns: Array | None = None) -> bool:
-    """Whether the 95 % confidence region of a size keeps clear of zero, were it as wide everywhere as it is at most.
+    """Whether a size is larger than its error is at 95 %, all directions of its parameters together.
 
-    The size of parameters θ (k,) is how far they move the tool point, ``|B θ|``, and its error in the worst direction
-    the largest singular value of ``B C^½``: ``|B θ| > √χ²_k · σ_max``. A region that is narrow in one direction keeps
-    clear of zero however wide it is in another, and may hold a thousand times the size. One parameter is determined if
-    it is 1.96 standard errors from zero. What has no standard error is no estimate.
+    The size of parameters θ (k,) is how far they move the tool points, ``|B θ|``, and its error that of a random
+    ``B e``: ``|B θ|² > t χ²_{ν, 0.95} / ν`` with ``t = tr M``, ``ν = t² / tr M²`` and ``M = B C Bᵀ``. A size whose
+    error is large in a single direction, however well all others are known, is none: it is at least 1.96 times its
+    error in the worst one. What has no standard error is no estimate.
 
     Args:
         values: θ [SI]; covariance: C (k, k) of them.
         columns: B (m, k), the tool points moved by one unit each; one for all, where they are not given.
+
+    Source: Satterthwaite (1946), the distribution of sums of squares of unequal variances.
 
     Example:
         >>> import numpy as np
@@ -32,20 +32,16 @@ def is_determined(values: Array, covariance: Array, columns: Array | None = None
     """
     from scipy.special import chdtri
 
-    if not len(values) or not np.all(np.diag(covariance) > 0):
+    own = np.flatnonzero(np.diag(covariance) > 0)
+    B = (np.eye(len(values)) if columns is None else columns)[:, own]
+    scale = np.sqrt(np.diag(covariance)[own])
+    z, gram = values[own] / scale, scale[:, None] * (B.T @ B) * scale
+    M = covariance[np.ix_(own, own)] / np.outer(scale, scale) @ gram  # it has the eigenvalues of B C Bᵀ
+    trace = float(np.trace(M))
+    if not trace > 0:
         return True
-    B = np.eye(len(values)) if columns is None else columns
-    size = float(np.linalg.norm(B @ values))
-    return size**2 > float(chdtri(len(values), levels.SIZE_LEVEL)) * _largest_variance(covariance, B)
-
-
-def _largest_variance(covariance: Array, columns: Array) -> float:
-    """The largest eigenvalue of ``B C Bᵀ``, from the Gram matrix of B: C (k, k), B (m, k)."""
-    gram = columns.T @ columns
-    scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    values, V = np.linalg.eigh(gram / np.outer(scale, scale))
-    root = V * np.sqrt(np.where(values > _RANK_TOLERANCE, values, 0.0)) * scale[:, None]
-    return float(np.linalg.eigvalsh(root.T @ covariance @ root)[-1])
+    freedom = max(trace**2 / float(np.sum(M * M.T)), 1.0)
+    return float(z @ gram @ z) > trace / freedom * float(chdtri(freedom, levels.SIZE_LEVEL))
 
 
 def determines(model: Fit, place: int) -> bool:

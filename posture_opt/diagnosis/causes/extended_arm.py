@@ -54,10 +54,19 @@ def extended_arm(
         deviations=deviations,
         known=_extended_sources(problem, fitted, delivered).plus(scatter.errors),
         scatter=scatter.without_effects,
-        effects=tuple(_over_data(effect, delivered.residuals) for effect in delivered.effects),
+        effects=_effects_of(delivery),
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
         header=_file_header(calibration, model, delivery, findings, statistics, scatter.note),
+    )
+
+
+def _effects_of(delivery: Delivery) -> tuple[Effect, ...]:
+    """The effects of the file, those marked that hold together with the rest of it only."""
+    fit = delivery.fit
+    return tuple(
+        _over_data(effect, fit.residuals).model_copy(update={"size_undetermined": place in delivery.together or None})
+        for place, effect in zip(delivery.kept, fit.effects, strict=True)
     )
 
 
@@ -132,6 +141,9 @@ def _file_header(
     ):
         if places:
             lines.append(f"Left out, as {why}: {', '.join(effects[i].name for i in places)}.")
+    if delivery.together:
+        names = ", ".join(effects[i].name for i in delivery.together)
+        lines.append(f"Sure beside all else in this file only, and no size of a cause (size_undetermined): {names}.")
     read = [noise.name for noise in noises if not noise.of_arm]
     if read:
         lines.append(f"Left out, as it is of the measurement and not of the arm: {', '.join(read)}.")

@@ -102,14 +102,19 @@ class NestedSelection:
         return linear_held_out_errors(calibrated.residuals, models, shape=shape)
 
     def fitted_sets(
-        self, calibrated: Fit, size: int
+        self, calibrated: Fit, size: int, also: Sequence[Effect] = ()
     ) -> Iterator[tuple[Codes, LinearModel, tuple[Effect, ...], list[Array]]]:
         """Of each fold the rows left out, its own model, and the effects in it with their columns (m, k).
 
         The columns of the model are of unit length; one fold at a time, for memory.
+
+        Args:
+            also: effects that every model has, unless it has one of the same kind and target.
         """
         for left_out, sets in zip(self.folds, self.sets, strict=True):
-            effects = sets[min(size, len(sets) - 1)]
+            own = sets[min(size, len(sets) - 1)]
+            named = {(e.kind, e.target) for e in own}
+            effects = (*own, *(e for e in also if (e.kind, e.target) not in named))
             columns = [self.linearised.sensitivities.columns(e) for e in effects]
             Z = np.concatenate([self.linearised.G[:, :0], *columns], axis=1)
             norms = np.linalg.norm(Z, axis=0)

@@ -137,6 +137,8 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
         return "left out: these data do not determine its size"
     if place in found.delivery.dropped:
         return "left out: held-out rows are predicted no worse without it"
+    if place in found.delivery.together:
+        return "together with all else in extended.yaml; by itself its number there is no size of this cause"
     return entry.planning_note(place in found.delivery.kept)
 
 

@@ -129,6 +129,9 @@ class Effect(CatalogueEntry):
 
     estimate: dict[str, Quantity] = Field({}, description="parameter: value with its unit")
     covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
+    size_undetermined: bool | None = Field(
+        None, description="the estimate holds together with the rest of the file, and is no size of the cause by itself"
+    )
 
     @abstractmethod
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
@@ -286,7 +289,9 @@ class Effect(CatalogueEntry):
 
     @property
     def stated_size(self) -> str:
-        """The first size that the entry states, without standard error."""
+        """The first size that the entry states, without standard error; that it states none of its own."""
+        if self.size_undetermined:
+            return "(size undetermined)"
         values = {n: (v, math.nan, "") for (n, _), v in zip(self.dimensions, self.values, strict=True)}
         values |= {n: (float(getattr(self, n)), math.nan, "") for n in self.shape}
         estimate = FittedSizes(values)
