@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from command_line import command_line_page
+from effect_formulas import effects_page
 from presets import presets_table
 from problem_file import problem_file_page
 from python_names import python_names_page
@@ -15,6 +16,7 @@ def write_pages(docs: Path) -> None:
     pages = {
         "python.rst": python_names_page(),
         "parts/command_line.md": command_line_page(),
+        "parts/effects.md": effects_page(),
         "parts/presets.md": presets_table(),
         "parts/problem_file.md": problem_file_page(),
     }
