@@ -6,6 +6,7 @@ from pathlib import Path
 
 from command_line import command_line_page
 from effect_formulas import effects_page
+from limits_table import limits_table
 from presets import presets_table
 from problem_file import problem_file_page
 from python_names import python_names_page
@@ -17,6 +18,7 @@ def write_pages(docs: Path) -> None:
         "python.rst": python_names_page(),
         "parts/command_line.md": command_line_page(),
         "parts/effects.md": effects_page(),
+        "parts/limits.md": limits_table(),
         "parts/presets.md": presets_table(),
         "parts/problem_file.md": problem_file_page(),
     }

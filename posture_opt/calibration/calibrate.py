@@ -38,6 +38,7 @@ from posture_opt.calibration.geometry_notes import size_notes, tolerance_notes
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.second_file import OtherFile, predict_other_file
 from posture_opt.interrupts import interruptible
+from posture_opt.limits import MOST_FITTED
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
@@ -92,7 +93,8 @@ def calibrate(
         priors: whether stated σ's of parameters count as knowledge.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
         plan: whether report and document plan the task again with the arm that was found; ``seed`` of that search.
-        most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
+        most_rows: data with more are thinned to so many, see `thin`, and to 600 000 rows times joints; those left out
+            judge the result, `LargeFile`.
         progress: receives (done, total) after each fit.
 
     Raises:
@@ -107,7 +109,7 @@ def calibrate(
         >>> print(f"{1e3 * calibration.nominal.rms:.2f} mm before, {1e3 * calibration.calibrated.rms:.2f} mm after")
         1.30 mm before, 0.14 mm after
     """
-    thinning = thin(data, most_rows)
+    thinning = thin(data, MOST_FITTED.rows(most_rows, problem.robot.n))
     data = data if thinning is None else thinning.used
     problem, refuted = consistent_problem(problem, data, priors)
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)

@@ -21,6 +21,7 @@ from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import InputError, Issue
+from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
 
 if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import Purpose
@@ -35,7 +36,7 @@ Box = tuple[Corner, Corner]
 @problem_options
 @task_options
 @click.option(
-    "--count", "--poses", "count", type=click.IntRange(min=1),
+    "--count", "--poses", "count", type=click.IntRange(min=1, max=MOST_PLANNED.most),
     help="Postures to measure.  [default: 30; 10 for a recheck]",
 )  # fmt: skip
 @click.option("--given", "data", type=PATH, metavar="DATA.csv", help="Measurements made already.")
@@ -48,7 +49,7 @@ Box = tuple[Corner, Corner]
     help="All parameters of the arm, the tool point at the task's posture, or what changed on a calibrated arm.",
 )
 @click.option(
-    "--candidates", type=click.IntRange(min=10, max=50_000), default=2000, show_default=True,
+    "--candidates", type=click.IntRange(min=10, max=MOST_CANDIDATES.most), default=2000, show_default=True,
     help="Random postures to choose from.",
 )  # fmt: skip
 @click.option("--repeats", type=click.IntRange(min=1), default=1, show_default=True, help="Repeats of each posture.")

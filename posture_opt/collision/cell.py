@@ -11,6 +11,7 @@ from pydantic import Field, field_validator
 from posture_opt.collision.mounting import MOUNTING_PLANE, MountingSpec
 from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
 from posture_opt.errors import BadValueError
+from posture_opt.limits import MOST_OBSTACLES
 from posture_opt.spec import WordOrSection
 from posture_opt.units import Length
 
@@ -39,8 +40,9 @@ class CellSpec(WordOrSection):
         """The obstacles as they are, if their names differ: reports and solver rows are named after them.
 
         Raises:
-            BadValueError: two of one name.
+            BadValueError: two of one name, or too many.
         """
+        MOST_OBSTACLES.check(len(obstacles))
         names = Counter(obstacle.name for obstacle in obstacles)
         for name, count in names.items():
             if count > 1:

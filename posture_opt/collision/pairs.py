@@ -15,6 +15,8 @@ from posture_opt.robot.joint_ranges import drawn_between
 
 _POSTURE_COUNT = 1000
 """Random postures: a median is then known to 1.6 % of them (one standard deviation)."""
+_MOST_AT_ONCE = 100_000
+"""Distances that are computed together: some 30 arrays of vectors, 70 MB."""
 _HELD_BELOW_M = 1e-3
 """What is taken off a distance [m] that is held in place of the clearance, before it is rounded down: the bounds that
 a solver keeps are up to so much below the true distance."""
@@ -92,8 +94,12 @@ def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Seque
         pairs: (k,) which of them.
     """
     first, second = (np.array(side, dtype=int) for side in zip(*pairs, strict=True))
-    between = to_segment(start[:, first], end[:, first], start[:, second], end[:, second])
-    return np.asarray(between - placed.radii[first] - placed.radii[second])
+    step = max(_MOST_AT_ONCE // len(pairs), 1)
+    blocks = [slice(k, k + step) for k in range(0, len(start), step)]
+    between = [to_segment(start[b][:, first], end[b][:, first], start[b][:, second], end[b][:, second]) for b in blocks]
+    return np.asarray(
+        np.concatenate([*between, np.zeros((0, len(pairs)))]) - placed.radii[first] - placed.radii[second]
+    )
 
 
 def checked_against(placed: PlacedCapsules, obstacle: Obstacle, moving: Sequence[int], clearance: float) -> Checked:

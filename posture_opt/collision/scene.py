@@ -39,6 +39,8 @@ SEPARATION_M = 0.1
 """Distance beyond the margin [m]: pairs that keep so far apart need no row."""
 _POSTURE_COUNT = 4000
 """Random postures by which pairs are found to keep apart."""
+_BLOCK_PAIRS = 500
+"""Pairs whose distances at all of them are held together: 16 MB."""
 _FREE_END_RADII = 2.0
 """So many radii (and clearances) of the tool in front of its tool point are not checked: it touches its target there,
 leaning up to 60 deg from a flat surface's normal."""
@@ -310,7 +312,8 @@ class Scene:
         """Which pairs random postures bring nearer than `SEPARATION_M`; of those that are held nearer than the margin,
         which they bring nearer than that.
         """
-        least = self.distances(random_postures(self.placed, _POSTURE_COUNT)).min(axis=0)
+        blocks = np.array_split(random_postures(self.placed, _POSTURE_COUNT), 1 + len(self.pairs) // _BLOCK_PAIRS)
+        least = np.min([self.distances(Q).min(axis=0) for Q in blocks], axis=0)
         required = np.array(self.required)
         far = np.where(required < self.margin, required, self.margin + SEPARATION_M)
         return dict(zip(self._keys, (least < far).tolist(), strict=True))

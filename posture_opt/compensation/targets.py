@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.limits import MOST_COMPENSATED
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, known_columns
@@ -81,6 +82,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     cells = read_cells(blocks, columns.values(), faults)
     if not len(cells.line) and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each target", table.line)
+    MOST_COMPENSATED.check_at(len(cells.line), (faults.file,))
     faults.refuse()
     check_inputs(cells, faults)
     near = _near_postures(cells, columns, robot, faults)

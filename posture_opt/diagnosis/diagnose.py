@@ -46,6 +46,7 @@ from posture_opt.diagnosis.search.nested_selection import Folding
 from posture_opt.diagnosis.search.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.interrupts import interruptible
+from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.measurements.thinning import Thinning, thin
@@ -158,7 +159,7 @@ def diagnose(
         ('unexplained', ('joint1', 'joint2'))
     """
     stages = Stages(progress, 20, 55, 5, 20)
-    thinning = thin(data, most_rows)
+    thinning = thin(data, MOST_SEARCHED.rows(most_rows, problem.robot.n))
     data = data if thinning is None else thinning.used
     calibration = calibrate(problem, data, folds=folds, by=by, most_rows=len(data), progress=stages.next())
     problem = calibration.request.problem  # without what the data refute of it

@@ -23,6 +23,7 @@ from posture_opt.experiments.information import (
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
+from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.above_mounting import above_mounting
@@ -93,6 +94,8 @@ def plan_measurements(
     """
     if count < 1:
         raise InputError(Issue(f"{count} postures are no plan", ("--count",), count, "plan at least 1"))
+    MOST_PLANNED.check_at(count, ("--count",))
+    MOST_CANDIDATES.check_at(candidates, ("--candidates",))
     if repeats < 1:
         raise InputError(
             Issue(f"{repeats} repeats are none", ("--repeats",), repeats, "measure each posture at least once")

@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.csv_text import unguarded
 from posture_opt.errors import BadValueError
+from posture_opt.limits import MOST_CELLS
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS
@@ -98,9 +99,15 @@ def read_cells(
         columns: which columns to read, and how.
         faults: of the file.
         spec: may state decimal mark and mark of thousands; else the first rows decide.
+
+    Raises:
+        InputError: more cells than are accepted.
     """
-    cells, known, marks = Cells(), list(columns), None
+    cells, known, marks, count = Cells(), list(columns), None, 0
     for block in blocks:
+        count += len(block.lines) * len(known)
+        if count > MOST_CELLS.most:
+            faults.stop(MOST_CELLS.beyond, MOST_CELLS.hint)
         cells.marks = marks = marks or _number_marks(block, known, faults, spec or DataSpec())
         cells.lines.append(np.asarray(block.lines, dtype=np.intp))
         for column in known:

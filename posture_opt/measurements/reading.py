@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
+from posture_opt.limits import MOST_PLACES, MOST_ROBOTS
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
@@ -70,6 +71,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     if not cells.line.size and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
+    _check_labels(cells, faults)
     data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
     data = _with_instrument(data, cells, problem)
@@ -81,6 +83,21 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
     return replace(data, warnings=tuple(notes), notes=(*table.notes, *unused))
+
+
+def _check_labels(cells: Cells, faults: Faults) -> None:
+    """Refuses more robots, targets or places than can be fitted together.
+
+    Raises:
+        InputError: the column and how many are accepted.
+    """
+    places = dict.fromkeys(("target", *(kind.label for kind in KINDS if kind.label)), MOST_PLACES)
+    for name, limit in {"robot": MOST_ROBOTS, **places}.items():
+        code = cells.code(name)
+        count = len(code[1]) if code else 0
+        if count > limit.most:
+            faults.add(limit.message(count), name, count, limit.hint)
+    faults.refuse()
 
 
 def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Measurements:

@@ -14,11 +14,12 @@ import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, nearest
 from posture_opt.files import located
+from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.table import RawTable, open_table
 from posture_opt.numerics import Array
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.tasks.path_task import MAX_POINTS, PathTask, repeated
+from posture_opt.selection.tasks.path_task import PathTask, repeated
 from posture_opt.units import parse_quantity
 
 Vectors = tuple[tuple[float, float, float], ...]
@@ -55,8 +56,8 @@ def _read(
     lines: list[int] = []
     rows: list[list[float]] = []
     for block in raw.blocks:
-        if len(rows) + len(block.lines) > MAX_POINTS:
-            raw.faults.stop(f"more than the {MAX_POINTS} points that a path may have", "thin them out")
+        if len(rows) + len(block.lines) > MOST_PATH_POINTS.most:
+            raw.faults.stop(MOST_PATH_POINTS.beyond, MOST_PATH_POINTS.hint)
         for r, line in enumerate(block.lines):
             lines.append(line)
             rows.append([_number(block.cells[i][r], name, line, raw.faults) * f for name, (i, f) in columns.items()])

@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Any, ClassVar
 
-from pydantic import ConfigDict, Field, SerializeAsAny, ValidationError, create_model
+from pydantic import ConfigDict, Field, SerializeAsAny, ValidationError, create_model, field_validator
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import KeyPath
+from posture_opt.limits import MOST_EFFECTS
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model import effects as catalogue
 from posture_opt.model.effects import CatalogueEntry, effect_class
@@ -47,6 +48,17 @@ class ProblemSpec(Spec):
     effects: tuple[SerializeAsAny[CatalogueEntry], ...] = Field((), description=_EFFECTS_WORDS)
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")
+
+    @field_validator("effects", mode="before")
+    @classmethod
+    def _not_too_many(cls, effects: object) -> object:
+        """The effects as they are, before any of them is read.
+
+        Raises:
+            BadValueError: too many.
+        """
+        MOST_EFFECTS.check(len(effects) if isinstance(effects, list | tuple) else 0)
+        return effects
 
 
 def read_sections(data: Mapping[str, Plain]) -> ProblemSpec:

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
 
 from posture_opt.errors import BadValueError, as_given
+from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import TURN
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.joint_velocities import with_velocities
@@ -19,8 +20,6 @@ from posture_opt.robot.shape_section import ShapeSpec, shaped
 from posture_opt.spec import Spec, WordOrSection
 from posture_opt.units import Angle, JointVelocity, Length, Mass, Quantity, parse_quantity
 
-MAX_JOINTS = 20
-"""More than any serial arm has; the table and the symbolic expressions are bounded by it."""
 FULL_TURN = (-TURN, TURN)
 """Limits of a revolute joint for which none are stated [rad]."""
 _RESERVED = {"base", "tool"}
@@ -242,13 +241,12 @@ class TableRobot(RobotFormat):
         """The rows as they are, if they can make an arm.
 
         Raises:
-            BadValueError: no row, more than ``MAX_JOINTS``, or two joints of one name.
+            BadValueError: no row, more than ``MOST_JOINTS``, or two joints of one name.
         """
         names = [joint.name for joint in joints]
         if not names:
             raise BadValueError("a robot needs at least one joint")
-        if len(names) > MAX_JOINTS:
-            raise BadValueError(f"{len(names)} joints are more than the {MAX_JOINTS} that a serial arm may have here")
+        MOST_JOINTS.check(len(names))
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise BadValueError(f"joint names given twice: {', '.join(twice)}", "names must differ")
         return joints

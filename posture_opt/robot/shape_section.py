@@ -9,6 +9,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
+from posture_opt.limits import MOST_CAPSULES
 from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import along_links
 from posture_opt.robot.robot import Robot
@@ -91,6 +92,7 @@ def shaped(robot: Robot, given: ShapeSpec | None, T_last: Array | None = None) -
     ]
     if issues:
         raise InputError(issues)
+    MOST_CAPSULES.check_at(sum(map(len, parts.values())), ("shape",))
     capsules = tuple(_located(spec.capsule(), robot, T_last) for specs in parts.values() for spec in specs)
     if section.radius is not None:
         return replace(robot, shape=(*along_links(robot, section.radius), *capsules))

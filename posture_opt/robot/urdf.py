@@ -14,8 +14,9 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import content, located
+from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import Array
-from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, check_joint_name
+from posture_opt.robot.format import FULL_TURN, RobotFormat, check_joint_name
 from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE
@@ -175,9 +176,8 @@ def _chain_faults(path: list[UrdfJoint]) -> Iterator[Issue]:
     if not moving:
         message = f"no joint moves between '{path[0].parent}' and '{path[-1].child}'"
         yield Issue(message, hint="choose another tip_link or base_link")
-    if len(moving) > MAX_JOINTS:
-        message = f"{len(moving)} moving joints are more than the {MAX_JOINTS} that a serial arm may have here"
-        yield Issue(message, hint="choose a tip_link nearer to the base_link")
+    if len(moving) > MOST_JOINTS.most:
+        yield Issue(MOST_JOINTS.message(len(moving)), hint="choose a tip_link nearer to the base_link")
 
 
 def _check_joint(joint: UrdfJoint) -> None:

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
+from posture_opt.limits import MOST_PROBLEM_FILES
 from posture_opt.numerics import Json, Progress, finite_or_none
 from posture_opt.output import finite
 from posture_opt.result import Result
@@ -125,9 +126,10 @@ def select_postures(
         progress: called with (done, total) problems.
 
     Raises:
-        InputError: no problem at all, or none that could be read.
+        InputError: no problem at all, too many, or none that could be read.
     """
     began = time.perf_counter()
+    MOST_PROBLEM_FILES.check_at(len(problems), ("problems",))
     readable = {name: problem for name, problem in problems.items() if not isinstance(problem, PostureOptError)}
     if not readable:
         issues = [issue for error in problems.values() if isinstance(error, InputError) for issue in error.issues]

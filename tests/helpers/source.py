@@ -16,6 +16,7 @@ from typing import Literal
 
 ROOMS = [
     "errors",
+    "limits",
     "texts",
     "csv_text",
     "units",

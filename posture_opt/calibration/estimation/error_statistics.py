@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.limits import MOST_FOLDS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, rms
 
@@ -139,6 +140,9 @@ def median_blocks(points: Array, count: int) -> Codes:
 def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
     """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own.
 
+    Raises:
+        InputError: more folds than are accepted.
+
     Example:
         >>> import numpy as np
         >>> [rows.tolist() for rows in folds_of(np.array([0, 0, 1, 1]), 2, "pose")]
@@ -147,6 +151,7 @@ def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
     names = np.unique(groups)
     if by == "place":
         return [np.flatnonzero(groups == name) for name in names]
+    MOST_FOLDS.check_at(min(folds, len(names)), ("--folds",))
     shuffled = np.random.default_rng(seed).permutation(names)
     parts = [part for part in np.array_split(shuffled, folds) if len(part)]
     return [np.flatnonzero(np.isin(groups, part)) for part in parts]

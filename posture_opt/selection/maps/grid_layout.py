@@ -13,6 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
+from posture_opt.limits import MOST_MAP_TARGETS
 from posture_opt.numerics import Array
 from posture_opt.selection.maps.map_points import ALIGNED, Grid, along_world_axes
 from posture_opt.selection.program.task_target import Reach, TaskTarget
@@ -20,8 +21,6 @@ from posture_opt.selection.search.relaxation import plane_reason
 
 Plane = Literal["xy", "xz", "yz"]
 
-MOST = 50_000
-"""Targets of a grid: its report and its document are made in one piece. More are mapped a part of the box at a time."""
 _LONGER_SIDE_TARGETS = 17  # targets along it by default: a map of some seconds
 _MIN_SIDE_TARGETS = 5  # along the shorter side: fewer show no shape
 _POSITION_MARGIN = 0.3  # of the reach, to either side of a position
@@ -52,7 +51,7 @@ class GridRequest:
             raise InputError(issues)
 
     def _count_issues(self) -> list[Issue]:
-        """Counts that make no grid: not two or three of them, one target alone, or more than `MOST`."""
+        """Counts that make no grid: not two or three of them, one target alone, or more than `MOST_MAP_TARGETS`."""
         if self.counts is None:
             return []
         text, key, hint = (
@@ -65,8 +64,8 @@ class GridRequest:
         if max(self.counts) < 2:
             return [Issue("one target is no map", key, text, hint)]
         total = math.prod(self.counts)
-        if total > MOST:
-            return [Issue(f"{total} targets are more than {MOST}", key, text, "map a part of the box at a time")]
+        if total > MOST_MAP_TARGETS.most:
+            return [Issue(MOST_MAP_TARGETS.message(total), key, text, MOST_MAP_TARGETS.hint)]
         return []
 
     def _corner_issues(self) -> list[Issue]:

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.errors import BadValueError, InputError
+from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.selection.program.task_target import Reach, TaskTarget, turned_about_z
-from posture_opt.selection.tasks.path_task import PathTask, check_count
+from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.task_spread import across_basis
 
 _CLOSED_DISTANCE_M = 1e-9  # m: first and last point of a closed path are one
@@ -101,10 +101,7 @@ class TaskPath:
         parts: list[int] = []
         gaps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         counts = np.maximum(np.ceil(gaps / spacing - 1e-9), 1)
-        try:
-            check_count(int(min(counts.sum(), 1e12)) + 1)
-        except BadValueError as error:
-            raise InputError(replace(error.issue(("task", "spacing"), f"{spacing:g} m"), hint="widen it")) from None
+        MOST_PATH_POINTS.check_at(int(min(counts.sum(), 1e12)) + 1, ("task", "spacing"), "widen it")
         for k, (gap, count) in enumerate(zip(gaps.tolist(), counts.astype(int).tolist(), strict=True)):
             along = (self.points[k + 1] - self.points[k]) / gap
             rows.append((self.points[k], self.tangents[k], self.axes[k], True))

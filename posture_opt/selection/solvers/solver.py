@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from posture_opt.limits import MOST_STARTS
 from posture_opt.selection.program.nlp import Nlp
 from posture_opt.spec import Spec
 
@@ -60,7 +61,7 @@ class Solver(Spec):
     starts: int | None = Field(
         default=None,
         ge=1,
-        le=100_000,
+        le=MOST_STARTS.most,
         description="postures that the search begins at; by default as many as there is freedom left for",
     )
     seed: int = Field(default=0, ge=0, description="of the random starts: the same seed, the same answer")

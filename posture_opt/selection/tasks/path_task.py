@@ -9,14 +9,13 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
+from posture_opt.limits import MOST_PATH_POINTS
 from posture_opt.selection.tasks.direction import Direction
 from posture_opt.selection.tasks.task import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.units import Angle, Length, parse_quantity
 
 Point = tuple[Length, Length, Length]
-MAX_POINTS = 20_000
-"""Points of a path, those that ``spacing`` adds included: the document of more would be tens of megabytes."""
 _APART = 1e-9  # m: points nearer to each other than this are one
 
 
@@ -139,7 +138,7 @@ class PathTask(Task):
     def _not_too_many(cls, points: object) -> object:
         """The points as they are, before any of them is read, unless they are too many."""
         if isinstance(points, list | tuple):
-            check_count(len(points))
+            MOST_PATH_POINTS.check(len(points))
         return points
 
     @field_validator("points", mode="after")
@@ -198,16 +197,6 @@ def _distance(point: Point, a: Point, b: Point) -> float:
     share = min(max(along, 0.0), 1.0)
     nearest = [p + share * (q - p) for p, q in zip(a, b, strict=True)]
     return math.dist(point, nearest)
-
-
-def check_count(count: int) -> None:
-    """Refuse a path of too many points.
-
-    Raises:
-        BadValueError: more than ``MAX_POINTS``.
-    """
-    if count > MAX_POINTS:
-        raise BadValueError(f"{count} points are more than the {MAX_POINTS} that a path may have", "thin them out")
 
 
 def repeated(points: tuple[Point, ...]) -> list[int]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from posture_opt.errors import BadValueError
+from posture_opt.limits import MOST_FEATURES
 from posture_opt.selection.tasks.direction import Direction
 from posture_opt.spec import Spec
 from posture_opt.units import DIMENSIONS, Length, parse_quantity
@@ -19,8 +20,6 @@ Combine = Literal["worst", "mean", "success"]
 """The largest spread of the features, their mean, or the probability that all of them succeed."""
 
 Point = tuple[float, float, float]
-MOST_FEATURES = 30
-"""Of one task: so many were tried."""
 
 
 def _span(dimension: str) -> Any:
@@ -107,10 +106,7 @@ def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise BadValueError(f"two features have the name '{twice[0]}'", "give each a name of its own")
-    if len(features) > MOST_FEATURES:
-        raise BadValueError(
-            f"{len(features)} features are given, {MOST_FEATURES} at most are placed together", "split the task"
-        )
+    MOST_FEATURES.check(len(features))
     return features
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.interrupts import interruptible
+from posture_opt.limits import MOST_SAMPLES
 from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
@@ -26,8 +27,6 @@ from posture_opt.uncertainty.simulation.sampling_errors import (
 from posture_opt.uncertainty.spread.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
 from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-MAX_SAMPLES = 100_000_000
-"""Samples of one cloud; two million fix a variance to 0.1 % already."""
 _BLOCK_SAMPLES = 5_000
 """Samples walked at once: bounds the memory whatever n is."""
 _MAX_KEPT_POINTS = 1_000_000
@@ -301,9 +300,8 @@ def _check_arguments(n: object, seed: object) -> None:
         issues.append(Issue(f"the number of samples is {n!r}", ("n",), n, "give a whole number such as 5000"))
     elif n < 2:
         issues.append(Issue(f"{n} samples have no covariance", ("n",), n, "give 2 or more; 5000 are usual"))
-    elif n > MAX_SAMPLES:
-        hint = "give at most 1e8; 2e6 fix a variance to 0.1 %"
-        issues.append(Issue(f"{n} samples are too many", ("n",), n, hint))
+    elif n > MOST_SAMPLES.most:
+        issues.append(Issue(MOST_SAMPLES.message(int(n)), ("n",), n, MOST_SAMPLES.hint))
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         issues.append(Issue(f"the seed is {seed!r}", ("seed",), seed, "give a whole number of 0 or more"))
     if issues:
