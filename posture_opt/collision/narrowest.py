@@ -1,4 +1,4 @@
-"""``Gap``: where an arm comes nearest to its cell or to itself, as the segment between the two surfaces."""
+"""``Gap``: where an arm comes nearest to an obstacle, as the segment between the two surfaces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.collision.segment_distances import to_segment
 from posture_opt.numerics import Array
 
 _PIECES, _ROUNDS = 32, 8
@@ -26,8 +25,8 @@ class Gap:
 
     Args:
         distance: [m]; zero or less where the bodies overlap, but not how deep.
-        between: two joints, or a joint and an obstacle.
-        start, end: (3,) the two points that are so near, of the first and of the second [m], world.
+        between: a joint and an obstacle.
+        start, end: (3,) the two points that are so near, of the arm and of the obstacle [m], world.
     """
 
     distance: float
@@ -37,38 +36,28 @@ class Gap:
 
 
 def narrowest(scene: Scene, q: Array) -> Gap | None:
-    """The narrowest gap at a posture (n,) to an obstacle; to the arm itself where there is none.
+    """The narrowest gap at a posture (n,) to a stated obstacle; None where there is none.
 
-    Of the pairs that are to keep the whole clearance: links that are near each other by design, and the shoulder above
-    its table, are held at what they can have, and would be the narrowest at every posture. None where nothing is left.
+    Of the pairs that are to keep the whole clearance: the shoulder above the table that it stands on is held at what it
+    can have, and would be the narrowest at every posture.
     """
-    if not scene.active:
+    stated = {obstacle.name for obstacle in scene.stated_obstacles}
+    counts = [len(scene.own) <= k and other in stated for k, (_, other) in enumerate(scene.pairs)]
+    kept = np.array(counts, dtype=bool) & (np.array(scene.required) >= scene.margin)
+    if not kept.any():
         return None
-    distances = np.where(np.array(scene.required) < scene.margin, np.inf, scene.distances(q)[0])
-    if np.isfinite(distances[len(scene.own) :]).any():
-        distances[: len(scene.own)] = np.inf
+    distances = np.where(kept, scene.distances(q)[0], np.inf)
     k = int(np.argmin(distances))
-    if not np.isfinite(distances[k]):
-        return None
     start, end = (ends[0] for ends in scene.placed.segments(np.atleast_2d(q)))
-    radii = scene.placed.radii
-    if k < len(scene.own):
-        first, second = scene.own[k]
+    others = [(i, obstacle) for obstacle, chosen in zip(scene.obstacles, scene.against, strict=True) for i in chosen]
+    capsule, solid = others[k - len(scene.own)]
 
-        def away(points: Array) -> Array:
-            return np.asarray(to_segment(points, points, start[second], end[second]) - radii[second])
-    else:
-        others = [
-            (i, obstacle) for obstacle, chosen in zip(scene.obstacles, scene.against, strict=True) for i in chosen
-        ]
-        first, solid = others[k - len(scene.own)]
+    def away(points: Array) -> Array:
+        return solid.distance(points, points)
 
-        def away(points: Array) -> Array:
-            return solid.distance(points, points)
-
-    on_axis = _nearest_on(start[first], end[first], away)
+    on_axis = _nearest_on(start[capsule], end[capsule], away)
     outward = _gradient(away, on_axis)
-    surface = on_axis - radii[first] * outward
+    surface = on_axis - scene.placed.radii[capsule] * outward
     return Gap(float(distances[k]), scene.pairs[k], surface, on_axis - float(away(on_axis)) * outward)
 
 

@@ -4,10 +4,12 @@
 
     explorer.py ── Explorer     the handle: page, target, answer
     answers.py ─── Answers      the loop of solving: one thread, the newest request wins
-    whole_search.py             the full search, in a process of its own that can be stopped
+    other_process.py            the full search and maps, in a process of its own that can be stopped
     live_scene.py  LiveScene    the arm and its error region on the page
     live_cell.py   LiveCell     the obstacles and the narrowest gap
     panel.py ───── Panel        numbers and joints; task_panel.py, obstacles_panel.py what may be asked differently
+    stations.py    Stations     features and paths: chosen, played back, their workpiece dragged
+    live_map.py    LiveMap      the spread over the bench, as heat.py computes it
     taken_away.py  TakenAway    what is written: problem, report, picture; and the command line
     server.py ──── a viser server on this machine alone
 

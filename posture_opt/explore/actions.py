@@ -8,6 +8,7 @@ from typing import Any
 
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
+from posture_opt.problem.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Actions:
         chosen: with the place (3,) [m] of the obstacle that was chosen; None for none.
         save: writes the problem, returns what to say of it; ``report`` the report of the answer, ``picture`` what one
             browser shows.
+        asked: the problem that is asked at the moment.
         command: the command line that gives the answer.
     """
 
@@ -33,4 +35,5 @@ class Actions:
     save: Callable[[], str]
     report: Callable[[], str]
     picture: Callable[[Any], str]
+    asked: Callable[[], Problem]
     command: Callable[[], str]

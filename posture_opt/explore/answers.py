@@ -13,16 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.errors import NoSolutionError, PostureOptError
-from posture_opt.explore.whole_search import WholeSearch
+from posture_opt.explore.other_process import OtherProcess
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.select_posture import select_posture
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
 RESTS_S = 0.35
 """A target that has not moved for so long [s] rests."""
 _STARTS = 4  # local searches beside the one from the last answer
+_PATIENCE_S = 3.0  # [s]: what stations take is ended by a new request no sooner; a new process takes half of it
 _BETTER = 1e-3  # of σ: by so much the full search has to be better for the arm to have gone to another branch
 
 
@@ -70,7 +72,7 @@ class Answers:
         self._best: Solution | None = None
         self._ended = False
         self._changed = threading.Condition()
-        self._search = WholeSearch()
+        self._search = OtherProcess()
         self._selector: tuple[object, PostureSelector] | None = None
         self._q: Array | None = None
         self._thread = threading.Thread(target=self._run, name="posture_opt explore", daemon=True)
@@ -81,7 +83,7 @@ class Answers:
         with self._changed:
             self._asked = request
             self._changed.notify()
-        self._search.stop_if_busy()
+        self._search.stop_if_busy(_PATIENCE_S if has_stations(request.problem) else 0.0)
 
     def end(self) -> None:
         """Solve nothing more."""
@@ -94,9 +96,13 @@ class Answers:
 
     def _run(self) -> None:
         while (request := self._next()) is not None:
-            quick = self.quick(request) if request.q is None else self._at(request, request.q)
+            if request.q is not None:
+                self._show(self._at(request, request.q))
+                continue
+            several = has_stations(request.problem)
+            quick = Answer(request, self._best) if several else self.quick(request)
             self._show(quick)
-            if request.q is None and self._rests():
+            if several or self._rests():
                 whole = self._whole(quick)
                 if whole is not None:
                     self._show(whole)
@@ -149,7 +155,7 @@ class Answers:
 
     def _whole(self, quick: Answer) -> Answer | None:
         """The answer of the full search; None where it was stopped."""
-        found = self._search.solve(quick.request.problem)
+        found = self._search.call(select_posture, quick.request.problem)
         if found is None:
             return None
         if isinstance(found, NoSolutionError):
@@ -157,8 +163,14 @@ class Answers:
         if isinstance(found, PostureOptError):
             return Answer(quick.request, reason=str(found), whole=True)
         self._q, self._best = found.q, found
-        gain = 0.0 if quick.solution is None else 1.0 - found.sigma / quick.solution.sigma
+        compared = quick.solution is not None and not found.points
+        gain = 1.0 - found.sigma / quick.solution.sigma if compared and quick.solution else 0.0
         return Answer(quick.request, found, whole=True, gain=gain if gain > _BETTER else 0.0)
+
+
+def has_stations(problem: Problem) -> bool:
+    """Whether a task has a posture at several places: features, or a path."""
+    return problem.task is not None and (bool(problem.task.features) or problem.task.on_path)
 
 
 def _all_but_position(problem: Problem) -> object:

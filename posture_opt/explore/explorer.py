@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from posture_opt.collision.narrowest import narrowest
 from posture_opt.errors import InputError, Issue
 from posture_opt.explore.actions import Actions
-from posture_opt.explore.answers import Answer, Answers, Request
+from posture_opt.explore.answers import Answer, Answers, Request, has_stations
 from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import server, stop
@@ -22,9 +23,11 @@ from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
+from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.uncertainty.spread.spread import Spread, propagate
 
 DEFAULT_PORT = 8080
 _TARGET = "target"
@@ -37,17 +40,19 @@ class Explorer:
     ``target`` can be set, and the page follows; ``solution`` is the latest answer.
 
     Args:
-        problem: with a task of one target.
+        problem: with a task.
         host, port: where the page is served; the next free port is taken.
         folder: where "Save problem" writes to.
 
     Raises:
-        InputError: the task has several targets, viser is missing, or the page cannot be served.
+        InputError: no task, viser is missing, or the page cannot be served.
         NoSolutionError: there is no posture to begin with.
     """
 
     def __init__(self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None):
-        first = PostureSelector(problem, compiled=False, offers=False).solve()
+        first = None if has_stations(problem) else PostureSelector(problem, compiled=False, offers=False).solve()
+        spread = _somewhere(problem) if first is None else first.spread
+        geometry = ArmGeometry.of_spread(spread) if first is None else ArmGeometry.of_solution(first)
         self._stated = self._problem = problem
         self._changes: dict[str, dict[str, Plain]] = {}  # by groups of keys
         self._away = TakenAway(problem, folder or Path())
@@ -56,17 +61,22 @@ class Explorer:
         self._solution: Solution | None = first
         self._shown: Answer | None = None
         self._server = server(host, port, f"posture_opt: {problem.name}")
-        arm = ArmSolids(first.spread.tool_point.robot)
+        arm = ArmSolids(spread.tool_point.robot)
         self._cell = problem.scene
-        self._panel = Panel(self._server, problem, self._actions())
+        self._panel = Panel(self._server, problem, geometry, self._actions())
         obstacle_moved = self._panel.obstacles.move
-        self._scene = LiveScene(self._server, ArmGeometry.of_solution(first), arm, self._dragged, obstacle_moved)
+        self._scene = LiveScene(self._server, geometry, arm, self._dragged, obstacle_moved)
         self._scene.cell.show(self._cell)
         stated = position_of(problem)
-        self._target = np.array(first.spread.position if stated is None else stated)
+        self._target = np.array(spread.position if stated is None else stated)
         self._scene.place_handle(self._target)
         self._panel.place(self._target)
-        self._scene.show(first)
+        if first is None:
+            self._scene.show_own(spread)
+            self._scene.fade()
+            self._scene.handle.visible = False
+        else:
+            self._scene.show(first)
         self._answers = Answers(self._answered)
         self._request = Request(problem)
         self._answers.ask(self._request)
@@ -127,6 +137,9 @@ class Explorer:
         """End the page, and everything that it computes."""
         if not self._closed.is_set():
             self._closed.set()
+            self._panel.map.end()
+            if self._panel.stations is not None:
+                self._panel.stations.end()
             self._answers.end()
             stop(self._server)
 
@@ -149,7 +162,7 @@ class Explorer:
             moved=self._typed, changed=self.change, turned=self.turn, redraw=self._redraw,
             chosen=lambda place: self._scene.cell.choose(place),
             save=lambda: self._away.save(self.problem), report=lambda: self._away.report(self.solution),
-            picture=self._away.picture, command=self.command,
+            picture=self._away.picture, command=self.command, asked=lambda: self.problem,
         )  # fmt: skip
 
     def _ask(self, place: Array) -> None:
@@ -204,8 +217,10 @@ class Explorer:
     def _answered(self, answer: Answer) -> None:
         """Show an answer, unless something else is asked by now."""
         with self._guard:
-            if answer.request is not self._request or self._closed.is_set():
+            late = answer.request is not self._request
+            if self._closed.is_set() or (late and not has_stations(answer.request.problem)):
                 return
+            answer = replace(answer, whole=answer.whole and not late)  # stations take too long to be left out
             self._shown, self._solution = answer, answer.solution
         self.show(answer)
 
@@ -225,21 +240,23 @@ class Explorer:
             self._drawn(answer)
 
     def _drawn(self, answer: Answer) -> None:
-        shown = answer.own or answer.solution
+        shown: Spread | Solution | None = answer.own or answer.solution
+        if isinstance(shown, Solution) and shown.points and self._panel.stations is not None:
+            shown = self._panel.stations.show(shown, bool(self._changes.get("placement")))
         self._scene.cell.show_gap(None if shown is None else narrowest(self._cell, np.asarray(shown.q)))
         if answer.own is not None:
             self._scene.show_own(answer.own, self._panel.layers)
-        elif answer.solution is None:
-            self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
+        elif isinstance(shown, Solution):
+            self._scene.show(shown, self._panel.layers)
         else:
-            self._scene.show(answer.solution, self._panel.layers)
+            self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
 
 
 def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True) -> Explorer:
     """A live page of a problem: drag the target, and the best posture follows.
 
     Args:
-        problem: with a task of one target.
+        problem: with a task.
         host: an address of this machine.
         port: the next free one is taken.
         browser: whether a browser is opened.
@@ -251,3 +268,8 @@ def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PO
     if browser:
         webbrowser.open_new_tab(page.url)
     return page
+
+
+def _somewhere(problem: Problem) -> Spread:
+    """The spread in the middle of all joints: what is seen until the stations have their postures."""
+    return propagate(problem, np.mean(drawn_between(problem.robot), axis=0))

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.explore.actions import Actions
-from posture_opt.explore.answers import Answer
+from posture_opt.explore.answers import Answer, has_stations
+from posture_opt.explore.live_map import LiveMap
 from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.obstacles_panel import ObstaclesPanel
+from posture_opt.explore.stations import Stations
 from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
@@ -22,11 +24,13 @@ from posture_opt.report.parts.parts import sentence
 if TYPE_CHECKING:
     import viser
 
+    from posture_opt.report.scene.arm_geometry import ArmGeometry
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.uncertainty.spread.budget import Share
     from posture_opt.uncertainty.spread.spread import Spread
 
+_WAITING = "No posture found yet; the full search goes on …"
 _BARS = 6  # of the error budget
 _STEP_MM = 0.1
 _NEW_ABOVE_M = np.array([0.0, 0.0, 0.3])  # from the target to an obstacle that is added
@@ -39,15 +43,21 @@ class Panel:
     Args:
         server: of the page.
         problem: as stated.
+        geometry: of the arm.
         actions: what the controls call.
     """
 
-    def __init__(self, server: viser.ViserServer, problem: Problem, actions: Actions) -> None:
+    def __init__(self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions) -> None:
         gui, self._actions = server.gui, actions
         gui.set_panel_label(problem.name)
         self._state = gui.add_html(_line("searching …"))
         self._numbers = gui.add_html("")
         self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
+        self.stations = None
+        if has_stations(problem):
+            self._place.visible = False
+            placed = partial(actions.changed, "placement")
+            self.stations = Stations(server, problem, geometry, placed, actions.redraw)
         self._budget = gui.add_html("")
         self._cloud = gui.add_checkbox("Monte Carlo cloud", False, hint="draws of the errors through the full model")
         self._first_order = gui.add_checkbox("First order", False, hint="the 95 % region by the Jacobian alone")
@@ -59,6 +69,7 @@ class Panel:
         with gui.add_folder("Joints", expand_by_default=False):
             self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
             back = gui.add_button("Back to the best posture")
+        self.map = LiveMap(server, actions.asked)
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
         self._add_taken_away(gui)
         for box in (self._cloud, self._first_order):
@@ -110,7 +121,7 @@ class Panel:
         if answer.solution is None:
             self._numbers.content = self._budget.content = ""
             self._state.content = _line(
-                sentence(answer.reason) if answer.reason else "No posture found here; looking for the reason …",
+                sentence(answer.reason) if answer.reason else _WAITING,
                 alarm=True,
             )
             return
@@ -137,6 +148,8 @@ class Panel:
 
 def _status(answer: Answer) -> str:
     """How final an answer is, in words."""
+    if not answer.whole and has_stations(answer.request.problem):
+        return "Searching for all stations together …"
     if not answer.whole:
         return "Following the target; the full search runs once it rests."
     if answer.gain:
@@ -146,6 +159,8 @@ def _status(answer: Answer) -> str:
 
 def _compared(best: Solution, own: Spread) -> str:
     """How a posture of the user's own compares with the best one, which the task asks for."""
+    if best.points:
+        return "Posture of your own."
     ratio = best.sigma_at(best.target, np.array(own.q)) / best.sigma_max
     off = 1e3 * float(np.linalg.norm(own.position - best.spread.position))
     return f"Posture of your own: {ratio:.3g} times the deviation of the best one; tool point {off:.1f} mm from its."

@@ -239,7 +239,7 @@ class Problem(ProblemData):
             browser: whether a browser is opened.
 
         Raises:
-            InputError: the task has several targets, or viser is missing (``pip install 'posture_opt[explore]'``).
+            InputError: no task, or viser is missing (``pip install 'posture_opt[explore]'``).
             NoSolutionError: there is no posture to begin with.
         """
         page: LivePage = registered("explorer", self)(port=port, browser=browser)

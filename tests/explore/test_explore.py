@@ -20,6 +20,8 @@ import posture_opt as po
 from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Request
+from posture_opt.explore.heat import heat_of
+from posture_opt.explore.live_map import picture
 from posture_opt.explore.settings import settings_of
 from posture_opt.explore.taken_away import png
 
@@ -125,7 +127,6 @@ def test_a_target_of_numbers_only(page: Any) -> None:
     ("options", "says"),
     [
         (["--host", "0.0.0.0"], "other machines could reach it"),
-        (["--problem", "insert_scara_tray"], "has features"),
         ([], "Name a --problem or a --robot"),
     ],
 )
@@ -186,6 +187,63 @@ def test_criterion_and_direction_can_be_changed(page: Any) -> None:
     assert page.solution.sigma_max == po.select_posture(asked).sigma_max
     assert not page.change("task", {"task__direction": [0.0, 0.0, 0.0]})
     assert page.problem.task.direction == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.long
+def test_features_with_their_workpiece_put_somewhere(tmp_path: Path, capsys: Any) -> None:
+    """What the page says is what the command line says, of the best placement and of one of the user's own."""
+    problem = po.load_problem("insert_scara_tray")
+    with problem.explore(port=18160) as page:
+        until(lambda: page.solution is not None and page._shown.whole)
+        best = page.solution
+        assert best.sigma == po.select_posture(problem).sigma
+        stations = page._panel.stations
+        stations.place(np.array([0.25, 0.05, -0.08]), 0.3)
+        until(lambda: page._shown.whole and page.solution.w[0] == 0.25)
+        page._away.folder = tmp_path
+        page._away.save(page.problem)
+        with pytest.raises(SystemExit):
+            main(["--problem", str(tmp_path / "insert_scara_tray_explored.yaml"), "--json"])
+        told = json.loads(capsys.readouterr().out)
+        assert told["sigma_max"] == page.solution.sigma_max
+        assert told["posture"] == dict(page.posture)
+        assert page.solution.sigma > best.sigma
+        stations._which.value = 3
+        page._redraw()
+        assert "seat 3" in stations._words.content
+        stations.place_best()
+        until(lambda: page._shown.whole and page.solution.sigma == best.sigma)
+
+
+@pytest.mark.long
+def test_a_path_is_played_back() -> None:
+    with po.load_problem("dispense_planar_2r").explore(port=18165) as page:
+        until(lambda: page.solution is not None)
+        stations, seen = page._panel.stations, set()
+        stations._start_or_stop()
+        until(lambda: seen.add(int(stations._which.value)) or len(seen) == len(page.solution.points))
+
+
+@pytest.mark.long
+def test_a_map_says_what_a_solve_there_says() -> None:
+    problem = po.load_problem(PLANAR)
+    steps: list[int] = []
+    heat = heat_of(problem, lambda done, most: steps.append(done))
+    assert steps[-1] >= 121
+    u, v = heat.values
+    for column, row in ((3, 4), (6, 7)):
+        place = heat.origin + u[column] * heat.axes[0] + v[row] * heat.axes[1]
+        if np.isfinite(heat.sigma[row, column]):
+            there = problem.replace(task__position=list(place))
+            assert heat.sigma[row, column] == pytest.approx(po.select_posture(there).sigma_max, rel=1e-6)
+
+
+def test_a_map_has_its_last_row_at_the_top_and_holes_where_nothing_is_feasible() -> None:
+    seen = picture(np.array([[1.0, 2.0], [np.nan, 3.0]]), 1.0, 3.0)
+    assert seen.shape[2] == 4
+    assert seen[0, 0, 3] == 0
+    assert seen[0, -1].tolist()[:3] == [254, 232, 56]
+    assert seen[-1, 0].tolist()[:3] == [0, 34, 78]
 
 
 def test_pixels_are_those_of_the_png_file() -> None:

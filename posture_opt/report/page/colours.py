@@ -6,6 +6,10 @@ the lines of a figure are distinguished by their dashes, marks by their shapes.
 
 from __future__ import annotations
 
+import numpy as np
+
+from posture_opt.numerics import Array
+
 ORANGE = "#E69F00"
 GREEN = "#009E73"
 BLUE = "#0072B2"
@@ -22,3 +26,15 @@ MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "deli
 """Of named models, the same in every figure."""
 COLOUR_MAP = "cividis"
 """Of maps: even in lightness, the same to colour-blind eyes."""
+
+
+def mapped_colours(values: Array, low: float, high: float) -> Array:
+    """(..., 3) red, green and blue, 0 to 255, of values (...) on the colour map from ``low`` to ``high``.
+
+    >>> mapped_colours(np.array([0.0, 1.0]), 0.0, 1.0).astype(int).tolist()
+    [[0, 34, 78], [254, 232, 56]]
+    """
+    import matplotlib as mpl
+
+    share = (values - low) / max(high - low, 1e-300)
+    return np.round(255 * mpl.colormaps[COLOUR_MAP](np.clip(share, 0.0, 1.0))[..., :3])

@@ -1,0 +1,122 @@
+"""``OtherProcess``: what takes long is computed in a process of its own that can be stopped at any moment.
+
+It must not slow down the loop that follows the mouse, and where nothing is feasible the full search looks for reasons
+for seconds. IPOPT's linear solver is not thread-safe, so a second thread is no way.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import IO, Any
+
+from posture_opt.errors import PostureOptError
+from posture_opt.numerics import Progress
+
+_ANSWER, _PROGRESS = "answer", "progress"
+_LENGTH = struct.Struct(">Q")  # bytes of the message that follows
+
+
+class OtherProcess:
+    """Computes in another process; one thing at a time, from one thread; `stop` from any."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._began: float | None = None
+        self._guard = threading.Lock()
+
+    def call(self, function: Callable[..., Any], *given: Any, progress: Progress | None = None) -> Any:
+        """What ``function(*given)`` returns, or the `PostureOptError` that it raises; None where it was stopped.
+
+        Args:
+            function: that a module has by name; ``given`` what can be pickled.
+            progress: called with (done, most); the function takes what calls it as its last argument then.
+        """
+        with self._guard:
+            process = self._process = self._process or _started()
+            self._began = time.monotonic()
+        try:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            _send(process.stdin, (function, given, progress is not None))
+            while True:
+                word, *said = _receive(process.stdout)
+                if word == _ANSWER:
+                    return said[0]
+                if progress is not None:
+                    progress(*said)
+        except (OSError, EOFError):
+            self.stop()
+            return None
+        finally:
+            self._began = None
+
+    def stop_if_busy(self, since_s: float = 0.0) -> None:
+        """End what has been under way for so many seconds, if something is; the next one begins in a new process."""
+        began = self._began
+        if began is not None and time.monotonic() - began >= since_s:
+            self.stop()
+
+    def stop(self) -> None:
+        """End what is under way, and its process."""
+        with self._guard:
+            process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+
+def _started() -> subprocess.Popen[bytes]:
+    """A process that `serve`s: it finds what this one can import, and nothing else in the folder that it starts in."""
+    command = [sys.executable, "-P", "-c", "from posture_opt.explore.other_process import serve; serve()"]
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=paths)
+
+
+def serve() -> None:
+    """Answer calls from standard input until that ends."""
+    given, answers = sys.stdin.buffer, sys.stdout.buffer
+    sys.stdout = sys.stderr  # what libraries print must not run into the answers
+
+    def progress(done: int, most: int) -> None:
+        _send(answers, (_PROGRESS, done, most))
+
+    while True:
+        try:
+            function, arguments, shows = _receive(given)
+        except EOFError:
+            return
+        _send(answers, (_ANSWER, _found(function, (*arguments, progress) if shows else arguments)))
+
+
+def _found(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    try:
+        return function(*arguments)
+    except PostureOptError as error:
+        return error
+
+
+def _send(stream: IO[bytes], message: object) -> None:
+    content = pickle.dumps(message)
+    stream.write(_LENGTH.pack(len(content)) + content)
+    stream.flush()
+
+
+def _receive(stream: IO[bytes]) -> Any:
+    """The next message of a process of our own.
+
+    Raises:
+        EOFError: the stream ended.
+    """
+    head = stream.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
+        raise EOFError
+    content = stream.read(_LENGTH.unpack(head)[0])
+    return pickle.loads(content)
