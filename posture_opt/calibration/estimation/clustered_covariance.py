@@ -14,17 +14,23 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes
 
 POSTURE_BLOCKS = 32  # of neighbouring postures: fewer make errors of errors, more separate what is correlated
+_POSE_NUMBERS = 6  # of a rigid body
 MIN_DESIGN_EFFECT = 1.5  # a smaller effect of the blocks is what independent rows show too
 
 
 def neighbour_blocks(residuals: Residuals) -> Codes:
     """The block (N,) of neighbouring postures that each row lies in, `POSTURE_BLOCKS` of about equal size.
 
-    Joints are scaled by their standard deviation and cut at medians, the longest side first.
+    Joints are scaled by their standard deviation and cut at medians, the longest side first. Rows of one picture have
+    the scatter of the arm in common: pictures are not cut.
     """
-    q = residuals.data.q
+    q, data = residuals.data.q, residuals.data
     spans = np.std(q, axis=0)
-    return median_blocks(q / np.where(spans > 0, spans, 1.0), POSTURE_BLOCKS)
+    scaled = q / np.where(spans > 0, spans, 1.0)
+    if data.second is None:
+        return median_blocks(scaled, POSTURE_BLOCKS)
+    _, first, picture = np.unique(data.pose, return_index=True, return_inverse=True)
+    return median_blocks(scaled[first], POSTURE_BLOCKS)[picture.ravel()]
 
 
 def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
@@ -43,7 +49,21 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
     together = np.sum(_block_sums(U * rest[:, None], residuals) ** 2, axis=0)
     single = np.sum((U * rest[:, None]) ** 2, axis=0)
     effect = float(np.mean(together / np.maximum(single, 1e-300))) if kept.any() else 1.0
-    return effect if effect > MIN_DESIGN_EFFECT else 1.0
+    return effect * _lost_freedom(residuals, int(kept.sum())) if effect > MIN_DESIGN_EFFECT else 1.0
+
+
+def _lost_freedom(residuals: Residuals, fitted: int) -> float:
+    """By how much the errors of pictures are larger than a fit of some parameters leaves them; 1 of other rows.
+
+    What pictures have in common is the pose of the tool at each of them: six numbers a picture, of which the fit took
+    as many as it has parameters.
+    """
+    data = residuals.data
+    if data.second is None:
+        return 1.0
+    numbers = np.bincount(np.unique(data.pose, return_inverse=True)[1].ravel()) * residuals.block
+    independent = float(np.minimum(numbers, _POSE_NUMBERS).sum())
+    return independent / max(independent - fitted, 1.0)
 
 
 def clustered_covariance(
@@ -65,6 +85,7 @@ def clustered_covariance(
     sums = _block_sums(reduced_jacobian(A, P) * r[:, None], residuals)
     G = len(np.unique(neighbour_blocks(residuals)))
     M = sums.T @ sums * G / (G - 1) if G > 1 else np.zeros((len(P),) * 2)
+    M = M * _lost_freedom(residuals, np.linalg.matrix_rank(A))
     KP = known @ P
     M = M + weight**2 * KP.T @ KP
     values, vectors = np.linalg.eigh(M)
