@@ -40,6 +40,7 @@ ARCHITECTURE = (PACKAGE.parent / "docs" / "concepts" / "architecture.md").read_t
 HOME = {
     "casadi": {"model", "collision", "uncertainty", "selection", "calibration", "diagnosis"},
     "matplotlib": {"report", "result"},  # a result says of which type its figures are
+    "cv2": {"measurements"},
     "yaml": {"problem", "robot"},  # the presets are YAML, and robots stand below problems
 }
 LAZY = {
@@ -50,6 +51,7 @@ LAZY = {
     "posture_opt.cli.asked.named_values": "the entry points of tasks, when a word is completed",
     "posture_opt.cli.output": "the names of a report's files, when there are some to be written",
     "posture_opt.export": "a format, when its name is not enough",
+    "posture_opt.measurements.board_detection": "OpenCV, when pictures are searched",
     "posture_opt.model.effects": "an effect, when its kind is asked for",
     "posture_opt.problem.fitting": "how a calibration becomes an arm, when one is taken over",
     "posture_opt.selection.tasks": "a task, when its kind is asked for",

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from posture_opt.cli.asked.pictures import detected as detected
     from posture_opt.cli.asked.quantities import columns_of as columns_of
     from posture_opt.cli.asked.quantities import corner as corner
     from posture_opt.cli.asked.quantities import distance_of as distance_of
@@ -35,6 +36,7 @@ _HOMES = {
     "compensated_program": "export.known_programs",
     "corner": "cli.asked.quantities",
     "distance_of": "cli.asked.quantities",
+    "detected": "cli.asked.pictures",
     "export_kinds": "export.export_files",
     "height_of": "cli.asked.quantities",
     "listing": "cli.problem_texts",

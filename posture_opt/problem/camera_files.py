@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,14 @@ def with_camera_files(data: DataSpec, folder: Path) -> DataSpec:
     if issues:
         raise InputError(issues)
     return data.model_copy(update={"cameras": cameras, "markers": markers})
+
+
+def named_files(data: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Section, entry and key of every file that the plain data of a section ``data`` name."""
+    for section, key in (("cameras", "intrinsics"), ("markers", "points")):
+        for name, entry in (data.get(section) or {}).items():
+            if entry.get(key):
+                yield section, name, key
 
 
 def read_intrinsics(path: Path) -> Intrinsics:

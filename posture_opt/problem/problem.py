@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
+from posture_opt.problem.camera_files import named_files
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
     arm_of,
@@ -267,6 +268,11 @@ class Problem(ProblemData):
                 further[name] = self._content(given)
                 document[section] = {**document[section], key: name}
                 names[given] = name
+        for section, name, key in named_files(document.get("data") or {}):
+            entry = document["data"][section][name]
+            copy_name = f"{stem}_{name}{Path(entry[key]).suffix}"
+            further[copy_name] = self._content(entry[key])
+            entry[key] = copy_name
         for effect in document.get("effects") or ():
             given = effect.get("covariance")
             if given:

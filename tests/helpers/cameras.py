@@ -165,7 +165,7 @@ def camera_table(
 
 
 def camera_problem(
-    folder: Path, scene: Scene | None = None, sigma: str = "0.2 px", known: bool = True, **camera: object
+    folder: Path, scene: Scene | None = None, pixel: str = "0.2 px", known: bool = True, **camera: object
 ) -> dict[str, object]:
     """The plain data of a problem with the camera ``left``, whose intrinsics are written into the folder."""
     scene = scene or Scene()
@@ -179,7 +179,7 @@ def camera_problem(
             "name": "ur10",
             "tool": {"xyz": tool, "rpy": ["0 deg"] * 3},
         },
-        "uncertainty": {"measurement": {"pixel": sigma}},
+        "uncertainty": {"measurement": {"pixel": pixel}},
         "data": {
             "cameras": {"left": {"mount": mount, "intrinsics": "left.yaml", **camera}},
             "markers": {"board": {"on": on, **board}},

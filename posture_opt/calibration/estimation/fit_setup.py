@@ -166,7 +166,10 @@ def prior_tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Arra
     """
     part = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
     return np.array(
-        [part[p.unit] if p.group == "geometry" or i in stated else FREE_TOLERANCE for i, p in enumerate(parameters)]
+        [
+            part.get(p.unit, FREE_TOLERANCE) if p.group == "geometry" or i in stated else FREE_TOLERANCE
+            for i, p in enumerate(parameters)
+        ]
     )
 
 

@@ -1,0 +1,208 @@
+"""Pictures of boards: corners and circles found by OpenCV, as a table of measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posture_opt.csv_text import csv_line, unguarded
+from posture_opt.errors import BadValueError, InputError, Issue, one_of
+from posture_opt.files import content, naming
+from posture_opt.measurements.camera_section import CharucoSpec, GridSpec
+from posture_opt.measurements.table import open_table
+from posture_opt.numerics import Array, Codes
+from posture_opt.units import parse_quantity
+
+INSTALL = "pip install 'posture_opt[camera]'"
+"""What brings OpenCV."""
+EXAMPLES = "chessboard:8x6:25mm, charuco:5x7:30mm:22mm or grid:8x6:25mm"
+DICTIONARY = "5X5_1000"
+"""Of ArUco marks, where none is named."""
+_MAX_BYTES = 200_000_000
+_IMAGE_COLUMN = "image"
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board that pictures show.
+
+    Args:
+        kind: ``chessboard`` (inner corners), ``charuco`` (squares) or ``grid`` (circles), as in the problem file.
+        columns, rows: how many; square: side or distance [m]; mark: side of an ArUco mark [m]; dictionary: of marks.
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square: float
+    mark: float = 0.0
+    dictionary: str = DICTIONARY
+
+    @classmethod
+    def of(cls, text: str, dictionary: str = DICTIONARY) -> Board:
+        """From ``charuco:5x7:30mm:22mm``: kind, columns x rows, side of a square, side of a mark.
+
+        Raises:
+            BadValueError: anything else.
+        """
+        kind, *parts = text.split(":")
+        if kind not in _FINDERS or len(parts) != (3 if kind == "charuco" else 2):
+            raise BadValueError(f"'{text}' is no board", f"write for example {EXAMPLES}")
+        try:
+            columns, rows = (int(n) for n in parts[0].lower().split("x"))
+        except ValueError:
+            raise BadValueError(f"'{parts[0]}' is no number of columns and rows", f"as in {EXAMPLES}") from None
+        lengths = [parse_quantity(part, "length") for part in parts[1:]]
+        spec = CharucoSpec if kind == "charuco" else GridSpec
+        least = 3 if spec is CharucoSpec else 2
+        if min(columns, rows) < least or min(lengths) <= 0 or lengths[-1] > lengths[0]:
+            raise BadValueError(f"'{text}' is no board", f"at least {least} x {least}, and marks within their squares")
+        return cls(kind, columns, rows, lengths[0], lengths[1] if len(lengths) > 1 else 0.0, dictionary)
+
+    def found_in(self, picture: Array) -> tuple[Codes, Array]:
+        """(n,) numbers and (n, 2) pixels of the points that a grey picture shows; none where the board is not found.
+
+        The centre of the first pixel is (0, 0), as in OpenCV.
+        """
+        return _FINDERS[self.kind](opencv(), picture, self)
+
+
+def opencv() -> Any:
+    """The module ``cv2``.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        return import_module("cv2")
+    except ImportError:
+        message = "pictures are searched with OpenCV, which is not installed"
+        raise InputError(Issue(message, hint=f"install it: {INSTALL}")) from None
+
+
+def _chessboard(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
+    """Inner corners, all or none."""
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows), flags=flags)
+    return _all_or_none(found, corners)
+
+
+def _circles(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
+    """Centres of circles, all or none."""
+    return _all_or_none(*cv2.findCirclesGrid(picture, (board.columns, board.rows)))
+
+
+def _charuco(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
+    """Inner corners that are seen, by their numbers.
+
+    Raises:
+        BadValueError: OpenCV has no such dictionary.
+    """
+    name = f"DICT_{board.dictionary.upper().removeprefix('DICT_')}"
+    if not hasattr(cv2.aruco, name):
+        known = [key.removeprefix("DICT_") for key in dir(cv2.aruco) if key.startswith("DICT_")]
+        raise BadValueError(f"OpenCV has no dictionary {board.dictionary}", one_of(board.dictionary, known, "known"))
+    marks = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.mark, marks)
+    corners, numbers, _, _ = cv2.aruco.CharucoDetector(printed).detectBoard(picture)
+    if numbers is None or not len(numbers):
+        return _all_or_none(False, None)
+    return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
+
+
+def _all_or_none(found: bool, corners: Any) -> tuple[Codes, Array]:
+    """Points counted row by row, or none."""
+    points = np.asarray(corners, dtype=float).reshape(-1, 2) if found else np.zeros((0, 2))
+    return np.arange(len(points)), points
+
+
+_FINDERS = {"chessboard": _chessboard, "charuco": _charuco, "grid": _circles}
+
+
+@dataclass(frozen=True)
+class Detections:
+    """A table of measurements from pictures.
+
+    Args:
+        text: CSV; found: picture -> how many points; rows: all of them.
+    """
+
+    text: str
+    found: Mapping[str, int]
+
+    @property
+    def rows(self) -> int:
+        """How many points all pictures show."""
+        return sum(self.found.values())
+
+
+def detect_board(images: Sequence[Path], board: Board, joints: Path, camera: str, name: str = "board") -> Detections:
+    """The pixels of a board's points in pictures, each with the joints that a table names for its picture.
+
+    Args:
+        joints: CSV file with a column ``image`` and those of the joints; its further columns are kept.
+        camera: name in the column ``camera``; name: of the board, before the numbers of its points.
+
+    Raises:
+        InputError: OpenCV is missing, a picture cannot be read, or the table does not name it.
+    """
+    titles, postures = _postures(joints)
+    opencv()
+    issues = [
+        Issue(f"no row is of the picture {image.name}", ("column image",), image.name, "add one", str(joints))
+        for image in images
+        if image.name not in postures
+    ]
+    if issues:
+        raise InputError(issues)
+    lines, counts = [csv_line([*titles, "pose", "camera", "marker", "u [px]", "v [px]"])], dict[str, int]()
+    for image in images:
+        numbers, pixels = board.found_in(_picture(image))
+        counts[image.name] = len(numbers)
+        for number, (u, v) in zip(numbers, pixels, strict=True):
+            place = [image.name, camera, f"{name}/{number}", f"{u:.4f}", f"{v:.4f}"]
+            lines.append(csv_line([*postures[image.name], *place]))
+    return Detections("\n".join([*lines, ""]), counts)
+
+
+def _picture(image: Path) -> Array:
+    """The grey values of a picture.
+
+    Raises:
+        InputError: no such file, or no picture.
+    """
+    try:
+        data = content(image, _MAX_BYTES)
+    except InputError as error:
+        raise naming(image, error) from None
+    cv2 = opencv()
+    found: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    if found is None:
+        raise InputError(Issue("this is no picture", hint="PNG, JPEG, TIFF and BMP are read", file=str(image)))
+    return np.asarray(found)
+
+
+def _postures(path: Path) -> tuple[list[str], dict[str, list[str]]]:
+    """The column headers but that of the pictures, and for every picture its cells.
+
+    Raises:
+        InputError: no such file, no column ``image``, or a picture twice.
+    """
+    raw = open_table(path, (_IMAGE_COLUMN,))
+    if _IMAGE_COLUMN not in raw.titles:
+        raw.faults.stop(f"there is no column {_IMAGE_COLUMN}", "image, joint1 [deg], joint2 [deg], …", raw.line)
+    at, found = raw.titles.index(_IMAGE_COLUMN), dict[str, list[str]]()
+    for block in raw.blocks:
+        for row, line in enumerate(block.lines):
+            cells = [str(column[row]).strip() for column in block.cells]
+            image = Path(unguarded(cells.pop(at))).name
+            if image in found:
+                raw.faults.add("the picture is named twice", _IMAGE_COLUMN, image, "keep one", int(line))
+            found[image] = cells
+    raw.faults.refuse()
+    return [title for k, title in enumerate(raw.titles) if k != at], found
