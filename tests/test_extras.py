@@ -122,6 +122,7 @@ MODULES = {
     "mesh": ("trimesh",),
     "notebook": ("jupyterlab", "pandas"),
     "explore": ("viser",),  # tests/explore
+    "camera": ("cv2",),  # tests/measurements/test_board_detection.py
     "cluster": ("distributed",),  # tests/workers
     "docs": ("sphinx", "furo", "myst_nb", "sphinx_gallery"),  # the site, and the notebooks in it: `.ci/run`
     "test": ("pytest", "xdist", "pinocchio", "coal", "selenium", "pandas", "plotly", "distributed", "viser"),
