@@ -206,7 +206,7 @@ class Calibration(Result):
     @cached_property
     def instruments(self) -> dict[str, Instrument]:
         """What each instrument measured, by name."""
-        return instruments_of(self.request.problem, self.residuals, self.x, self.errors, self.kept_rows)
+        return instruments_of(self.request.problem, self.residuals, self.fit, self.errors, self.kept_rows)
 
     @cached_property
     def instrument_scatter(self) -> InstrumentScatter | None:

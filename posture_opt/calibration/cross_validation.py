@@ -78,7 +78,7 @@ def refitted_errors(
         learn = found.kept.copy()
         learn[left_out] = False
         training = residuals.take(np.flatnonzero(learn))
-        x = fit_frames(training)
+        x = fit_frames(training, found.x)
         again = None
         if not frames:
             again = estimate_parameters(

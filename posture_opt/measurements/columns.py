@@ -22,9 +22,12 @@ from posture_opt.texts import text_fault
 
 AXES = ("x", "y", "z")
 """Columns of the measured tool point."""
-LABELS = ("pose", "goal", "target", "robot", *(n for kind in KINDS for n in (kind.label, kind.second_label) if n))
+_NAMES_OF_KINDS = tuple(name for kind in KINDS for name in (kind.label, kind.second_label) if name)
+LABELS = ("pose", "goal", "target", "robot", "instrument", *_NAMES_OF_KINDS)
 """Columns whose cells name groups of rows."""
 
+READ_BY_KINDS = {*AXES, *_NAMES_OF_KINDS, *(name for kind in KINDS for name in kind.columns)}
+"""Columns that rows of one kind have and those of another leave empty, where a file mixes them."""
 LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
     "payload": (0.0, "a payload is not negative", "write 0 or more"),
     "temperature": (-273.15, "a temperature is not below absolute zero", "is the unit of the column right?"),
@@ -108,15 +111,18 @@ def read_cells(
         count += len(block.lines) * len(known)
         if count > MOST_CELLS.most:
             faults.stop(MOST_CELLS.beyond, MOST_CELLS.hint)
+        mixed = any(column.name == "instrument" for column in known)
         cells.marks = marks = marks or _number_marks(block, known, faults, spec or DataSpec())
         cells.lines.append(np.asarray(block.lines, dtype=np.intp))
         for column in known:
             texts = block.cells[column.index]
+            sparse = mixed and column.name in READ_BY_KINDS
             if column.kind == "label":
                 names = cells.texts.setdefault(column.name, {})
-                cells.codes.setdefault(column.name, []).append(_label_codes(texts, block.lines, column, names, faults))
+                codes = _label_codes(texts, block.lines, column, names, faults, sparse)
+                cells.codes.setdefault(column.name, []).append(codes)
                 continue
-            values = _column_numbers(texts, block.lines, column, marks, faults) * column.factor + column.offset
+            values = _column_numbers(texts, block.lines, column, marks, faults, sparse) * column.factor + column.offset
             cells.numbers.setdefault(column.name, []).append(values)
     return cells
 
@@ -150,11 +156,15 @@ def _number_marks(block: RowBlock, columns: Sequence[Column], faults: Faults, sp
 
 
 def _label_codes(
-    texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults
-) -> Codes:
-    """(N,) codes of the words of a column; an empty cell is a fault. ``names`` gains the words that are new."""
+    texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults,
+    sparse: bool = False,
+) -> Codes:  # fmt: skip
+    """(N,) codes of the words of a column; an empty cell is a fault, unless the column is ``sparse``.
+
+    ``names`` gains the words that are new.
+    """
     words = [unguarded(_cell_text(text)) for text in texts]
-    for word, line in zip(words, lines, strict=True) if "" in words else ():
+    for word, line in zip(words, lines, strict=True) if "" in words and not sparse else ():
         if not word:
             faults.add("the cell is empty", column.name, hint="name it, or leave out the column", line=line)
     for word in {*words} - {*names}:
@@ -173,9 +183,9 @@ def _cell_text(cell: Any) -> str:
 
 
 def _column_numbers(
-    given: Sequence[Any], lines: Sequence[int], column: Column, marks: NumberText, faults: Faults
+    given: Sequence[Any], lines: Sequence[int], column: Column, marks: NumberText, faults: Faults, sparse: bool = False
 ) -> Array:
-    """(N,) floats in the unit of the column; NaN in a column of sides means that the row does not say.
+    """(N,) floats in the unit of the column; NaN in a column of sides, or a ``sparse`` one: the row does not say.
 
     All cells are converted at once; only those that fail are looked at one by one.
     """
@@ -192,7 +202,10 @@ def _column_numbers(
         values = np.full(len(texts), math.nan)
     bad = np.flatnonzero(~(np.abs(values) < _MAX_MAGNITUDE))
     for row in map(int, bad):
-        values[row] = _cell_number(given[row], int(lines[row]), column, optional, marks, faults)
+        if sparse and _cell_text(given[row]).lower() in ("", "nan"):
+            values[row] = math.nan
+        else:
+            values[row] = _cell_number(given[row], int(lines[row]), column, optional, marks, faults)
     if optional:
         for row in map(int, np.flatnonzero(~np.isin(values, (-1.0, 1.0)) & ~np.isnan(values))):
             faults.add(f"{texts[row]} is no side", column.name, texts[row], "write 1 or -1", int(lines[row]))

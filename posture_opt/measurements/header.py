@@ -371,6 +371,8 @@ def _contradiction_faults(header: Header, there: set[str], robot: Robot, line: i
     measured = [axis for axis in AXES if axis in there]
     kinds = [(kind, sorted(columns_of(kind) & {*header.found})) for kind in KINDS]
     others = [(kind, columns) for kind, columns in kinds if columns]
+    if "instrument" in there:
+        return
     if (others and measured) or len(others) > 1:
         both = [", ".join(columns) for _, columns in others] + [", ".join(measured)] * bool(measured)
         message = f"both {' and '.join(both)} are given"

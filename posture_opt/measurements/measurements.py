@@ -98,6 +98,7 @@ class Measurements(Summarised):
     second: Codes | None = None
     second_names: tuple[str, ...] = ()
     lever: Array | None = None
+    part: Codes | None = None
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -131,7 +132,8 @@ class Measurements(Summarised):
         if self.second is None:
             return Seen(position, columns, empty if reading is None else reading, self.point, own)
         own = own + values[self.kind.second_place(self.second)]
-        return Seen(position, columns, empty if reading is None else reading, self.point, own, self.second)
+        part = np.zeros(0, dtype=np.intp) if self.part is None else self.part
+        return Seen(position, columns, empty if reading is None else reading, self.point, own, self.second, part)
 
     @property
     def place_names(self) -> Sequence[str]:

@@ -16,6 +16,7 @@ from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, columns_of, read_header
 from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
+from posture_opt.measurements.mixing import mixed_rows
 from posture_opt.measurements.orientation_columns import rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.repeats import apart
@@ -74,7 +75,8 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     _check_labels(cells, faults)
     data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
-    data = _with_instrument(data, cells, problem)
+    data = _with_instrument(data, cells, problem, faults)
+    faults.refuse()
     notes = plausibility_checks(
         replace(data, q=carried_joint_values(problem.arm, data.q)), problem.robot, columns, faults
     )
@@ -110,16 +112,18 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     poses = pose[0] if pose else _codes_of_rows(q)
     without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
     target, robots = (cells.code(name) or without_column for name in ("target", "robot"))
-    point = next((code for kind in KINDS if kind.label and (code := cells.code(kind.label))), without_column)
-    second = next((code for k in KINDS if k.second_label and (code := cells.code(k.second_label))), without_column)
+    mixed = "instrument" in columns
+    labels = () if mixed else KINDS
+    point = next((code for kind in labels if kind.label and (code := cells.code(kind.label))), without_column)
+    second = next((code for k in labels if k.second_label and (code := cells.code(k.second_label))), without_column)
     measured = np.array([axis in columns for axis in AXES])
     side, length, given = _approach_sides(cells, q, robots[0], robot)
     return Measurements(
         joint_names=robot.joint_names,
         q=q,
-        position=_measured_position(cells, q, robot, faults) if measured.any() else None,
+        position=_measured_position(cells, q, robot, faults) if measured.any() and not mixed else None,
         measured_axes=measured,
-        rotation=rotation_of(cells, columns, robot, faults),
+        rotation=None if mixed else rotation_of(cells, columns, robot, faults),
         pose=poses,
         goal=goal[0] if goal else poses.copy(),
         target=target[0],
@@ -144,8 +148,10 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     )
 
 
-def _with_instrument(data: Measurements, cells: Cells, problem: HasData) -> Measurements:
+def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
     """The rows with what they show of the pose, where that is neither a position nor a touched point."""
+    if "instrument" in cells.codes:
+        return _mixed(data, cells, problem, faults)
     kind = next((k for k in KINDS if columns_of(k) and all(_is_read(name, cells) for name in columns_of(k))), None)
     if kind is None or data.position is not None or kind.kind == data.kind.kind:
         return data
@@ -155,6 +161,15 @@ def _with_instrument(data: Measurements, cells: Cells, problem: HasData) -> Meas
         return _prepared(replace(data, reading=reading, instrument=instrument), problem)
     except BadValueError as error:
         raise InputError(Issue(error.message, ("data", kind.settings), hint=error.hint, file=data.file)) from None
+
+
+def _mixed(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
+    """The rows of several instruments, see `mixed_rows`."""
+    try:
+        found = mixed_rows(data, cells, problem.data, problem.robot.base_free, faults)
+        return found if found.part is None else _prepared(found, problem)
+    except BadValueError as error:
+        raise InputError(Issue(error.message, ("data",), hint=error.hint, file=data.file)) from None
 
 
 def _prepared(data: Measurements, problem: HasData) -> Measurements:

@@ -157,3 +157,23 @@ def level_table(arm: TrueArm, rng: np.random.Generator, n: int, sigma: float) ->
     angles = np.arcsin(axes[:, 2, :2]) + rng.normal(0, sigma, (n, 2))
     shown = {f"level_{axis} [deg]": np.degrees(column) for axis, column in zip("xy", angles.T, strict=True)}
     return table_of(q, **shown, **{f"{name}.approach": side[:, i] for i, name in enumerate(JOINTS)})
+
+
+def tracker_table(arm: TrueArm, rng: np.random.Generator, n: int, sigma: float, T: np.ndarray) -> dict[str, object]:
+    """Positions in the frame of a tracker; T (4, 4) takes the base to it."""
+    q = postures(rng, n)
+    p = arm.point(q) @ T[:3, :3].T + T[:3, 3] + rng.normal(0, sigma, (n, 3))
+    return table_of(q, **{f"{axis} [m]": p[:, i] for i, axis in enumerate("xyz")})
+
+
+def mixed_table(tables: dict[str, dict[str, object]]) -> dict[str, list[object]]:
+    """The rows of several instruments, by name: cells that one does not fill are empty."""
+    keys = list(dict.fromkeys(key for table in tables.values() for key in table))
+    found: dict[str, list[object]] = {key: [] for key in (*keys, "instrument")}
+    for name, table in tables.items():
+        n = len(table[f"{JOINTS[0]} [rad]"])  # type: ignore[arg-type]
+        for key in keys:
+            empty = float("nan") if key.endswith("]") else ""
+            found[key] += list(table[key]) if key in table else [empty] * n  # type: ignore[call-overload]
+        found["instrument"] += [name] * n
+    return found

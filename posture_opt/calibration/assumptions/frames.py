@@ -99,9 +99,16 @@ def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> 
     return tuple(found)
 
 
-def fit_frames(residuals: Residuals) -> Array:
-    """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
+def fit_frames(residuals: Residuals, known: Array | None = None) -> Array:
+    """Deviations (k,) from nominal with only what is free fitted: frames and touched points.
+
+    Args:
+        known: (k,) deviations of a fit to more rows: the search for places starts there, as few rows may leave open on
+            which side of the arm an anchor is.
+    """
     x0 = starting_deviations(residuals)
+    if known is not None:
+        x0 = np.where([p.group == "place" for p in residuals.parameters], known, x0)
     found = fit_groups(residuals, x0, residuals.free_groups)
     return x0 if found is None else found.x
 

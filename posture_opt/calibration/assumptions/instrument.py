@@ -29,6 +29,9 @@ def position_sigma(problem: ProblemData, data: Measurements) -> float:
 
     ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
     """
+    if data.part is not None:
+        every = np.array([data.kind.sigmas(problem.measurement)[name] for name in data.point_names])[data.point]
+        return rms(every if data.lever is None else every * data.lever)
     if data.lever is not None:
         return stated_sigma_of(problem, data) * rms(data.lever)
     if data.kind.sigma_key != "position":
@@ -49,11 +52,9 @@ def place_sigmas(problem: ProblemData, data: Measurements) -> dict[str, float]:
 
     Empty for positions and touched points, of which all have one.
     """
-    kind = data.kind
-    if not kind.settings or data.lever is not None:
+    if data.lever is not None and data.part is None:
         return {}
-    stated = stated_sigma_of(problem, data)
-    found = {name: kind.sigma_of(name, stated) for name in data.point_names}
+    found = data.kind.sigmas(problem.measurement)
     return found if all(found.values()) else {}
 
 

@@ -260,17 +260,15 @@ class Residuals:
     @cached_property
     def row_sigma(self) -> Any:
         """Standard deviation of a reading [m], (N,) where it is not the same in all rows."""
-        if self.data.lever is not None:
-            return self.sigma * self.data.lever / self.lever
-        if not self.place_sigmas:
-            return self.sigma
-        every = np.array([self.place_sigmas.get(name, self.sigma) for name in self.data.point_names])
-        return every[self.data.point]
+        return self._unit_sigma if self.data.lever is None else self._unit_sigma * self.data.lever
 
     @property
     def _unit_sigma(self) -> Any:
         """Standard deviation of a reading in the unit of the kind, (N,) where it is not the same in all rows."""
-        return self.row_sigma if self.data.lever is None else self.sigma / self.lever
+        if not self.place_sigmas:
+            return self.sigma / self.lever
+        every = np.array([self.place_sigmas.get(name, self.sigma) for name in self.data.point_names])
+        return every[self.data.point]
 
     def metres(self, whitened: Array, rows: Codes | slice = slice(None)) -> Array:
         """What values (n, …) of some rows, in units of the σ's, are in [m]."""

@@ -4,9 +4,10 @@ from posture_opt.measurements.kinds.camera import MarkerPixels
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, Seen
 from posture_opt.measurements.kinds.level import Level
+from posture_opt.measurements.kinds.mixed import Member, Mixed
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
-from posture_opt.measurements.kinds.position import Position
+from posture_opt.measurements.kinds.position import FramedPosition, Position
 
 KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level)
 """All kinds; the columns of a file say which of them it holds."""
@@ -15,9 +16,12 @@ __all__ = [
     "KINDS",
     "AnchorDistance",
     "AnchorSpec",
+    "FramedPosition",
     "Kind",
     "Level",
     "MarkerPixels",
+    "Member",
+    "Mixed",
     "PlaneContact",
     "PlaneSpec",
     "PointContact",

@@ -28,6 +28,7 @@ class Seen:
         place: (N,) code of the plane, anchor or point that each row belongs to.
         values: (N, u) the unknowns of that place, and of a second one where rows belong to two.
         second: (N,) codes in the second column of names, as markers that cameras see.
+        part: (N,) instrument and number of its reading, where a file mixes instruments.
     """
 
     position: Vector
@@ -36,6 +37,7 @@ class Seen:
     place: Codes
     values: Array
     second: Codes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    part: Codes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +169,16 @@ class Kind:
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """Change of the reading with one of the unknowns."""
         raise NotImplementedError(f"{self.kind} leaves nothing unknown")
+
+    def sigmas(self, measurement: object) -> dict[str, float]:
+        """Standard deviation of a reading at each place by the section ``measurement``; 0 where none is stated.
+
+        Empty where all places have the same.
+        """
+        if not self.settings:
+            return {}
+        stated = float(getattr(measurement, self.sigma_key, None) or 0.0)
+        return {name: self.sigma_of(name, stated) for name in self.names}
 
     def sigma_of(self, place: str, stated: float) -> float:
         """Standard deviation of a reading at a place; ``stated`` is that of the file, 0 where there is none."""

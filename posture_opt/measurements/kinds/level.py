@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import permutations, product
 from typing import ClassVar
 
@@ -81,9 +82,15 @@ class Level(Kind):
 
     def _axes(self, seen: Seen, by: int | None = None) -> Array:
         """(N, 3, 3) the axes of the inclinometer in the world as columns, or their derivative by one of the turns."""
-        n = len(seen.place)
-        R = np.stack([np.stack([np.broadcast_to(v, n) for v in c], axis=1) for c in seen.columns], axis=2)
-        return np.asarray(R @ self.mounting @ turned_by(seen.values[:, :3], by))
+        return _axes_of(self, seen, by)
+
+
+@lru_cache(maxsize=8)
+def _axes_of(kind: Level, seen: Seen, by: int | None) -> Array:
+    """The axes of the inclinometer, which all derivatives at one arm state share."""
+    n = len(seen.place)
+    R = np.stack([np.stack([np.broadcast_to(v, n) for v in c], axis=1) for c in seen.columns], axis=2)
+    return np.asarray(R @ kind.mounting @ turned_by(seen.values[:, :3], by))
 
 
 def _cosine(height: Array) -> Array:

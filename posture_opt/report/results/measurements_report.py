@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.measurements.mixing import unmixed
 from posture_opt.measurements.table import LINE_INDEX
 from posture_opt.report.page.presenter import SummaryPresenter, pandas_module
 from posture_opt.report.text.blocks import Summary
@@ -30,8 +31,10 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         Raises:
             InputError: pandas is not installed.
         """
-        data, pandas = self.result, pandas_module()
-        frame = pandas.DataFrame(dict(_columns(data)), index=pandas.Index(data.line, name=LINE_INDEX))
+        data, pandas, more = self.result, pandas_module(), dict[str, Any]()
+        if data.part is not None:
+            data, more = unmixed(data)
+        frame = pandas.DataFrame({**dict(_columns(data)), **more}, index=pandas.Index(data.line, name=LINE_INDEX))
         frame.attrs["file"] = data.file
         return frame
 
@@ -60,7 +63,7 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
         yield f"{name} [{unit}]", data.q[:, k]
     if data.position is not None:
         yield from ((f"{axis} [m]", data.position[:, k]) for k, axis in enumerate("xyz") if data.measured_axes[k])
-    if data.reading is not None:
+    if data.reading is not None and data.part is None:
         columns = data.kind.columns.items()
         yield from ((f"{name} [{DIMENSIONS[d][0]}]", data.reading[:, k]) for k, (name, d) in enumerate(columns))
     if data.rotation is not None:
@@ -88,7 +91,7 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
         (data.kind.label, data.point, data.point_names),
         (data.kind.second_label, data.second, data.second_names),
     ):
-        if names and codes is not None:
+        if names and codes is not None and label:
             yield label, [names[code] for code in codes]
 
 

@@ -1,0 +1,163 @@
+"""Files that mix instruments: which rows are whose, and every row as the numbers of its reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.errors import listed
+from posture_opt.measurements.columns import AXES, Cells
+from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, Member, Mixed
+from posture_opt.measurements.kinds.mixed import SLOTS
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.units import DIMENSIONS
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The rows of one instrument: their kind, readings (n, 3), places and seconds with their codes (n,)."""
+
+    name: str
+    rows: Codes
+    listed: type[Kind]
+    measured: Mask
+    reading: Array
+    places: tuple[str, ...]
+    place: Codes
+    seconds: tuple[str, ...]
+    second: Codes
+
+
+def mixed_rows(data: Measurements, cells: Cells, known: DataSpec, base_free: bool, faults: Faults) -> Measurements:
+    """The rows of a file with the column ``instrument``, one for each number of a reading; faults join ``faults``.
+
+    An instrument is of the kind whose columns its rows fill. Where the base is free, the frame of a tracker is unknown
+    beside the places of the others, which are in the frame of the base.
+    """
+    named = cells.code("instrument")
+    assert named is not None, "a file without the column is not mixed"
+    found = [_rows_of(name, np.flatnonzero(named[0] == k), cells, faults) for k, name in enumerate(named[1])]
+    parts = [one for one in found if one is not None]
+    if len(parts) < len(found):
+        return data
+    members, first = [], 0
+    for one in parts:
+        kind = one.listed.of(known, one.places, one.seconds)
+        if base_free and not kind.label and not kind.columns:  # a tracker, whose frame is unknown then
+            kind = FramedPosition()
+        members.append(Member(one.name, kind, first, one.places, one.seconds))
+        first += len(one.places)
+    fixed = base_free or all(member.kind.fixed_to_base or not member.kind.fixes_size for member in members)
+    return _in_numbers(data, parts, Mixed.of_members(members, fixed))
+
+
+def _in_numbers(data: Measurements, parts: list[_Rows], kind: Mixed) -> Measurements:
+    """One row a number: its instrument and place, and the whole reading beside it."""
+    n = len(data)
+    reading, point = np.zeros((n, SLOTS)), np.zeros(n, dtype=np.intp)
+    second, part = np.zeros(n, dtype=np.intp), np.zeros((n, SLOTS), dtype=np.intp) - 1
+    first = 1
+    for k, (one, member) in enumerate(zip(parts, kind.members, strict=True)):
+        reading[one.rows], point[one.rows] = one.reading, member.first + one.place
+        if member.seconds:
+            second[one.rows], first = first + one.second, first + len(member.seconds)
+        axes = member.kind.axes(one.measured)
+        part[one.rows[:, None], axes] = SLOTS * k + axes
+    at, slot = np.nonzero(part >= 0)
+    seconds = ("", *(name for member in kind.members for name in member.seconds))
+    return replace(
+        data.take(at), position=None, reading=reading[at], point=point[at], point_names=tuple(kind.names),
+        second=second[at], second_names=seconds, part=part[at, slot], instrument=kind,
+    )  # fmt: skip
+
+
+def _rows_of(name: str, rows: Codes, cells: Cells, faults: Faults) -> _Rows | None:
+    """What an instrument read; None with a fault where its rows are of no kind, or of several."""
+    filled = {column for column in (*cells.numbers, *cells.codes) if _filled(cells, column, rows).any()}
+    fits = [kind for kind in KINDS if _required(kind, filled) <= filled and _required(kind, filled)]
+    line = int(cells.line[rows[0]])
+    if len(fits) != 1:
+        what = f"columns of {listed(kind.noun for kind in fits)}" if fits else "the columns of no kind"
+        hint = "every row is of one kind: leave the columns of the others empty"
+        faults.add(f"the rows of the instrument '{name}' fill {what}", "instrument", name, hint, line)
+        return None
+    kind = fits[0]
+    for column in sorted(_required(kind, filled)):
+        for row in rows[~_filled(cells, column, rows)]:
+            faults.add("the cell is empty", column, hint=f"'{name}' reads it in other rows", line=int(cells.line[row]))
+    numbers = list(kind.columns) or ([] if kind.label else list(AXES))
+    reading = np.zeros((len(rows), SLOTS))
+    for k, column in enumerate(numbers):
+        if column in filled:
+            reading[:, k] = np.nan_to_num(_number(cells, column)[rows])
+    places, place = _names(cells, kind.label, rows) if kind.label else (("",), np.zeros(len(rows), dtype=np.intp))
+    seconds, second = _names(cells, kind.second_label, rows) if kind.second_label else ((), place)
+    measured = np.array([axis in filled for axis in AXES])
+    return _Rows(name, rows, kind, measured, reading, places, place, seconds, second)
+
+
+def _required(kind: type[Kind], filled: set[str]) -> set[str]:
+    """The columns that rows of a kind fill; of a position, any of the coordinates."""
+    own = {*kind.columns, *(name for name in (kind.label, kind.second_label) if name)}
+    return own or {axis for axis in AXES if axis in filled}
+
+
+def _number(cells: Cells, column: str) -> Array:
+    """(N,) a column of numbers, NaN where a cell is empty."""
+    values = cells.number(column)
+    assert values is not None, "the column was read"
+    return values
+
+
+def _filled(cells: Cells, column: str, rows: Codes) -> Mask:
+    """(n,) whether the cells of a column are not empty; columns that any kind of row may have count as empty."""
+    if column not in {*AXES, *(c for kind in KINDS for c in (*kind.columns, kind.label, kind.second_label))}:
+        return np.zeros(len(rows), dtype=bool)
+    if column in cells.numbers:
+        return np.isfinite(_number(cells, column)[rows])
+    code = cells.code(column)
+    assert code is not None, "the column was read"
+    return np.asarray([code[1][k] != "" for k in code[0][rows]], dtype=bool)
+
+
+def _names(cells: Cells, column: str, rows: Codes) -> tuple[tuple[str, ...], Codes]:
+    """The names in some rows of a column, in the order of their appearance, and their codes (n,)."""
+    code = cells.code(column)
+    assert code is not None, "the column was read"
+    own = list(dict.fromkeys(code[0][rows].tolist()))
+    return tuple(code[1][k] for k in own), np.array([own.index(k) for k in code[0][rows]], dtype=np.intp)
+
+
+def unmixed(data: Measurements) -> tuple[Measurements, dict[str, list[object]]]:
+    """One row a reading again, and the columns of all instruments in SI units: NaN or an empty name where not read."""
+    assert isinstance(data.kind, Mixed), "a file of several instruments"
+    assert data.part is not None, "a file of several instruments"
+    first = np.sort(np.unique(data.line, return_index=True)[1])
+    rows, whole = len(first), data.take(first)
+    assert whole.part is not None, "rows of a mixed file stay such"
+    owner = whole.part // SLOTS
+    columns: dict[str, list[object]] = {"instrument": [data.kind.members[k].name for k in owner]}
+    seconds = 1
+    for k, member in enumerate(data.kind.members):
+        own, kind = np.flatnonzero(owner == k), member.kind
+        read = np.unique(data.part[data.part // SLOTS == k] % SLOTS)
+        numbers = dict(kind.columns) or ({} if kind.label else {AXES[slot]: "length" for slot in read})
+        for slot, (name, dimension) in enumerate(numbers.items()):
+            title = f"{name} [{DIMENSIONS[dimension][0]}]"
+            cells = columns.setdefault(title, [np.nan] * rows)
+            for i in own:
+                cells[i] = float(whole.reading[i, AXES.index(name) if name in AXES else slot])  # type: ignore[index]
+        for label, codes, names, start in (
+            (kind.label, whole.point, member.places, member.first),
+            (kind.second_label, whole.second, member.seconds, seconds),
+        ):
+            if label and codes is not None:
+                cells = columns.setdefault(label, [""] * rows)
+                for i in own:
+                    cells[i] = names[codes[i] - start]
+        seconds += len(member.seconds)
+    return whole, columns
