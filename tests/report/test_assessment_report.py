@@ -16,6 +16,7 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.report.figures.residual_trends import Binned, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import (
     Shown,
+    _factors,
     chosen_rows,
     exaggeration,
     plot_residual_vectors,
@@ -152,19 +153,17 @@ def test_every_axis_names_its_unit(figures: dict[str, Any], once: Any) -> None:
             assert not label or "[" in label or label == "line of the file"
 
 
-def test_arrows_are_the_errors_enlarged_as_stated_and_both_models_on_one_scale(
-    visited: Any, figures: dict[str, Any]
-) -> None:
+def test_arrows_are_the_errors_enlarged_as_stated(visited: Any, figures: dict[str, Any]) -> None:
     shown, figure = Shown.of(visited[1].calibration), figures["residual_vectors"]
-    factor = float(re.search(r"enlarged (\d+)", figure.get_suptitle())[1])
     before, after = figure.axes
     assert before.get_xlim() == after.get_xlim()
     assert before.get_ylim() == after.get_ylim()
     for axes, name in ((before, "nominal"), (after, "calibrated")):
+        factor = float(re.search(r", (\d+)\N{MULTIPLICATION SIGN}", axes.get_title(loc="left"))[1])
         (arrows,) = [a for a in axes.get_children() if isinstance(a, Quiver)]
         np.testing.assert_allclose(arrows.U, factor * shown.errors[name][:, 0])
         np.testing.assert_allclose(arrows.V, factor * shown.errors[name][:, 1])
-    assert after.get_title(loc="left") == "calibrated"
+    assert after.get_title(loc="left").startswith("calibrated, ")
     data = visited[1].calibration.request.data
     off = 1e3 * (data.position[:, :2] - position(data.q))
     np.testing.assert_allclose(shown.errors["nominal"][:, :2], off, atol=1e-9)
@@ -176,6 +175,11 @@ def test_many_rows_are_drawn_by_lot_and_it_is_said(once: Any) -> None:
     rows = chosen_rows(10_000, 400)
     assert len(set(rows)) == 400
     assert rows.max() > 9000
+
+
+def test_arrows_of_small_errors_have_a_scale_of_their_own() -> None:
+    assert _factors({"nominal": 0.5, "calibrated": 0.4}, 1000.0) == {"nominal": 200.0, "calibrated": 200.0}
+    assert _factors({"nominal": 5.0, "calibrated": 0.02}, 1000.0) == {"nominal": 20.0, "calibrated": 5000.0}
 
 
 def test_arrows_are_long_enough_to_be_seen_and_short_enough_for_the_workspace() -> None:

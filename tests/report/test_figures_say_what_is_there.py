@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,15 @@ import pytest
 from matplotlib.text import Text
 
 import posture_opt as po
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.report.figures.accuracy_map import plot_spread_map
+from posture_opt.report.figures.bench import _name
+from posture_opt.report.figures.diagnosis_curves import _left_by_side
 from posture_opt.report.figures.spread_check import plot_reliability
 from posture_opt.report.page.style import image
 from posture_opt.report.parts.budget_parts import budget_block
+from posture_opt.report.scene.arm_in_space import shortened
 from posture_opt.report.text.blocks import Table
 from posture_opt.uncertainty.spread.budget_groups import ShareGroup
 
@@ -57,7 +62,7 @@ def test_sources_that_cancel_are_one_line_and_rounding_is_no_share() -> None:
     _, table, note = block.items
     assert isinstance(table, Table)
     assert [row[3] for row in table.rows] == ["100 %", "0 %"]
-    assert table.rows[0][:3] == ("2 correlated sources", "joint1.theta, joint2.theta", "")
+    assert table.rows[0][:3] == ("joint1 angle and joint2 angle (correlated)", "joint1.theta, joint2.theta", "")
     assert isinstance(note, str)
     assert "only their combined share is meaningful" in note
     assert len(budget_block(problem, [ShareGroup(("joint1.a",), 1.0)], "Shares:").items) == 2
@@ -87,3 +92,37 @@ def test_names_are_drawn_as_they_are_written() -> None:
     assert "$a_$ angle | _b angle" in told["budget"]
     for figure in figures.values():
         assert image(figure, "svg")
+
+
+def test_names_of_features_lie_apart_and_within_the_map() -> None:
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(4, 6))
+    axes.set(xlim=(0, 100), ylim=(0, 200))
+    points = np.array([[30.0, 95.0], [52.0, 100.0], [12.0, 84.0], [14.0, 70.0]])
+    for k, point in enumerate(points):
+        _name(axes, f"hole {k}", point, point - points.mean(axis=0))
+    figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    pyplot.close(figure)
+
+
+@pytest.mark.parametrize(("kind", "place", "sided"), [
+    ("curve", "joint1", False), ("curve", "side of joint2", True), ("side and posture", "joint1", True)
+])  # fmt: skip
+def test_what_is_left_by_side_of_approach_is_drawn_so(kind: str, place: str, sided: bool) -> None:
+    data = SimpleNamespace(joint_names=("joint1", "joint2"))
+    found: Any = SimpleNamespace(
+        unexplained=(UnnamedComponent(kind, "joint1"),),
+        adequacy=SimpleNamespace(place=place),
+        model=SimpleNamespace(residuals=SimpleNamespace(data=data)),
+    )
+    assert _left_by_side(found) is sided
+
+
+def test_a_long_name_in_the_column_of_joint_values_is_shortened_in_its_middle() -> None:
+    names = [f"left_arm_manipulator_joint_number_{k}" for k in (1, 2)]
+    assert shortened("elbow", 25) == "elbow"
+    assert len({shortened(name, 25) for name in names}) == 2
+    assert all(len(shortened(name, 25)) == 25 for name in names)

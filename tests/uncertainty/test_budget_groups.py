@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.report.parts.budget_parts import group_words
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
 from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, share_groups
@@ -34,7 +35,8 @@ def test_two_lengths_that_cancel_are_one_line() -> None:
     assert lengths.share + angle.share == pytest.approx(1.0)
     assert lengths.share == pytest.approx(1.0, abs=1e-3)
     report = spread.report()
-    assert "2 correlated sources" in report
+    words = group_words(lengths, spread.tool_point.arm)
+    assert sorted(words.removesuffix(" (correlated)").split(" and ")) == ["joint1 link length", "joint2 link length"]
     assert "-40 %" not in report
     document = spread.to_json()
     assert {entry["parameter"] for entry in document["critical_budget"]} == {"joint1.theta", "joint1.a", "joint2.a"}

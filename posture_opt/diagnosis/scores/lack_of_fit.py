@@ -14,6 +14,11 @@ from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes
 
 
+def side_place(joint: str) -> str:
+    """The side of approach of a joint, as `Adequacy.place` names it."""
+    return f"side of {joint}"
+
+
 @dataclass(frozen=True, eq=False)
 class HeldResiduals:
     """What a fit with a prior leaves of the data, and of the prior: a wrong one shows in both.
@@ -169,7 +174,7 @@ def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[
         side = np.sign(data.approach[rows, j])
         if len(np.unique(side)) > 1:
             yield (
-                f"side of {name}",
+                side_place(name),
                 np.outer(side, side) * _gaussian_kernel(q[:, j : j + 1] / (levels.JOINT_KERNEL_WIDTHS[0] * span)),
             )
     size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))

@@ -26,6 +26,7 @@ _PHRASES = {
     "field": "a wave over the workspace",
     "course": "a change with time",
 }
+_OF_SIDE = frozenset({"side and posture", "side and load", "foreign side"})
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,11 @@ class UnnamedComponent(Cause):
     kind: str
     target: str
     shape: float = 0.0
+
+    @property
+    def of_side(self) -> bool:
+        """Whether the error depends on the side from which a joint arrived."""
+        return self.kind in _OF_SIDE
 
     @property
     def words(self) -> str:

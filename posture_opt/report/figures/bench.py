@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.numerics import Array
 from posture_opt.report.page.colours import COLOUR_MAP, GREY, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_beside, styled
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.stations.bench_map import BenchMap
 
 _MAX_NAMED_FEATURES = 6  # features whose names fit next to their points
+_EDGE_SHARE = 0.25  # of the width: nearer to the edge, a name is above or below its point
 _UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))
 _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
 
@@ -94,14 +96,46 @@ def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> N
 def _draw_features(axes: Axes, found: Solution) -> None:
     """The features as points [mm], the worst one ringed; their names where there is room."""
     points = 1e3 * np.array([station.target.lower for station in found.stations])
+    if found.bench is not None and _beyond(points, found.bench):
+        _draw_range(axes, found.bench)
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
     worst = points[found.worst_index]
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
-    if len(points) <= _MAX_NAMED_FEATURES:
-        for name, point in zip(found.names, points, strict=True):
-            text = axes.annotate(name, point[:2], xytext=(7, 4), textcoords="offset points", zorder=8)
-            text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})
-    # The part may reach beyond the range of its origin.
+    # The part may reach beyond the range of its origin, which the colours are over.
     for pick, limits, k in ((axes.set_xlim, axes.get_xlim(), 0), (axes.set_ylim, axes.get_ylim(), 1)):
         margin = 0.04 * (limits[1] - limits[0])
         pick(min(limits[0], points[:, k].min() - margin), max(limits[1], points[:, k].max() + margin))
+    if len(points) <= _MAX_NAMED_FEATURES:
+        middle = points[:, :2].mean(axis=0)
+        for name, point in zip(found.names, points, strict=True):
+            _name(axes, name, point[:2], point[:2] - middle)
+
+
+def _name(axes: Axes, name: str, point: Array, outward: Array) -> None:
+    """The name of a feature on that side of its point (2,) which is away from the others, within the axes."""
+    right, up = outward[0] >= 0, outward[1] >= 0
+    left, wide = axes.get_xlim()[0], float(np.ptp(axes.get_xlim()))
+    share = (point[0] - left) / wide
+    at_edge = share > 1 - _EDGE_SHARE if right else share < _EDGE_SHARE
+    text = axes.annotate(
+        name, (point[0], point[1]), textcoords="offset points", zorder=8, va="bottom" if up else "top",
+        xytext=(0 if at_edge else 8 if right else -8, (9 if at_edge else 5) * (1 if up else -1)),
+        ha="center" if at_edge else "left" if right else "right",
+    )  # fmt: skip
+    text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})
+
+
+def _beyond(points: Array, bench: BenchMap) -> bool:
+    """Whether features (K, 3) [mm] lie outside of the mapped range of the origin."""
+    low, high = ([1e3 * values[end] for values in bench.values] for end in (0, -1))
+    return bool(np.any(points[:, :2] < low) or np.any(points[:, :2] > high))
+
+
+def _draw_range(axes: Axes, bench: BenchMap) -> None:
+    """The range of the origin as a frame, where features lie outside of it."""
+    from matplotlib.patches import Rectangle
+
+    (left, right), (low, high) = ([1e3 * values[0], 1e3 * values[-1]] for values in bench.values)
+    frame = Rectangle((left, low), right - left, high - low, fill=False, ec=GREY, lw=1.2)
+    frame.set(zorder=6, label="range of the workpiece's origin")
+    axes.add_patch(frame)

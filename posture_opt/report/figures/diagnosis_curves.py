@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis.scores.lack_of_fit import side_place
 from posture_opt.model.effects.base.cause import Abscissa, over_joint, over_phase
 from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.numerics import Array
@@ -206,12 +207,14 @@ def plot_left(found: Diagnosis) -> Figure:
     """What the model with its effects leaves [mm], along the motion of each joint over its value, and over the rows.
 
     A mean of neighbours that leaves zero beyond its band is structure that no named effect explains. Rows in which a
-    joint hardly moves the tool point are left out of its panel; joints that did not move have none.
+    joint hardly moves the tool point are left out of its panel; joints that did not move have none. Where the side of
+    approach is what is left, rows of both sides have their own colour and mean.
     """
     residuals = found.model.residuals
     tangents = EffectSensitivities(residuals, found.model.x)
     e = -found.model.whitened.reshape(len(residuals.data), residuals.block)
     moving = [k for k in range(residuals.robot.n) if np.ptp(residuals.data.q[:, k]) > 1e-6]
+    sided = _left_by_side(found)
     rows = math.ceil((len(moving) + 1) / 2)
     figure = new_figure(0.8 + 1.9 * rows)
     grid = figure.subplots(rows, 2, squeeze=False).ravel()
@@ -221,7 +224,11 @@ def plot_left(found: Diagnosis) -> Figure:
         far = lever > _MIN_LEVER_SHARE * lever.max()
         along = 1e3 * residuals.sigma * np.sum(e * column, axis=1)[far] / lever[far]
         over = over_joint(tangents.state, joint)
-        _cloud(axes, over.values[far], along, over.label)
+        side = np.broadcast_to(np.asarray(tangents.state.inputs.side(joint)), len(e))[far]
+        if sided and np.all([np.count_nonzero(side == s) > _MIN_BIN_ROWS for s in (-1, 1)]):
+            _sides(axes, over.values[far], along, side, over.label)
+        else:
+            _cloud(axes, over.values[far], along, over.label)
     axes = grid[len(moving)]
     lengths = 1e3 * residuals.sigma * np.linalg.norm(e[:, : len(residuals.axes)], axis=1)
     rows_by_time = np.arange(1, len(e) + 1, dtype=np.float64)
@@ -235,6 +242,24 @@ def plot_left(found: Diagnosis) -> Figure:
     figure.supylabel("error left, along the joint's own motion [mm]")
     legend_below(figure)
     return figure
+
+
+def _left_by_side(found: Diagnosis) -> bool:
+    """Whether what no cause explains depends on the side of approach of a joint."""
+    if any(component.of_side for component in found.unexplained):
+        return True
+    return found.adequacy.place in map(side_place, found.model.residuals.data.joint_names)
+
+
+def _sides(axes: Axes, x: Array, y: Array, side: Array, label: str) -> None:
+    """Values (n,) over x (n,) by side of approach (n,), with the mean of neighbours of each."""
+    for sign, words, colour in ((-1, "decreasing", ORANGE), (1, "increasing", PURPLE)):
+        own = np.flatnonzero(side == sign)
+        dots = own[chosen_rows(len(own), _MAX_DOTS // 2)]
+        axes.plot(x[dots], y[dots], ".", color=colour, label=f"arrived {words}", **_look(len(own)))
+        Binned.of(x[own], y[own], _MAX_BINS).draw(axes, colour, f"mean of neighbours, {words}")
+    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
+    axes.set_xlabel(label, labelpad=1)
 
 
 def _cloud(axes: Axes, x: Array, y: Array, label: str) -> None:

@@ -29,6 +29,7 @@ TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 _MANY_DOTS = 400  # dots
 _MAX_ARROWS = 400  # more of them hide each other
 _ARROW_SHARE = 0.16  # of the workspace: the arrow of a large error
+_MIN_LENGTH_RATIO = 0.6  # of the arrows of both models: shorter ones have a scale of their own
 _FLAT_SHARE = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
 
 
@@ -130,18 +131,20 @@ def chosen_rows(n: int, most: int) -> Codes:
 
 @styled
 def plot_residual_vectors(shown: Shown) -> Figure:
-    """Errors as arrows from the model's place to the measured one, before and after on one scale.
+    """Errors as arrows from the model's place to the measured one, before and after.
 
-    Axes are coordinates [mm] in the world frame; arrows are enlarged by the factor in the title, a key shows the
-    length of a large one. Arrows that turn together are a wrong frame, arrows that grow with the distance from the
-    base a joint or a length. Of many rows some are drawn at random.
+    Axes are coordinates [mm] in the world frame; arrows are enlarged by the factors in the titles, keys show the length
+    of large ones. Both have one scale unless arrows after calibration would be too short to be seen. Arrows that turn
+    together are a wrong frame, arrows that grow with the distance from the base a joint or a length. Of many rows some
+    are drawn at random.
     """
     views = shown.views
     rows = chosen_rows(len(shown.data), _MAX_ARROWS)
-    lengths = np.linalg.norm(shown.errors["nominal"], axis=1)
-    large = float(np.quantile(lengths, 0.95))
-    factor = exaggeration(large, float(np.ptp(shown.places, axis=0).max()))
-    ends = np.concatenate([shown.places[rows], (shown.places + factor * shown.errors["nominal"])[rows]])
+    large = {name: float(np.quantile(np.linalg.norm(e, axis=1), 0.95)) for name, e in shown.errors.items()}
+    factors = _factors(large, float(np.ptp(shown.places, axis=0).max()))
+    ends = np.concatenate(
+        [shown.places[rows], *((shown.places + factors[name] * e)[rows] for name, e in shown.errors.items())]
+    )
     boxes = [(ends[:, list(view)].min(axis=0), ends[:, list(view)].max(axis=0)) for view in views]
     heights = [float(np.clip(3.4 * (high - low)[1] / (high - low)[0], 1.4, 5.0)) for low, high in boxes]
     figure = new_figure(sum(heights) + 0.8)
@@ -149,20 +152,32 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     drawn = []
     for line, view, box in zip(grid, views, boxes, strict=True):
         for axes, (name, errors) in zip(line, shown.errors.items(), strict=True):
-            drawn.append(_arrows(axes, shown, errors, view, rows, factor, MODEL_COLOURS[name]))
+            drawn.append(_arrows(axes, shown, errors, view, rows, factors[name], MODEL_COLOURS[name]))
             (left, low), (right, high) = box
             margin = 0.03 * max(right - left, high - low)
             axes.set(xlim=(left - margin, right + margin), ylim=(low - margin, high + margin))
             if view == views[0]:
-                axes.set_title(TITLES[name], loc="left")
+                axes.set_title(f"{TITLES[name]}, {factors[name]:g}\N{MULTIPLICATION SIGN}", loc="left")
+                key = _round(large[name])
+                label = f"{number(key, 1)} mm  "
+                axes.quiverkey(drawn[-1], 0.86, 1.04, key * factors[name], label, labelpos="W", color="black")
         line[1].tick_params(labelleft=False)
         line[1].set_ylabel("")
-    key = _round(large)
-    label = f"{number(key, 1)} mm  "
-    grid[0][1].quiverkey(drawn[1], 0.86, 1.04, key * factor, label, labelpos="W", color="black")
     some = f", {len(rows)} of {len(shown.data)} rows drawn by lot" if len(rows) < len(shown.data) else ""
-    figure.suptitle(f"measured minus model, enlarged {factor:g}\N{MULTIPLICATION SIGN}{some}")
+    figure.suptitle(f"measured minus model, enlarged as said above each column{some}")
     return figure
+
+
+def _factors(large: dict[str, float], extent: float) -> dict[str, float]:
+    """By which the arrows of each model are enlarged: by one factor, unless one model's would be too short then.
+
+    Args:
+        large: length of a large error of each model; ``extent`` of the workspace in the same unit.
+    """
+    common = exaggeration(max(large.values()), extent)
+    if min(large.values()) > _MIN_LENGTH_RATIO * max(large.values()):
+        return dict.fromkeys(large, common)
+    return {name: exaggeration(size, extent) for name, size in large.items()}
 
 
 def _arrows(

@@ -42,7 +42,8 @@ def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView 
     ]
     if not postures:
         return None
-    best = min(range(len(postures)), key=lambda k: postures[k].value or 0.0)
+    known = [size for point, size in zip(found.map_points, sizes, strict=True) if point.feasible]
+    best = known.index(min(known))  # as the first sentence of the report has it, not by rounded values
     ordered = (postures[best], *postures[:best], *postures[best + 1 :])
     scene = getattr(found.problem, "scene", None)
     robot = found.optimisation_problem.robot

@@ -36,9 +36,14 @@ def joints_block(found: SpreadCheck) -> Block:
         )
     ]
     rows.append(_instrument_row(found))
-    headers = ("scatter (standard deviation)", "stated", "estimated", "std. error", "95 % interval")
+    headers = ("scatter (standard deviation)", stated_words(found), "estimated", "std. error", "95 % interval")
     texts = [text for text in (_prediction_text(found.scatter_predictions, found.from_repeats),) if text]
     return Block("Scatter of each joint", (source, Table(headers, tuple(rows)), *texts), "truth_joints")
+
+
+def stated_words(found: SpreadCheck) -> str:
+    """What the σ's are that estimates are compared with: those of joints may be the data sheet's."""
+    return "stated (joints: data sheet)" if found.calibration.request.problem.sources.assumed else "stated"
 
 
 def _joint_row(name: str, stated: float, values: tuple[float, float, float, float], shown: bool) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from posture_opt.errors import enumerated
 from posture_opt.model.arm import Arm
 from posture_opt.report.parts.parts import sigma_of
 from posture_opt.report.text.blocks import Block, Table
@@ -79,10 +80,13 @@ def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, flo
 
 
 def group_words(group: ShareGroup, arm: Arm) -> str:
-    """A source in words; several that belong together by how many they are."""
-    if len(group.parameters) == 1:
-        return source_words(group.parameters[0], arm)
-    return f"{len(group.parameters)} correlated sources"
+    """A source in words; several that correlate by name, the first of many."""
+    words = [source_words(name, arm) for name in group.parameters]
+    if len(words) == 1:
+        return words[0]
+    more = len(words) - _MAX_NAMED_SOURCES
+    named = [*words[:_MAX_NAMED_SOURCES], *([f"{more} more"] if more > 0 else [])]
+    return f"{enumerated(named)} (correlated)"
 
 
 def others_words(groups: Sequence[ShareGroup]) -> str:

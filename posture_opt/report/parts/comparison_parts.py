@@ -13,7 +13,7 @@ from posture_opt.errors import enumerated
 from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import joint_unit, joint_value, length, percent, stated_length
+from posture_opt.report.text.units_text import joint_unit, joint_value, length, short_probability, stated_length
 from posture_opt.report.text.words import MODEL_NAMES, PARTS
 from posture_opt.units import number
 
@@ -29,7 +29,6 @@ _ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
 _TINY_M = 1e-6  # m: no arm is placed better
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
-_CERTAIN = 0.9995
 _MODELS = {
     "nominal": "the model before calibration",
     "calibrated": "the calibrated model",
@@ -137,7 +136,7 @@ def _cells(column: ComparedAnswer, reference: str, sizes: list[float]) -> tuple[
 
 def success_text(p: float | None) -> str:
     """A probability of success for a table; empty without one."""
-    return "" if p is None else percent(p) if p < _CERTAIN else "> 99.9 %"
+    return "" if p is None else short_probability(p)
 
 
 def _sentences(columns: dict[str, ComparedAnswer], reference: str) -> tuple[str, ...]:

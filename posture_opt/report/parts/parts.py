@@ -170,6 +170,11 @@ def note_facts(notes: Iterable[str]) -> list[tuple[str, str]]:
     return [("Note" if k == 0 else "", sentence(note)) for k, note in enumerate(dict.fromkeys(notes))]
 
 
+def brief_notes(problem: ProblemData, notes: Iterable[str]) -> list[tuple[str, str]]:
+    """The notes that a report of one screen has, one a line."""
+    return note_facts(note for note in notes if note not in problem.sources.details)
+
+
 def frame_notes(robot: Robot) -> list[str]:
     """What became of a base or tool that the problem file leaves free."""
     free = {"base": robot.base_free, "tool": robot.tool_free}

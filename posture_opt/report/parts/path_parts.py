@@ -137,7 +137,7 @@ def points_block(found: Solution) -> Block:
         number_of = str(int(np.searchsorted(listed, k)) + 1)
         rows.append((number_of, number(factor * float(found.motion.sigma[k])), *xyz, *q))
     views = tuple(f"point-{row[0]}" for row in rows)
-    table = Table(tuple(heads), tuple(rows), 0, views)
+    table = Table(tuple(heads), tuple(rows), 0, views, worst=int(np.argmax(found.motion.sigma[shown])))
     left = len(found.path.points) - len(shown)
     text = (f"{count(left, 'further point')} in postures.csv.",) if left else ()
     return Block("Postures along the path", (table, *text), figure="path")

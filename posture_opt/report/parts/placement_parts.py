@@ -166,7 +166,7 @@ def features_block(found: Solution) -> Block:
         row += [digits.text(j, v, 1 / joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
         rows.append(tuple(row))
     views = tuple(f"feature-{k}" for k in range(1, len(rows) + 1))
-    table = Table(tuple(headers), tuple(rows), views=views)
+    table = Table(tuple(headers), tuple(rows), views=views, worst=found.worst_index)
     points = Table(("feature", "tool point in the world"), tuple(
         (name, place(station.spread.position)) for name, station in zip(found.names, found.stations, strict=True)
     ), 2, views)  # fmt: skip

@@ -18,7 +18,7 @@ from posture_opt.report.interactive.target_view import target_view
 from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, source_facts
+from posture_opt.report.parts.parts import brief_notes, frame_notes, input_facts, note_facts, robot_facts, source_facts
 from posture_opt.report.results.target_map_report import (
     grid_words,
     place_columns,
@@ -93,7 +93,7 @@ def problem_block(problem: ProblemData, found: AccuracyMap) -> Block:
         *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),
     ]
     text = f"At every target the arm takes the best posture for the task. {served_sentence(targets)}"
-    notes = note_facts((*problem.notes, *targets.notes))
+    notes = brief_notes(problem, (*problem.notes, *targets.notes))
     short = (rows[0], ("Corrections", corrected), ("Targets", grid_words(found.grid)), *notes)
     return Block("Problem", (Facts(tuple(rows)), text), brief=(Facts(short),))
 

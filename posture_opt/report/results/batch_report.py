@@ -101,7 +101,8 @@ def _errors_block(found: Batch) -> Block:
     ]
     headers = ("robot", "rows", "before calibration, RMS [mm]", "calibrated, RMS [mm]", "outliers")
     more = [f"and {len(rows) - _MAX_ROBOTS} more"] if len(rows) > _MAX_ROBOTS else []
-    table = Table(headers, tuple(rows[:_MAX_ROBOTS]))
+    worst = int(np.argmax([c.calibrated.rms for c in found.calibrations]))
+    table = Table(headers, tuple(rows), worst=worst).cut(_MAX_ROBOTS)
     return Block("Position errors", (how, whole, *texts, table, *more))
 
 

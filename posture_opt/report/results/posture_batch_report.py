@@ -15,7 +15,7 @@ from posture_opt.report.figures.posture_batch import plot_posture_batch
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, length_unit, percent
+from posture_opt.report.text.units_text import count, length, length_unit, short_probability
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         found = self.result
         ends = [f"{which} standard deviation: {length(one.sigma_max)}, {one.name}." for which, one in extremes(found)]
         title = f"Postures for {count(len(found.answers), 'problem')}"
-        whole, short = answers_table(found.answers), answers_table(found.answers[:_MAX_BRIEF_ROWS])
-        blocks = [Block("Answers", (whole,), figure="answers", brief=(short,))]
+        whole = answers_table(found.answers)
+        blocks = [Block("Answers", (whole,), figure="answers", brief=(whole.cut(_MAX_BRIEF_ROWS),))]
         failed = [answer for answer in found.answers if answer.code]
         if failed:
             reasons = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
@@ -107,11 +107,12 @@ def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
             answer.name,
             answer.status,
             "-" if np.isnan(answer.sigma_max) else number(factor * answer.sigma_max),
-            "-" if np.isnan(answer.success_probability) else percent(answer.success_probability),
+            "-" if np.isnan(answer.success_probability) else short_probability(answer.success_probability),
         )
         for answer in answers
     ]
-    return Table(("problem", "status", f"std. dev. [{unit}]", "success"), tuple(rows), text_columns=2)
+    worst = int(np.nanargmax([answer.sigma_max for answer in answers])) if known else None
+    return Table(("problem", "status", f"std. dev. [{unit}]", "success"), tuple(rows), text_columns=2, worst=worst)
 
 
 def _cell(value: object) -> str:

@@ -15,6 +15,7 @@ from posture_opt.report.parts.collision_parts import collision_facts, mounting_l
 from posture_opt.report.parts.improvement_parts import improvements_block, most_helpful
 from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import (
+    brief_notes,
     frame_notes,
     input_facts,
     joint_values,
@@ -167,7 +168,7 @@ class SolutionPresenter(Presenter["Solution"]):
         """What was asked."""
         found, problem = self.result, self.problem
         task, asked = found.optimisation_problem.task, self._asked()
-        notes = note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes))
+        every = (*problem.notes, *frame_notes(problem.robot), *found.notes)
         rows = [*robot_facts(problem), ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim())]
         if self.along_path:
             rows.append(("Joint steps", f"between listed points: at most {step_words(found, found.largest_step)}"))
@@ -176,10 +177,10 @@ class SolutionPresenter(Presenter["Solution"]):
             rows.append(("Requirements", ", ".join(bound_words(term) for term in task.subject_to)))
         rows += self._clearance()
         sources = (*source_facts(problem), *workpiece_facts(problem))
-        rows += [*collision_facts(problem.scene), *unchecked_facts(problem.scene), *sources, *notes]
+        rows += [*collision_facts(problem.scene), *unchecked_facts(problem.scene), *sources, *note_facts(every)]
         briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece")]
         short = (rows[0], ("Task", task.kind), *briefly, *input_facts(problem), *sources)
-        short = (*short, *unchecked_facts(problem.scene), *notes)
+        short = (*short, *unchecked_facts(problem.scene), *brief_notes(problem, every))
         return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from posture_opt.numerics import Array
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.budget_parts import budget_block, group_words, main_fact
 from posture_opt.report.parts.parts import (
+    brief_notes,
     ellipse_facts,
     first_order_fact,
     frame_notes,
@@ -89,14 +90,14 @@ def arm_block(problem: ProblemData, spread: Spread) -> Block:
     asked = [] if seen is None or task is None else [
         *task_facts(task, seen.direction), *clearance_facts(seen), *beside_target(spread),
     ]  # fmt: skip
-    notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
+    every = (*problem.notes, *frame_notes(problem.robot), *spread.notes)
     facts = (
         *robot_facts(problem),
         *asked,
         *input_facts(problem),
         *source_facts(problem),
         *workpiece_facts(problem),
-        *notes,
+        *note_facts(every),
     )
     short = (
         facts[0],
@@ -104,7 +105,7 @@ def arm_block(problem: ProblemData, spread: Spread) -> Block:
         *input_facts(problem),
         *source_facts(problem),
         *workpiece_facts(problem),
-        *notes,
+        *brief_notes(problem, every),
     )
     return Block("Problem", (Facts(facts),), brief=(Facts(short),))
 

@@ -18,6 +18,7 @@ from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead
 from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import (
+    brief_notes,
     frame_notes,
     input_facts,
     joint_values,
@@ -96,7 +97,7 @@ def problem_block(problem: ProblemData, found: TargetMap) -> Block:
         *workpiece_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
-    notes = note_facts((*problem.notes, *found.notes))
+    notes = brief_notes(problem, (*problem.notes, *found.notes))
     short = (
         rows[0],
         ("Task", task.kind),

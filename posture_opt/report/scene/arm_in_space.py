@@ -36,7 +36,7 @@ _MAX_RING_SHARE = 0.3  # of the extent: a clearance that is larger on the scale 
 _TRIAD_LENGTH_INCH = 0.32  # inch: length of the axes in the corner
 _CORNER_SIZE_INCH = np.array([2.0, 0.85])  # inch: room for axes and scale
 _TITLE_HEIGHT_INCH = 0.3  # inch
-_CHARACTER = 0.068  # in: of a joint name or value, on average
+_MAX_NAME = 25  # letters of a name in the column of joint values
 _COLUMN, _ROW = 1.75, 0.175  # inch: width of the column of joint values, and of its lines the height
 _ARM_SHIFT_SHARE = 0.09  # of the width: so far the arm is left of the middle, to leave room for that
 
@@ -97,7 +97,7 @@ def draw_in_space(
     _cover(taken, marks, camera, geometry)
     _column(axes, posture, taken, height)
     _corner(axes, camera, geometry, taken, height)
-    _labels(figure, axes, _named(geometry, scene, marks), taken, camera, height)
+    _labels(axes, _named(geometry, scene, marks), taken, camera, height)
     return figure
 
 
@@ -205,9 +205,7 @@ def _named(geometry: ArmGeometry, scene: SceneImage, marks: Sequence[SceneMark])
     return named + scene.obstacle_anchors()
 
 
-def _labels(
-    figure: Figure, axes: Axes, named: Sequence[tuple[str, Array]], taken: Mask, camera: Camera, height: float
-) -> None:
+def _labels(axes: Axes, named: Sequence[tuple[str, Array]], taken: Mask, camera: Camera, height: float) -> None:
     """Places the labels and draws them with their leader lines.
 
     Args:
@@ -215,16 +213,10 @@ def _labels(
         taken: (H, W) where nothing may be covered.
         height: of the figure [inch].
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    renderer: Any = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     size, labels = 72 * np.array([WIDTH, height]), []
-    for text, point in named:
-        drawn = axes.text(0, 0, text)
-        box = drawn.get_window_extent(renderer)
-        drawn.remove()
-        extent = np.array([box.width, box.height]) * 72 / figure.dpi
-        labels.append(Label(text, (point - camera.lower) / camera.size * size, extent))
+    extents = _extents(axes, [text for text, _ in named])
+    for (text, point), extent in zip(named, extents, strict=True):
+        labels.append(Label(text, (point - camera.lower) / camera.size * size, 72 * extent))
     for label in placed(labels, taken, size):
         axes.annotate(
             "", tuple(label.label.anchor), tuple(label.end), xycoords="axes points", textcoords="axes points", zorder=7,
@@ -237,12 +229,42 @@ def _labels(
         shown.placed_label = label
 
 
+def _extents(axes: Axes, texts: Sequence[str]) -> list[Array]:
+    """Width and height (2,) of each text in the figure [inch]."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure: Any = axes.figure
+    renderer: Any = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    found = []
+    for text in texts:
+        drawn = axes.text(0, 0, text)
+        box = drawn.get_window_extent(renderer)
+        drawn.remove()
+        found.append(np.array([box.width, box.height]) / figure.dpi)
+    return found
+
+
+def _widths(axes: Axes, texts: Sequence[str]) -> list[float]:
+    """Width of each text in the figure [inch]."""
+    return [float(extent[0]) for extent in _extents(axes, texts)]
+
+
+def shortened(name: str, most: int) -> str:
+    """A name of at most so many letters: of a longer one beginning and end, which number joints of one arm.
+
+    >>> shortened("left_arm_manipulator_joint_1", 15)
+    'left_ar…joint_1'
+    """
+    return name if len(name) <= most else f"{name[: most // 2]}…{name[-(most // 2) :]}"
+
+
 def _column(axes: Axes, posture: Sequence[tuple[str, str]], taken: Mask, height: float) -> None:
     """The joint values at the right edge, from the top; marked as taken."""
     if not posture:
         return
-    rows = [("posture", ""), *posture]
-    column = max(_COLUMN, _CHARACTER * max(len(name) + len(value) + 2 for name, value in rows))
+    rows = [("posture", ""), *((shortened(name, _MAX_NAME), value) for name, value in posture)]
+    widths = _widths(axes, [f"{name}  {value}" for name, value in rows])
+    column = max(_COLUMN, max(widths) + 0.2)
     for k, (name, value) in enumerate(rows):
         at = 1 - (0.08 + _ROW * k) / height
         look: Look = {"transform": axes.transAxes, "va": "top", "zorder": 8}

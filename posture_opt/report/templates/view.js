@@ -6,6 +6,13 @@
     const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
     return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
   };
+  // Until the view is drawn, or in place of it, the first picture of the page.
+  const picture = document.querySelector("main figure img");
+  if (picture && !find(".static")) {
+    const shown = picture.cloneNode();
+    shown.className = "static";
+    find(".stage").prepend(shown);
+  }
   const webgl = document.createElement("canvas").getContext("webgl");
   if (!webgl || typeof DecompressionStream === "undefined") return;
   const library = document.createElement("script");
@@ -111,7 +118,10 @@
     const placed = told.map((label) => ({ ...label, seen: seen(label.at) })).sort((a, b) => a.seen[1] - b.seen[1]);
     const free = { left: -Infinity, right: -Infinity };
     return placed.map(({ text, color, at: [x, y, z], seen: [sx, sy] }) => {
-      const side = (sx > 0) === inward ? "left" : "right", height = 8 + 1.35 * size * text.split("\n").length;
+      // Beyond the edge of the window nothing is seen: there the label stands on the other side.
+      const across = 0.6 * size * Math.max(...text.split("\n").map((line) => line.length)) + 55;
+      const outside = plot.clientWidth / 2 - Math.abs(sx) < across;
+      const side = (sx > 0) === (inward || outside) ? "left" : "right", height = 8 + 1.35 * size * text.split("\n").length;
       const top = Math.max(sy - 28, free[side], -plot.clientHeight / 2 + height);
       free[side] = top + height;
       return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
@@ -146,7 +156,7 @@
   // So far off that the whole box is seen, in a narrow window too.
   view.classList.add("drawn");
   const narrow = Math.max(1, 1.2 * plot.clientHeight / plot.clientWidth);
-  const away = narrow * 0.9 * 1.25 * Math.hypot(...spans) / longest;
+  const away = narrow * 0.97 * 1.25 * Math.hypot(...spans) / longest;
   const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
   let camera = start;
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },

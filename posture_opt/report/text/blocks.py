@@ -29,6 +29,15 @@ class Table:
     least: int = 3
     worst: int | None = None
 
+    def cut(self, rows: int) -> Table:
+        """The first rows, the last of them the worst one where that lies further down."""
+        kept = [*range(min(rows, len(self.rows)))]
+        if self.worst is not None and kept and self.worst >= len(kept):
+            kept[-1] = self.worst
+        views = tuple(self.views[i] for i in kept) if self.views else ()
+        worst = kept.index(self.worst) if self.worst in kept else None
+        return replace(self, rows=tuple(self.rows[i] for i in kept), views=views, worst=worst)
+
     def transposed(self) -> Table:
         """Rows as columns, for a table that is too wide."""
         cells = tuple(zip(self.headers, *self.rows, strict=True))

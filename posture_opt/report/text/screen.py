@@ -80,18 +80,11 @@ def _height(table: Table) -> int:
 
 
 def _cut(table: Table, rows: int) -> tuple[Table, str]:
-    """The first rows of a table, the last of them its worst one where that lies further down; what is left out.
-
-    Rows that begin with words are left out by their names.
-    """
-    kept = [*range(rows)]
-    if table.worst is not None and table.worst >= rows > 0:
-        kept[-1] = table.worst
-    left = [row[0] for i, row in enumerate(table.rows) if i not in kept]
+    """So many rows of a table, and how many are left out; by name where rows begin with words."""
+    short = table.cut(rows)
+    left = [row[0] for row in table.rows if row not in short.rows]
     named = table.text_columns > 0 and len(left) <= _MAX_NAMED_ROWS and all(left)
-    words = f"… {len(left)} more{f': {enumerated(left)}' if named else ''}"
-    views = tuple(table.views[i] for i in kept) if table.views else ()
-    return replace(table, rows=tuple(table.rows[i] for i in kept), views=views), words
+    return short, f"… {len(table.rows) - rows} more{f': {enumerated(left)}' if named else ''}"
 
 
 def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int:

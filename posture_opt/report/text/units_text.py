@@ -163,6 +163,15 @@ def probability(p: float) -> str:
     return f"{100 * p:.3g} %" if p < 0.99 else f"{100 * p:.2f} %"
 
 
+def short_probability(p: float) -> str:
+    """A probability of success for a table, without how often one misses.
+
+    >>> short_probability(0.9375), short_probability(0.99995), short_probability(1 - 1e-9)
+    ('93.8 %', '99.9950 %', '> 99.9999 %')
+    """
+    return probability(p).partition(" (")[0]
+
+
 def decimals_of(value: float, digits: int = 2) -> int:
     """So many decimals that this many digits of ``value`` are shown."""
     return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -61,7 +62,8 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     sigma = repeatability / typical * unit
     parameters = [robot.factors[i].parameter for i in robot.driven]
     named = {name: float(s) for name, s in zip(parameters, sigma, strict=True) if s > 0}
-    return Sources.scattering(named, (_matching_note(robot, sigma, repeatability, len(postures), bool(weights)),))
+    note = _matching_note(robot, sigma, repeatability, len(postures), bool(weights))
+    return replace(Sources.scattering(named, (note,)), details=(note,))
 
 
 def matching_postures(robot: Robot) -> Array:

@@ -26,6 +26,8 @@ class Sources:
         notes: sentences for the report on where the numbers come from.
         scatter: (k, k) the part of the covariance that is drawn anew at every repeat; the rest is what is not known of
             errors that stay. Where it is left out, no part.
+        details: those of the notes that a report of one screen leaves out.
+        assumed: whether nothing was stated, so that the repeatability of the data sheet stands for it.
 
     Example:
         >>> Sources.independent({"joint1.theta": 0.01, "joint1.a": 1e-4}).sigma.tolist()
@@ -36,6 +38,8 @@ class Sources:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     notes: tuple[str, ...] = ()
     scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    details: tuple[str, ...] = ()
+    assumed: bool = False
 
     def __post_init__(self) -> None:
         """Makes both matrices read-only arrays of the right size."""
@@ -88,7 +92,9 @@ class Sources:
         """The sources but for some names, with their covariance and scatter."""
         kept = [k for k, name in enumerate(self.names) if name not in names]
         at = np.ix_(kept, kept)
-        return Sources(tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.scatter[at])
+        return Sources(
+            tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.scatter[at], self.details
+        )
 
     def joined(self, other: Sources) -> Sources:
         """Both sets of sources, the two independent of each other.
@@ -109,7 +115,7 @@ class Sources:
             at = np.ix_(*[[names.index(name) for name in part.names]] * 2)
             covariance[at] += part.covariance
             scatter[at] += part.scatter
-        return Sources(names, covariance, (*self.notes, *other.notes), scatter)
+        return Sources(names, covariance, (*self.notes, *other.notes), scatter, (*self.details, *other.details))
 
 
 def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:

@@ -222,7 +222,7 @@ class UncertaintySpec(Spec):
             value, source = robot.repeatability.value, robot.repeatability.source
             joints = joint_sigmas(robot, value, {})
             note = f"no uncertainty stated: data-sheet repeatability {value * 1e3:g} mm taken ({source})"
-            return replace(joints, notes=(note, *joints.notes))
+            return replace(joints, notes=(note, *joints.notes), assumed=True)
         joints = joint_sigmas(robot, self.repeatability, self.weights)
         if self.covariance:
             return named.plus(joints)
