@@ -27,6 +27,7 @@ from posture_opt.calibration.estimation.error_statistics import By, Statistics, 
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.model.effects import CyclicError
+from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 
 MOST_ROWS = 600  # a half: the search then takes seconds
 MODELS = ("nominal", "calibrated", "extended")
@@ -79,14 +80,18 @@ class Half:
     seconds: float
 
 
-def two_halves(asked: RealSet, by: By) -> tuple[Any, Any, Any]:
-    """The problem, and the measurements of two disjoint halves; of touched points half of the touches of each."""
+def two_halves(asked: RealSet, by: By, deal: int) -> tuple[Any, Any, Any]:
+    """The problem, and the measurements of two disjoint halves; of touched points half of the touches of each.
+
+    Args:
+        deal: seed of the dealing.
+    """
     problem = po.load_problem(asked.problem)
     data = po.read_measurements(asked.data, problem)
     data = data.take(np.unique(np.linspace(0, len(data) - 1, 2 * MOST_ROWS).astype(int)))
     groups = groups_of(data, by, folds=5)
     names = np.unique(groups)
-    first = np.isin(groups, np.random.default_rng(1).permutation(names)[: len(names) // 2])
+    first = np.isin(groups, np.random.default_rng(deal).permutation(names)[: len(names) // 2])
     return problem, data.take(np.flatnonzero(first)), data.take(np.flatnonzero(~first))
 
 
@@ -100,7 +105,7 @@ def half(problem: Any, mine: Any, other: Any, by: By) -> Half:
     return Half(
         len(mine), tuple(found.errors[m].rms for m in MODELS), tuple(found.test.models[m].rms for m in MODELS),
         difference(found.errors["extended"], found.test.models["extended"]), causes,
-        tuple(size for f in named(found) for size in sizes_of(f)), seconds,
+        tuple(size for f in named(found) for size in sizes_of(found, f)), seconds,
     )  # fmt: skip
 
 
@@ -115,8 +120,13 @@ def named(found: Diagnosis) -> list[Finding]:
     return [f for f in found.effects if f.kind != "geometry" and f.determined]
 
 
-def sizes_of(finding: Finding) -> Iterator[Size]:
-    """The numbers of a cause that do not depend on where its joint stood: of a sine and a cosine the amplitude."""
+def sizes_of(found: Diagnosis, finding: Finding) -> Iterator[Size]:
+    """The numbers that are stated of a cause: of a sine and a cosine the amplitude, of unstated loads the turn."""
+    if finding.effect is not None and finding.effect.unstated_loads:
+        turn = fitted_sizes(found, finding).rms
+        if turn is not None:
+            yield Size(finding.kind, finding.target, "turn RMS", *turn, "rad")
+        return
     estimate, kind, target = finding.estimate, finding.kind, finding.target
     cause = finding.cause
     cycles = (cause.cycles, *cause.further) if isinstance(cause, CyclicError) else ()
@@ -171,9 +181,9 @@ def rows_of(name: str, halves: Sequence[Half]) -> Iterator[tuple[str, ...]]:
         )
 
 
-def measured(asked: RealSet, by: By) -> list[Half]:
+def measured(asked: RealSet, by: By, deal: int) -> list[Half]:
     """Both halves of a set."""
-    problem, a, b = two_halves(asked, by)
+    problem, a, b = two_halves(asked, by, deal)
     return [half(problem, a, b, by), half(problem, b, a, by)]
 
 
@@ -187,6 +197,8 @@ def summary(found: Sequence[Sequence[Half]]) -> Iterator[str]:
     yield f"Of {named_} causes that a half names {shared} are named by both."
     yield f"Of {len(sizes)} sizes that both state {sum(s < 2 for s in sizes)} are within two standard errors."
     halves = [h for pair in found for h in pair]
+    below = [s for h in halves for s in h.sizes if abs(s.value) < s.std]
+    yield f"Of {sum(len(h.sizes) for h in halves)} sizes that a half states {len(below)} are less than their error."
     true = sum(abs(h.apart) < 2 for h in halves)
     yield f"The stated RMS of the extended model holds within two standard errors in {true} of {len(halves)} halves."
     better = sum(h.unseen[2] < h.unseen[1] for h in halves)
@@ -198,6 +210,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="measurements of real arms, one subfolder an origin")
     parser.add_argument("names", nargs="*", metavar="SET", help="parts of the names of the sets that are asked for")
     parser.add_argument("--by", choices=("pose", "block"), default="pose", help="what is dealt to the halves together")
+    parser.add_argument("--deal", type=int, default=1, help="seed of the dealing")
     given = parser.parse_intermixed_args()
     print(f"{machine_line('posture_opt', 'numpy', 'scipy')}; {load()}\n")
     print(markdown_row(HEADERS))
@@ -211,7 +224,7 @@ def main() -> None:
             print(markdown_row([asked.name, f"skipped: {why}", *[""] * (len(HEADERS) - 2)]), flush=True)
             continue
         with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-            halves = alone.submit(measured, asked, given.by).result()
+            halves = alone.submit(measured, asked, given.by, given.deal).result()
         found.append(halves)
         seconds += sum(h.seconds for h in halves)
         for cells in rows_of(asked.name, halves):

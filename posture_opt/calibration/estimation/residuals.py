@@ -180,7 +180,7 @@ class Residuals:
         """The residuals of some rows.
 
         Args:
-            rows: indices; known distances stay.
+            rows: indices; known distances stay, and count where both ends are touched in these rows.
         """
         return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
 
@@ -332,7 +332,7 @@ class Residuals:
         and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``.
         """
         L = np.array([p.nominal * (p.group == "geometry" and p.unit == "m") for p in self.parameters])
-        known = self.data.kind.fixes_size or self.distances or self.data.lever is not None or not L.any()
+        known = self.data.kind.fixes_size or self._touched_distances or self.data.lever is not None or not L.any()
         return np.zeros(len(L)) if known else L / float(L @ L)
 
     def _size(self, x: Array) -> float:
@@ -346,12 +346,19 @@ class Residuals:
         for slot, axis in enumerate(self.axes):
             columns[own, slot] = np.broadcast_to(slots[axis] / self._unit_sigma, own.shape)[own]
 
+    @cached_property
+    def _touched_distances(self) -> list[int]:
+        """The known distances that say something of these rows: an end that none of them touches may be anywhere."""
+        ends = [(a, b) for a, b, *_ in self.distances]
+        return [i for i, pair in enumerate(ends) if all(self.data.at_place(end).any() for end in pair)]
+
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
         r = np.zeros(len(self.distances))
         J = np.zeros((len(self.distances), len(self.parameters)))
         points = self.places(x)[:, :3] if self.distances else np.zeros((0, 3))
-        for row, (a, b, length, sigma) in enumerate(self.distances):
+        for row in self._touched_distances:
+            a, b, length, sigma = self.distances[row]
             between = points[a] - points[b]
             reached = max(float(np.linalg.norm(between)), 1e-12)
             r[row] = (reached - length) / sigma
