@@ -25,7 +25,7 @@ from posture_opt.diagnosis.causes.causes import (
     geometry_finding,
     noise_finding,
 )
-from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
+from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm, outlasts_session
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
@@ -294,9 +294,19 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
 
 
 def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
-    """The arm to plan with, with effects of time or without."""
+    """The arm to plan with, with effects of time or without.
+
+    Its errors are of effects chosen anew in each fold, too, without those that are not delivered.
+    """
+    nested, size = found.names.nested.each[0], found.names.size
+
+    def judge(fit: Fit, gone: Sequence[Effect]) -> HeldOut:
+        left = {(effect.kind, effect.target) for effect in gone}
+        rest = nested.without(lambda e: not outlasts_session(e, with_time) or (e.kind, e.target) in left)
+        return rest.held_out(found.geometry, size, noise_shape(fit, found.noise))
+
     model, deviations = found.predictive.fit, found.deviations
-    return deliver_arm(found.calibration, model, deviations, held.models, held.parts, found.noise, with_time=with_time)
+    return deliver_arm(found.calibration, model, deviations, held.models, held.parts, judge, with_time=with_time)
 
 
 def _predict_session(

@@ -71,7 +71,9 @@ def delivered(
     held = {**calibration.held, "extended": held_out(model, parts)}
     deviations = np.zeros((5, len(model.x)))
     deviations[:4, model.slices[-1]] = doubt * np.array([[1], [-1]] * 2) * model.x[model.slices[-1]]
-    return deliver_arm(calibration, model, deviations, held, parts, [], with_time=with_time)
+    return deliver_arm(
+        calibration, model, deviations, held, parts, lambda fit, _: held_out(fit, parts), with_time=with_time
+    )
 
 
 @pytest.mark.parametrize("case", list(TIMED))
@@ -150,6 +152,24 @@ def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
     assert effect.values == pytest.approx(own.x[own.sizes], abs=1e-12)
     sigma = dict(zip(found.extended.sources.names, found.extended.sources.sigma, strict=True))
     assert sigma["gear_eccentricity(joint1).sin"] == pytest.approx(own.std[own.sizes][0], rel=1e-6)
+    # Its error is of rows left out, by the effects that each fold chose, less the drift.
+    way = found.search.nested.each[0]
+    errors, seen = np.zeros((len(data), 2)), np.asarray(data.position)[:, :2]
+    for left, sets in zip(folds_of(groups_of(data, "pose", 5), 5, "pose"), way.sets, strict=True):
+        lasting = {(e.kind, e.target) for e in sets[min(found.search.size, len(sets) - 1)] if e.kind != "drift"}
+        assert lasting <= {("gear_eccentricity", "joint1"), ("joint_coupling", "joint1->joint2")}
+        free = [*range(4), *[4, 5] * (("gear_eccentricity", "joint1") in lasting), *[6] * (len(lasting) > 1)]
+        learn = np.setdiff1d(np.arange(len(data)), left)
+
+        def off(x: np.ndarray, rows: np.ndarray, free: list[int] = free) -> np.ndarray:
+            z, q = np.zeros(7), data.q[rows]
+            z[free] = x
+            return wavy(q + np.outer(z[6] * q[:, 0], [0, 1]), np.r_[z[:6], 1.0]) - seen[rows]
+
+        z = least_squares(lambda x, rows=learn: off(x, rows).ravel(), np.zeros(len(free)), x_scale=1e-4, ftol=1e-14).x
+        errors[left] = off(z, left)
+    by_hand = np.sqrt(np.mean(np.sum(errors**2, axis=1)))
+    assert found.to_json()["residual_rms"]["delivered_heldout"] == pytest.approx(by_hand, rel=5e-3)
 
 
 def wavy(q: np.ndarray, z: np.ndarray) -> np.ndarray:

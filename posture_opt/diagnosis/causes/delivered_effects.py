@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
+from posture_opt.calibration.cross_validation import Folds, HeldOut
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.determined_sizes import undetermined
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
-from posture_opt.diagnosis.noise.noise_causes import noise_shape
-from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Json
+
+Judge = Callable[[Fit, Sequence[Effect]], HeldOut]
+"""An arm, and the effects that were left out of it -> its errors on held-out rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +63,8 @@ class Delivery:
 
 
 def deliver_arm(
-    calibration: Calibration, model: Fit, deviations: Array, held: Mapping[str, HeldOut], parts: Folds,
-    noise: Sequence[NoiseCause], *, with_time: bool = False,
+    calibration: Calibration, model: Fit, deviations: Array, held: Mapping[str, HeldOut], parts: Folds, judge: Judge, *,
+    with_time: bool = False,
 ) -> Delivery:  # fmt: skip
     """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one.
 
@@ -74,7 +75,7 @@ def deliver_arm(
 
     Args:
         model: the arm with all effects; ``held`` its errors and those of the calibrated arm on held-out rows.
-        noise: what was named, for the regions that errors are expected in.
+        judge: errors of an arm that lacks some effects, chosen in each fold as those of ``held`` are.
         with_time: keep effects of time.
     """
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
@@ -85,7 +86,7 @@ def deliver_arm(
     if session or vague:
         needed = PredictiveModel.of(calibration, [model.effects[i] for i in stays], parts, determined=True)
         fit, kept = needed.fit, [stays[k] for k in needed.kept]
-        errors = held_out(fit, parts, shape=noise_shape(fit, noise))
+        errors = judge(fit, [model.effects[i] for i in (*session, *vague)])
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
     if kept:

@@ -6,8 +6,8 @@ of one standard error).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 
@@ -90,6 +90,11 @@ class NestedSelection:
         """The least size that predicts them as well, within one standard error of the difference."""
         best = self.totals[self.best]
         return next((size for size in range(1, self.best) if not clearly_less(best, self.totals[size])), self.best)
+
+    def without(self, gone: Callable[[Effect], bool]) -> NestedSelection:
+        """The same choices without some effects: what each fold makes of the rest, fitted for them to be absent."""
+        sets = tuple(tuple(tuple(e for e in own if not gone(e)) for own in fold) for fold in self.sets)
+        return replace(self, sets=sets)
 
     def held_out(self, calibrated: Fit, size: int, shape: Array | None = None) -> HeldOut:
         """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from.

@@ -21,7 +21,6 @@ from posture_opt.report.measured_parts.diagnosis_sizes import (
     headline_of,
     periodic_joints,
 )
-from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import length, percent
@@ -158,15 +157,11 @@ def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
 def _gain(found: Diagnosis, finding: Finding) -> str:
     """By how much a cause reduces the cross-validated RMS, in words; empty where that is said elsewhere.
 
-    ``rms / (1 − gain)`` without the effect, ``rms`` with it [mm].
+    A share: it is of the effects as they were chosen, the RMS errors in the report of effects chosen anew in each fold.
     """
     if finding.noise is not None:
         return _covers(found) if finding.noise.uneven else ""
-    if finding.effect is None:
-        return f"reduces the RMS by {percent(finding.gain)}, everything else fitted again without it"
-    rms = found.errors["extended"].rms
-    without = rms / max(1 - finding.gain, 1e-9)
-    text = f"reduces the RMS by {percent(finding.gain)}: {mm(without)} mm without it, {mm(rms)} mm with it"
+    text = f"reduces the RMS by {percent(finding.gain)}, everything else fitted again without it"
     if finding.interval is not None and finding.interval[0] <= 0:
         text += "; not significant"
     return text
