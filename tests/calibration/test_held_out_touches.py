@@ -55,3 +55,16 @@ def test_the_rms_of_held_out_touches_is_that_about_their_points(by: Any) -> None
     )
     assert nominal == pytest.approx(true, rel=0.15)  # of 5 · 4 · 6 free coordinates: 6 % is one standard deviation
     assert nominal < calibrated < 1.4 * true  # what rows teach of five parameters costs
+
+
+def test_a_fold_without_the_end_of_a_distance_does_not_shrink_the_arm() -> None:
+    """Two touches of p, both left out: what lies at 0.5 m from q is then anywhere, and an arm of no size fits."""
+    given = po.problem_from_dict({**problem().to_dict(), "data": {"distances": [["p", "q", distance("p", "q")]]}})
+    table = touches(np.random.default_rng(7), 10)
+    rows = [i for i, name in enumerate(table["point"]) if name != "p" or i < 2]
+    few = {name: [values[i] for i in rows] for name, values in table.items()}
+    found = po.calibrate(given, po.read_measurements(few, given), by="place", priors=False)
+    assert found.held["calibrated"].unsettled == 0
+    others = [np.asarray(few["point"]) == name for name in "qrs"]
+    for own in others:
+        assert np.sqrt(np.mean(np.sum(found.held["calibrated"].errors[own] ** 2, axis=1))) > 0.6 * NOISE * np.sqrt(2)
