@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 from pydantic import Field, field_validator
 
 from posture_opt.collision.mounting import MOUNTING_PLANE, MountingSpec
 from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
-from posture_opt.errors import BadValueError
+from posture_opt.collision.obstacles.mesh import Mesh
+from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.limits import MOST_OBSTACLES
 from posture_opt.spec import WordOrSection
 from posture_opt.units import Length
@@ -33,6 +35,31 @@ class CellSpec(WordOrSection):
         None, description="the surface that the arm stands on; default: through its base, where its shape is known"
     )
     checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
+
+    def in_folder(self, folder: Path) -> CellSpec:
+        """The same cell with the files of its meshes read.
+
+        Args:
+            folder: where relative file names start.
+
+        Raises:
+            InputError: every file that cannot be used, by its key from the top of the problem file.
+        """
+        issues: list[Issue] = []
+        obstacles: list[Obstacle] = []
+        for k, obstacle in enumerate(self.obstacles):
+            try:
+                obstacles.append(obstacle.in_folder(folder) if isinstance(obstacle, Mesh) else obstacle)
+            except InputError as error:
+                issues += [issue.at("cell", "obstacles", k) for issue in error.issues]
+        if issues:
+            raise InputError(issues)
+        return self.model_copy(update={"obstacles": tuple(obstacles)})
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How its meshes are checked."""
+        return tuple(obstacle.note for obstacle in self.obstacles if isinstance(obstacle, Mesh))
 
     @field_validator("obstacles")
     @classmethod

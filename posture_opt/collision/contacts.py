@@ -49,7 +49,7 @@ class Contacts:
 
     Args:
         placed: its capsules.
-        obstacles: what is around it.
+        obstacles: the convex solids around it.
         pairs: (P,) what is kept apart; `POINTS` rows each.
         reach: distance [m] beyond the least one up to which a candidate is a row.
     """

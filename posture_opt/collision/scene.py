@@ -287,10 +287,17 @@ class Scene:
     @cached_property
     def contacts(self) -> Contacts:
         """All pairs as rows of a search in C, with exact distances."""
-        others = [(k, -1, place) for place, chosen in enumerate(self.against) for k in chosen]
-        every = [*((i, j, -1) for i, j in self.own), *others]
-        pairs = (Apart(*pair, least + _ROW_TOLERANCE_M) for pair, least in zip(every, self.required, strict=True))
-        return Contacts(self.placed, self.obstacles, tuple(pairs), SEPARATION_M)
+        solids = tuple(part for obstacle in self.obstacles for part in obstacle.parts)
+        first = np.cumsum([0, *(len(obstacle.parts) for obstacle in self.obstacles)]).tolist()
+        others = [
+            [(k, -1, solid) for solid in range(first[place], first[place + 1])]
+            for place, chosen in enumerate(self.against)
+            for k in chosen
+        ]
+        every = [*([(i, j, -1)] for i, j in self.own), *others]
+        kept = zip(every, self.required, strict=True)
+        pairs = (Apart(*pair, least + _ROW_TOLERANCE_M) for group, least in kept for pair in group)
+        return Contacts(self.placed, solids, tuple(pairs), SEPARATION_M)
 
     def _obstacle_bounds(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
         """Lower bounds [m] of the distance of capsule k to an obstacle."""

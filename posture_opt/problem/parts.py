@@ -66,7 +66,8 @@ def read_parts(
         task = _collect(issues, lambda: with_path(read.task, folder))
         task = task.for_robot(arms[1].robot) if task is not None and arms else task
         data = _collect(issues, lambda: with_camera_files(read.data, folder)) or read.data
-        spec = spec.model_copy(update={"task": task, "data": data})
+        cell = _collect(issues, lambda: read.cell and read.cell.in_folder(folder))
+        spec = spec.model_copy(update={"task": task, "data": data, "cell": cell})
         issues += [issue.at("data") for issue in data_issues(read.data, arms[1].robot)] if arms else []
     if spec is not None and arms is not None:
         read, arm, sound = spec, arms[1], not found and not issues

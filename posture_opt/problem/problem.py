@@ -279,6 +279,11 @@ class Problem(ProblemData):
                 name = names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv")
                 further[name] = self._content(given)
                 effect["covariance"] = name
+        cell = document.get("cell")
+        for k, obstacle in enumerate(cell.get("obstacles") or () if isinstance(cell, dict) else ()):
+            if given := obstacle.get("file"):
+                obstacle["file"] = f"{stem}_obstacle{k + 1}{Path(given).suffix}"
+                further[obstacle["file"]] = self._content(given)
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
 
     def _content(self, name: str) -> bytes:
@@ -313,7 +318,10 @@ def build_problem(document: Document, folder: Path, name: str, *, attached: Mapp
         measurement=spec.uncertainty.measurement,
         data=spec.data,
         folder=folder,
-        notes=problem_notes(arm, spec.uncertainty, sources, spec.effects),
+        notes=(
+            *problem_notes(arm, spec.uncertainty, sources, spec.effects),
+            *(spec.cell.notes if spec.cell is not None else ()),
+        ),
         document=document.data,
         origin=document,
         attached=texts,

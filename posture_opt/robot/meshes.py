@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, listed
 from posture_opt.files import content, is_file
+from posture_opt.numerics import Array
 from posture_opt.robot.capsule_fit import Edges
 
 MAX_FACES = 100_000
@@ -60,6 +61,21 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
     """
     status = path.stat()
     return _read_edges(path, scale, status.st_mtime_ns, status.st_size)
+
+
+def read_triangles(path: Path) -> Array:
+    """(f, 3, 3) the corners of the faces of a mesh, in the unit of the file; of a very fine one those of its hull.
+
+    Raises:
+        UnreadMeshError: as of `read_mesh`.
+    """
+    mesh = _load_mesh(path)
+    if len(mesh.faces) > MAX_FACES:
+        mesh = mesh.convex_hull
+    triangles = np.asarray(mesh.triangles, dtype=float)
+    if not len(triangles) or not np.all(np.isfinite(triangles)) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
+        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
+    return triangles
 
 
 @lru_cache(maxsize=64)

@@ -67,7 +67,7 @@ OBSTACLE_DATA = {
 def obstacles():
     for listed in OBSTACLES:
         kind = listed.model_fields["kind"].annotation.__args__[0]
-        for k, data in enumerate(OBSTACLE_DATA[kind]):
+        for k, data in enumerate(OBSTACLE_DATA.get(kind, ())):
             yield pytest.param(listed.model_validate({"name": kind, "kind": kind, **data}), id=f"{kind}{k}")
 
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from posture_opt.collision.obstacles.box import Box
 from posture_opt.collision.obstacles.cylinder import Cylinder
 from posture_opt.collision.obstacles.half_space import HalfSpace
+from posture_opt.collision.obstacles.mesh import Mesh
 from posture_opt.collision.obstacles.obstacle import Obstacle
 from posture_opt.collision.obstacles.sphere import Sphere
 from posture_opt.spec import one_of
 
-OBSTACLES: tuple[type[Obstacle], ...] = (Box, Cylinder, Sphere, HalfSpace)
+OBSTACLES: tuple[type[Obstacle], ...] = (Box, Cylinder, Sphere, HalfSpace, Mesh)
 """Every kind of obstacle; the key ``kind`` of an entry selects one."""
 
 if TYPE_CHECKING:

@@ -48,9 +48,14 @@ class Obstacle(Spec):
     kind: str
 
     @property
-    @abstractmethod
     def product(self) -> ProductSolid:
-        """The same solid as a product of balls, world."""
+        """The same solid as a product of balls, world; of a union that of each of its `parts`."""
+        raise NotImplementedError
+
+    @property
+    def parts(self) -> tuple[Obstacle, ...]:
+        """The convex solids, each a product, whose union it is."""
+        return (self,)
 
     @abstractmethod
     def distance(self, start: Array, end: Array) -> Array:

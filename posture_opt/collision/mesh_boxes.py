@@ -1,0 +1,234 @@
+"""A mesh enclosed by boxes: the convex pieces by which collisions with a part from CAD are checked.
+
+The box about the mesh is cut into many cells; of each, the box about the part of the solid in it is kept, and boxes are
+put together where that adds least volume. What a cell holds of the solid lies in the box about the surface in the cell
+and those of its corners that are inside; a cell without surface is inside as a whole, or empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from posture_opt.collision.mesh_surface import Corners, gap_between, winding
+from posture_opt.numerics import Array
+from posture_opt.robot.meshes import read_triangles
+
+_MAX_CELLS = 250
+"""Cells that the mesh is cut into at most."""
+_FREE_SHARE = 2e-3
+"""Boxes are put together without need where that adds less than this share of their volume."""
+_FLAT_M = 1e-6
+"""Corners of a face across an axis differ by less along it."""
+_MIN_EDGE_M = 1e-4
+"""Shortest edge of a box: flat sheets get this thickness."""
+
+
+class OrientedBox(NamedTuple):
+    """A box in the frame of the mesh.
+
+    Args:
+        rotation: (3, 3) R_mesh_box; middle: (3,) [m]; size: (3,) its edges [m].
+    """
+
+    rotation: Array
+    middle: Array
+    size: Array
+
+    @property
+    def volume(self) -> float:
+        """Product of the edges [m³]."""
+        return float(np.prod(self.size))
+
+
+@dataclass(frozen=True)
+class EnclosedMesh:
+    """A mesh and the boxes about it, in the frame of its file.
+
+    Args:
+        triangles: (f, 3, 3) corners [m].
+        boxes: which enclose it.
+        outside: how far the surface of the boxes lies from that of the mesh at most [m].
+    """
+
+    triangles: Array
+    boxes: tuple[OrientedBox, ...]
+    outside: float
+
+
+def enclosed_mesh(path: Path, factor: float, most: int) -> EnclosedMesh:
+    """The mesh in a file and at most ``most`` boxes about it; computed once for each version of the file.
+
+    Args:
+        factor: one unit of the file [m].
+
+    Raises:
+        UnreadMeshError: the file cannot be read, or trimesh is not installed.
+    """
+    status = path.stat()
+    return _enclosed(path, factor, most, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=16)
+def _enclosed(path: Path, factor: float, most: int, _changed: int, _size: int) -> EnclosedMesh:
+    triangles = read_triangles(path) * factor
+    frame = _frame(triangles)
+    boxes = _boxes(triangles @ frame, most)
+    placed = tuple(OrientedBox(frame, frame @ (low + high) / 2, high - low) for low, high in boxes)
+    return EnclosedMesh(triangles, placed, gap_between(triangles @ frame, boxes))
+
+
+def _frame(triangles: Array) -> Array:
+    """(3, 3) the axes of the boxes: those of the file, or of the least box about the mesh where it is much less."""
+    import trimesh
+
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    straight = float(np.prod(np.maximum(np.ptp(points, axis=0), _MIN_EDGE_M)))
+    try:
+        T_box_mesh, extents = trimesh.bounds.oriented_bounds(points)  # type: ignore[no-untyped-call]
+    except Exception:  # of Qhull, where all points are in one plane
+        return np.eye(3)
+    turned = float(np.prod(np.maximum(extents, _MIN_EDGE_M)))
+    return np.asarray(T_box_mesh[:3, :3].T) if turned < 0.95 * straight else np.eye(3)
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """A part of space between planes along the axes, with the surface in it.
+
+    Args:
+        low, high: (3,) its corners [m].
+        triangles: (f, 3, 3) of the surface, cut at its faces [m].
+    """
+
+    low: Array
+    high: Array
+    triangles: Array
+
+    @cached_property
+    def weight(self) -> float:
+        """Its volume [m³] where it has a surface inside; a cell without one is not cut."""
+        return float(np.prod(self.high - self.low)) if len(self.inner) else 0.0
+
+    @cached_property
+    def inner(self) -> Array:
+        """(k, 3, 3) the triangles that are not on its boundary [m]."""
+        at_low = np.all(np.abs(self.triangles - self.low) < _FLAT_M, axis=1)
+        at_high = np.all(np.abs(self.triangles - self.high) < _FLAT_M, axis=1)
+        return np.asarray(self.triangles[~np.any(at_low | at_high, axis=1)])
+
+    def halves(self) -> tuple[_Cell, _Cell]:
+        """Both sides of the largest flat face across an axis inside it, else of the middle of its longest edge."""
+        axis, at = self._largest_step() or self._middle()
+        below, above = _halves(self.triangles, axis, at)
+        between = np.where(np.arange(3) == axis, at, self.high), np.where(np.arange(3) == axis, at, self.low)
+        return _Cell(self.low, between[0], below), _Cell(between[1], self.high, above)
+
+    def _middle(self) -> tuple[int, float]:
+        """Axis and middle [m] of its longest edge."""
+        axis = int(np.argmax(self.high - self.low))
+        return axis, float(self.low[axis] + self.high[axis]) / 2
+
+    def _largest_step(self) -> tuple[int, float] | None:
+        """Axis and place [m] of the largest flat face across an axis that is not on its boundary."""
+        found: list[tuple[float, int, float]] = []
+        for axis in range(3):
+            along = self.triangles[:, :, axis]
+            low, high = self.low[axis] + _MIN_EDGE_M / 2, self.high[axis] - _MIN_EDGE_M / 2
+            flat = (np.ptp(along, axis=1) < _FLAT_M) & (along[:, 0] > low) & (along[:, 0] < high)
+            if not flat.any():
+                continue
+            corners = self.triangles[flat]
+            sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            at, where = np.unique(np.round(along[flat, 0] / _FLAT_M), return_inverse=True)
+            area = np.bincount(where, np.linalg.norm(sides, axis=1), len(at))
+            found.append((float(area.max()), axis, float(at[np.argmax(area)] * _FLAT_M)))
+        return max(found)[1:] if found else None
+
+    @property
+    def corners(self) -> Array:
+        """(8, 3) [m]."""
+        return self.low + _CORNERS * (self.high - self.low)
+
+
+_NUDGE = 1e-3
+"""Share of the way from a corner to the middle of its cell."""
+_CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
+
+
+def _boxes(triangles: Array, most: int) -> list[Corners]:
+    """At most ``most`` boxes along the axes about the solid that triangles (f, 3, 3) bound [m]."""
+    cells = [_Cell(*_corners(triangles), triangles)]
+    while len(cells) < _MAX_CELLS:
+        cells.sort(key=lambda cell: cell.weight)
+        if cells[-1].weight == 0 or float(np.max(cells[-1].high - cells[-1].low)) < 2 * _MIN_EDGE_M:
+            break
+        cells += cells.pop().halves()
+    # A corner on the surface counts where it is inside as seen from the cell.
+    nudged = [cell.corners + _NUDGE * ((cell.low + cell.high) / 2 - cell.corners) for cell in cells]
+    inside = winding(np.concatenate(nudged), triangles).reshape(-1, 8) > 0.5
+    middles = winding(np.array([(cell.low + cell.high) / 2 for cell in cells]), triangles) > 0.5
+    held = []
+    for cell, within, middle in zip(cells, inside, middles, strict=True):
+        if len(cell.inner):
+            held.append(_corners(np.concatenate([cell.inner.reshape(-1, 3), cell.corners[within]])))
+        elif middle:
+            held.append((cell.low, cell.high))
+    return _merged(held, most)
+
+
+def _merged(boxes: list[Corners], most: int) -> list[Corners]:
+    """Boxes put together, pair by pair, where that adds least volume: until they are few, and as long as it is free."""
+    low, high = (np.array(side) for side in zip(*boxes, strict=True))
+    while len(low) > 1:
+        volume = np.prod(high - low, axis=1)
+        union = np.prod(np.maximum(high[:, None], high) - np.minimum(low[:, None], low), axis=2)
+        more = union - volume[:, None] - volume
+        np.fill_diagonal(more, np.inf)
+        i, j = np.unravel_index(int(np.argmin(more)), more.shape)
+        if len(low) <= most and more[i, j] > _FREE_SHARE * union[i, j]:
+            break
+        joined = np.minimum(low[i], low[j]), np.maximum(high[i], high[j])
+        kept = ~np.all((low >= joined[0] - 1e-12) & (high <= joined[1] + 1e-12), axis=1)
+        low, high = (np.vstack([side[kept], end]) for side, end in zip((low, high), joined, strict=True))
+    return list(zip(low, high, strict=True))
+
+
+def _halves(triangles: Array, axis: int, at: float) -> tuple[Array, Array]:
+    """The triangles on either side of a plane, those that it crosses cut."""
+    beyond = triangles[:, :, axis] - at
+    below, above = np.all(beyond <= 0, axis=1), np.all(beyond >= 0, axis=1)
+    cut = [*_cut(triangles[~below & ~above], axis, at)]
+    lower = [triangles[below], *(part for part, side in cut if side < 0)]
+    upper = [triangles[above], *(part for part, side in cut if side > 0)]
+    none = np.zeros((0, 3, 3))
+    return np.concatenate([none, *lower]), np.concatenate([none, *upper])
+
+
+def _cut(triangles: Array, axis: int, at: float) -> Iterator[tuple[Array, int]]:
+    """Triangles (k, 3, 3) on a side of a plane that they cross, with the side: the one alone, and the two others."""
+    for triangle in triangles:
+        beyond = triangle[:, axis] - at
+        for side in (-1, 1):
+            corners: list[Array] = []
+            for k in range(3):
+                a, b = triangle[k], triangle[(k + 1) % 3]
+                da, db = side * beyond[k], side * beyond[(k + 1) % 3]
+                corners += [a] if da >= 0 else []
+                corners += [a + da / (da - db) * (b - a)] if da * db < 0 else []
+            fans = [[corners[0], corners[k], corners[k + 1]] for k in range(1, len(corners) - 1)]
+            if fans:
+                yield np.array(fans), side
+
+
+def _corners(points: Array) -> Corners:
+    """The box along the axes about points (..., 3) [m], its edges no shorter than `_MIN_EDGE_M`."""
+    flat = points.reshape(-1, 3)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    more = np.maximum(_MIN_EDGE_M - (high - low), 0.0) / 2
+    return low - more, high + more
