@@ -34,7 +34,7 @@ from posture_opt.calibration.estimation.fit_setup import (
 from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.tolerances import sigmas_of_data
-from posture_opt.calibration.geometry_notes import size_notes, tolerance_notes
+from posture_opt.calibration.geometry_notes import place_notes, size_notes, tolerance_notes
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.second_file import OtherFile, predict_other_file
 from posture_opt.interrupts import interruptible
@@ -251,7 +251,7 @@ def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bo
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
-    notes = (*size_notes(residuals, held), *tolerance_notes(residuals, known))
+    notes = (*size_notes(residuals, held), *tolerance_notes(residuals, known), *place_notes(residuals, known, found))
     return _Fitted(x_nominal, known, found, held, notes)
 
 

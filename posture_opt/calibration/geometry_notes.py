@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_setup import FitSetup
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.tolerances import part_of
@@ -26,6 +29,13 @@ def size_notes(residuals: Residuals, held: int | None) -> tuple[str, ...]:
         return ()
     by = _HELD_BY_LENGTHS if held is None else f"{residuals.parameters[held].name} is held"
     return (_SIZE_NOTE.format(kind.noun, by, kind.remedy),)
+
+
+def place_notes(residuals: Residuals, known: FitSetup, found: Fit) -> tuple[str, ...]:
+    """Sentences on unknowns of planes, cameras and the like that stay open."""
+    rows = zip(residuals.parameters, found.std, known.fixed, strict=True)
+    errors = {p.name: float(std) if fixed else math.inf for p, std, fixed in rows if p.group == "place"}
+    return residuals.data.kind.open_notes(errors)
 
 
 def tolerance_notes(residuals: Residuals, known: FitSetup) -> tuple[str, ...]:

@@ -98,6 +98,19 @@ def test_a_wrong_focal_length_is_found_where_it_is_free(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_pictures_from_one_distance_trade_the_focal_length(tmp_path: Path) -> None:
+    words = "pictures from one distance trade it for the distance"
+    for depths, tilt, said in (((1.0, 1.0), 0.02, True), ((0.75, 1.25), 0.7, False)):
+        scene = replace(SCENES["cell"], depths=depths, tilt=tilt)
+        arm = simulated("cell")[0]
+        given = problem("cell", tmp_path, free=["focal_length"])
+        data = po.read_measurements(camera_table(arm, np.random.default_rng(1), 30, 0.2, scene), given)
+        report = " ".join(po.calibrate(given, data, plan=False).report().split())
+        assert (words in report) is said
+        assert ("add one known length" in report) is said
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["cell", "tool"])
 def test_hidden_backlash_is_named(where: str, tmp_path: Path) -> None:
     given = problem(where, tmp_path)

@@ -42,6 +42,7 @@ MEASURED = {
     "planar_2r_batch.csv": ("insert_planar_2r_measured",),
     "planar_2r_measured.csv": ("insert_planar_2r_measured",),
     "ur10_draw_wire.csv": ("ur10_draw_wire",),
+    "ur10_camera.csv": ("ur10_camera",),
     "ur10_level.csv": ("ur10_level",),
     "ur10_touched_plates.csv": ("ur10_touched_plates",),
     "ur10_another_day.csv": ("insert_ur10_measured", "insert_ur10_extended"),

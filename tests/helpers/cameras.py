@@ -89,6 +89,8 @@ class Scene:
     board: np.ndarray = field(default_factory=lambda: frame([0.1, 0.2, 0.3], [-0.08, -0.06, 0.02]))
     on_tool: bool = False
     corners: np.ndarray = field(default_factory=grid)
+    depths: tuple[float, float] = (0.75, 1.25)
+    tilt: float = 0.7
 
     def pixels(self, pose: np.ndarray) -> np.ndarray:
         """(corners, 2) in the picture at one pose (4, 4) of the tool."""
@@ -120,10 +122,10 @@ def reached(arm: TrueArm, q: np.ndarray, wanted: np.ndarray, side: np.ndarray) -
 
 def wanted_pose(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     """(4, 4) a pose of the tool's frame with the board before the camera, turned by up to 40 degrees or so."""
-    depth = rng.uniform(0.75, 1.25)
+    depth = rng.uniform(*scene.depths)
     quarter = Rotation.from_euler("z", rng.integers(4) * np.pi / 2)
     seen = np.eye(4)  # the board in the camera, its back away from it
-    seen[:3, :3] = (Rotation.from_rotvec(rng.uniform(-0.7, 0.7, 3)) * quarter).as_matrix()
+    seen[:3, :3] = (Rotation.from_rotvec(rng.uniform(-1, 1, 3) * scene.tilt) * quarter).as_matrix()
     shift = rng.uniform([-0.22, -0.16], [0.22, 0.16]) * depth
     seen[:3, 3] = np.array([*shift, depth]) - seen[:3, :3] @ scene.corners.mean(axis=0)
     if scene.on_tool:

@@ -18,6 +18,13 @@ from posture_opt.measurements.rotations import roll_pitch_yaw, turned_by
 from posture_opt.numerics import Array, Codes, Json, Mask
 
 _POSE = (("x", "m"), ("y", "m"), ("z", "m"), ("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"))
+_SURE_FOCAL = 1e-3
+"""Relative error of a focal length: of 1 m it makes 1 mm, as much as arms err."""
+_FOCAL_NOTE = (
+    "the focal length of camera {} is not known better than {}: pictures from one distance trade it for the distance, "
+    "and with it the scale; add one known length (intrinsics from a calibration of the camera, a board at a measured "
+    "distance) or pictures from other distances"
+)
 _BODY = len(_POSE) + len(INTRINSICS)
 """Where in a row of unknowns those of boards and markers begin: behind the pose and the intrinsics of cameras."""
 
@@ -132,6 +139,14 @@ class MarkerPixels(Kind):
             return 0.0
         camera: CameraSpec = self.stated[place]
         return camera.sigma_of(INTRINSICS.index(name))
+
+    def open_notes(self, errors: Mapping[str, float]) -> tuple[str, ...]:
+        """A free focal length that pictures from one distance do not tell from the distance."""
+        return tuple(
+            _FOCAL_NOTE.format(name, f"to ±{1e2 * error:.2g} %" if error < 1 else "by these data")
+            for name in self.names
+            if (error := errors.get(self.parameter(name, INTRINSICS[0]), 0.0)) > _SURE_FOCAL
+        )
 
     def start(self, seen: Seen, places: int) -> Array:
         """Zeros: the references suit the nominal arm."""

@@ -150,6 +150,10 @@ class Kind:
         """What the file states of an unknown of a place beforehand; 0 where it says nothing."""
         return 0.0
 
+    def open_notes(self, errors: Mapping[str, float]) -> tuple[str, ...]:
+        """Sentences on what stays open of the places, by the standard errors of their unknowns; infinite: not known."""
+        return ()
+
     def levers(self, seen: Seen) -> Array | None:
         """(N,) length that one unit of a reading is at the tool, at the nominal arm [m]; None for one of metres."""
         return None
