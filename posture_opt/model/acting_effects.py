@@ -112,34 +112,38 @@ class ActingEffects:
         """(e,) the estimates of the effects, in the order of `parameters` [SI]."""
         return tuple(value for effect in self.effects for value in effect.values)
 
-    def in_size(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> Weighted:
+    def in_size(self, q: Sequence[Scalar], p: Mapping[str, Scalar], ones: Sequence[Sensitivity]) -> Weighted:
         """What all effects do, each with the size of its parameter: the estimate and its deviation in ``p``.
 
         Args:
             q: (n,) commanded joints [rad or m]: numbers, arrays (N,) or CasADi expressions.
             p: name -> deviation [SI], of geometry, effects, shapes and unknown sides (−1 or +1).
+            ones: of all parameters, `sensitivities`.
 
         Returns:
             Pairs of a size and what one unit of it does, to be summed.
         """
         sizes = [v + p.get(name, 0.0) for name, v in zip(self.parameters, self.estimates, strict=True)]
-        parts = list(zip(sizes, self._sensitivities(q, p), strict=True))
+        parts = list(zip(sizes, ones, strict=True))
         for found in self.ranges.values():
             if found.name in p:
                 parts.append((p[found.name], found.beyond(q)))
         if any(side in p for side in self.unknown_sides):
-            for side, ones in self._side_sensitivities(q, p).items():
-                parts += [(p.get(side, 0.0) * sizes[place], one) for place, one in ones]
+            for side, by_side in self._side_sensitivities(q, p).items():
+                parts += [(p.get(side, 0.0) * sizes[place], one) for place, one in by_side]
         return parts
 
-    def per_unit(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> dict[str, Weighted]:
+    def per_unit(
+        self, q: Sequence[Scalar], p: Mapping[str, Scalar], known: Sequence[Sensitivity] = ()
+    ) -> dict[str, Weighted]:
         """What one unit of every parameter and of every unknown side does, to first order.
 
         Args:
             q: (n,) commanded joints [rad or m].
             p: deviations of the geometry and of shapes at which the derivative is taken [SI].
+            known: `sensitivities` there, where they are at hand.
         """
-        ones = zip(self.parameters, self._sensitivities(q, p), strict=True)
+        ones = zip(self.parameters, known or self.sensitivities(q, p), strict=True)
         found: dict[str, Weighted] = {name: [(1.0, one)] for name, one in ones}
         found |= {there.name: [(1.0, there.beyond(q))] for there in self.ranges.values()}
         for side, parts in self._side_sensitivities(q, p).items() if self.unknown_sides else ():
@@ -172,7 +176,7 @@ class ActingEffects:
         """Joint index -> how far joints are off their commands as others carry them along [rad]."""
         return {joint: value for effect in self.effects for joint, value in effect.carried(self.robot, q).items()}
 
-    def _sensitivities(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> list[Sensitivity]:
+    def sensitivities(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> list[Sensitivity]:
         """(e,) what each parameter does, of effects with the shapes that ``p`` states."""
         effects = list(self.effects)
         for name, i in self.shapes.items():

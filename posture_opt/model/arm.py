@@ -60,11 +60,13 @@ class Reached:
         walk: pose of the tool and the screw of every factor.
         values: the value of every factor, effects included [rad or m].
         shift: (3,) what effects add to the tool point behind the chain, world [m].
+        ones: what one unit of each parameter of the effects does there.
     """
 
     walk: Walk
     values: list[Scalar]
     shift: Vector
+    ones: Sequence[Sensitivity] = ()
 
 
 @dataclass(frozen=True)
@@ -244,17 +246,19 @@ class Arm:
         if not self.effects:
             return Reached(walk(robot.factors, values), values, ZERO)
         shift, turn = ZERO, ZERO
-        for size, one in self._acting_effects.in_size(q, p):
+        ones = self._acting_effects.sensitivities(q, p)
+        for size, one in self._acting_effects.in_size(q, p, ones):
             for index, increment in self._factor_increments(one):
                 values[index] = values[index] + size * increment
             v, w = one.twist
             shift = shift if v is ZERO else add(shift, scale(size, v))
             turn = turn if w is ZERO else add(turn, scale(size, w))
-        return Reached(displaced(walk(robot.factors, values), shift, turn), values, shift)
+        return Reached(displaced(walk(robot.factors, values), shift, turn), values, shift, ones)
 
     def twists(
-        self, names: Iterable[str | int], q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar] | None = None
-    ) -> list[Twist]:
+        self, names: Iterable[str | int], q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar] | None = None,
+        ones: Sequence[Sensitivity] = (),
+    ) -> list[Twist]:  # fmt: skip
         """Sensitivity of the tool to named parameters: shift of its point and small rotation per unit of each.
 
         For a factor with the axis a and the origin o: ``(a × (x − o), a)`` if it rotates, else ``(a, 0)``; for a
@@ -266,6 +270,7 @@ class Arm:
             q: (n,) commanded joints [rad or m].
             reached: the walk there.
             p: the deviations that the effects act under.
+            ones: of the `Reached` there, where it is at hand.
         """
         factors, found = self._factor_index, []
         units: dict[str, Weighted] = {}
@@ -277,7 +282,7 @@ class Arm:
             if name in self.shape_parameters:
                 parts = self._acting_effects.per_shape(str(name), q, p or {})
             else:
-                units = units or self._acting_effects.per_unit(q, p or {})
+                units = units or self._acting_effects.per_unit(q, p or {}, ones)
                 parts = units[str(name)]
             found.append(self._weighted_twist(reached, parts))
         return found

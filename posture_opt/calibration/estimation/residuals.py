@@ -13,13 +13,14 @@ from posture_opt.calibration.estimation.parameters import Parameter, effect_para
 from posture_opt.measurements.kinds import Seen
 from posture_opt.measurements.kinds.kind import Slots
 from posture_opt.measurements.measurements import Measurements, arm_for
-from posture_opt.model.arm import Arm, Twist
+from posture_opt.model.arm import Arm, Reached, Twist
 from posture_opt.model.chain import Walk, factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
+    from posture_opt.model.effects.base.effect import Sensitivity
 
 _LEVEL_TOLERANCE_RAD = np.radians(
     10
@@ -81,7 +82,7 @@ class Residuals:
         """Whether orientations count."""
         return self.sigma_rotation > 0 and self.data.rotation is not None
 
-    @property
+    @cached_property
     def axes(self) -> Codes:
         """Where in a vector of three the numbers of a reading are: of positions, the measured coordinates."""
         return self.data.kind.axes(self.data.measured_axes)
@@ -199,16 +200,22 @@ class Residuals:
 
     def walk(self, x: Array) -> Walk:
         """The chain at all rows with the deviations ``x`` (k,) [rad, m]: origins [m] and axes of all factors, world."""
-        return self.arm.reach(self.q, self.deviations(x)).walk
+        return self._reached(x).walk
 
-    def sensitivities(self, names: Sequence[str | int], x: Array, reached: Walk | None = None) -> Array:
+    def _reached(self, x: Array) -> Reached:
+        """The same with what effects do there."""
+        return self.arm.reach(self.q, self.deviations(x))
+
+    def sensitivities(
+        self, names: Sequence[str | int], x: Array, reached: Walk | None = None, ones: Sequence[Sensitivity] = ()
+    ) -> Array:
         """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's.
 
         Args:
-            names: of parameters of the arm, or indices of factors, as `Arm.twists` takes them.
+            names: of parameters of the arm, or indices of factors, as `Arm.twists` takes them; ``ones`` as well.
         """
         reached = reached or self.walk(x)
-        twists = self.arm.twists(names, self.q, reached, self.deviations(x))
+        twists = self.arm.twists(names, self.q, reached, self.deviations(x), ones)
         return self.whiten(twists, x, reached)
 
     def reading_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
@@ -295,8 +302,8 @@ class Residuals:
 
         The cost of the Jacobian is one walk of the chain: every column is a cross product of what the walk already has.
         """
-        reached = self.walk(x)
-        return self._vector(x, reached), self._jacobian(x, reached)
+        reached = self._reached(x)
+        return self._vector(x, reached.walk), self._jacobian(x, reached)
 
     def _vector(self, x: Array, reached: Walk) -> Array:
         """Whitened residuals (m,) of rows, then of known distances."""
@@ -306,12 +313,12 @@ class Residuals:
         rows = np.concatenate(parts, axis=1).ravel() / self._size(x)
         return np.concatenate([rows, self._distance_residuals(x)[0]])
 
-    def _jacobian(self, x: Array, reached: Walk) -> Array:
+    def _jacobian(self, x: Array, reached: Reached) -> Array:
         """Derivatives (m, k) of the whitened residuals; a parameter of one target or point acts in its rows alone."""
         N = len(self.data)
         J = np.zeros((len(self.parameters), N, self.block))
-        own, seen = [k for k, p in enumerate(self.parameters) if p.source], self.seen(x, reached)
-        columns = self.sensitivities([self.parameters[k].source for k in own], x, reached)
+        own, seen = [k for k, p in enumerate(self.parameters) if p.source], self.seen(x, reached.walk)
+        columns = self.sensitivities([self.parameters[k].source for k in own], x, reached.walk, reached.ones)
         J[own] = np.moveaxis(columns, -1, 0)
         for k, parameter in enumerate(self.parameters):
             if not parameter.source:
@@ -320,7 +327,7 @@ class Residuals:
                 J[k, self.data.target != parameter.code] = 0.0
         dense = J.reshape(len(self.parameters), -1).T
         if self._sizes.any():
-            rows = self._vector(x, reached)[: len(dense), None]
+            rows = self._vector(x, reached.walk)[: len(dense), None]
             dense = (dense - rows * self._sizes) / self._size(x)
         return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense
 

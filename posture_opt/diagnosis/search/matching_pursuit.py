@@ -163,8 +163,9 @@ def _new_directions(candidate: Candidate, Q: Array, learn: Mask) -> Array:
     Z = Z / np.where(norms > 0, norms, 1.0)
     rest = Z - Q @ (Q.T @ Z)
     rest = rest - Q @ (Q.T @ rest)
-    U, s, _ = np.linalg.svd(rest, full_matrices=False)
-    return np.asarray(U[:, s**2 > levels.MIN_DISTINCT_SHARE])
+    squares, vectors = np.linalg.eigh(rest.T @ rest)
+    clear = squares > levels.MIN_DISTINCT_SHARE
+    return np.asarray(rest @ (vectors[:, clear] / np.sqrt(squares[clear])))
 
 
 @dataclass(frozen=True, eq=False)
