@@ -60,6 +60,7 @@ LAZY = {
     "posture_opt.workers.chosen_workers": "executors and processes, when they are asked for",
     "posture_opt.workers.dask_cluster": "Dask, when it is asked for",
     "posture_opt.cli.explore": "the live page, when it is asked for",
+    "posture_opt.explore.gate": "the server that viser runs on, when a page is served",
     "posture_opt.explore.server": "viser, when a page is served",
     "posture_opt.report.page.library": "plotly, when a page is to have a view",
     "posture_opt.report.page.new_figure": "matplotlib, when a figure is drawn",

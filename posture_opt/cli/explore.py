@@ -14,7 +14,12 @@ from posture_opt.cli.asked.options import problem_options, task_options
 @click.command("explore")
 @problem_options
 @task_options
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address of this machine to listen at.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address of this machine; 0.0.0.0: all of them, with a token.",
+)
 @click.option(
     "--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port, or the next one that is free."
 )
@@ -27,6 +32,8 @@ def explore_command(host: str, port: int, no_browser: bool, debug: bool, **given
         page = import_module("posture_opt.explore.explorer").Explorer(problem, host, port)
     with page:
         click.echo(f"Listening on {page.url}")
+        if page.reach:
+            click.echo(page.reach, err=True)
         if not no_browser:
             webbrowser.open_new_tab(page.url)
         page.wait()

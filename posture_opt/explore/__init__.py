@@ -11,7 +11,7 @@
     stations.py    Stations     features and paths: chosen, played back, their workpiece dragged
     live_map.py    LiveMap      the spread over the bench, as heat.py computes it
     taken_away.py  TakenAway    what is written: problem, report, picture; and the command line
-    server.py ──── a viser server on this machine alone
+    server.py ──── a viser server; gate.py who may open it
 
 A thin client of the public interface: nothing here has a formula of its own. viser is an optional extra.
 """

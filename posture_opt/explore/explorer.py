@@ -16,7 +16,7 @@ from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer, Answers, Request, has_stations
 from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
-from posture_opt.explore.server import server, stop
+from posture_opt.explore.server import served, stop
 from posture_opt.explore.taken_away import TakenAway, millimetres, position_of
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
@@ -60,7 +60,8 @@ class Explorer:
         self._closed = threading.Event()
         self._solution: Solution | None = first
         self._shown: Answer | None = None
-        self._server = server(host, port, f"posture_opt: {problem.name}")
+        self._served = served(host, port, f"posture_opt: {problem.name}")
+        self._server = self._served.viser
         arm = ArmSolids(spread.tool_point.robot)
         self._cell = problem.scene
         self._panel = Panel(self._server, problem, geometry, self._actions())
@@ -84,7 +85,12 @@ class Explorer:
     @property
     def url(self) -> str:
         """The address of the page."""
-        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+        return self._served.url
+
+    @property
+    def reach(self) -> str:
+        """Who else than this machine can open the page, as a sentence; empty where nobody can."""
+        return self._served.reach
 
     @property
     def problem(self) -> Problem:

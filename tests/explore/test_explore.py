@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +22,7 @@ import posture_opt as po
 from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Request
+from posture_opt.explore.explorer import Explorer
 from posture_opt.explore.heat import heat_of
 from posture_opt.explore.live_map import picture
 from posture_opt.explore.settings import settings_of
@@ -126,7 +129,7 @@ def test_a_target_of_numbers_only(page: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--host", "0.0.0.0"], "other machines could reach it"),
+        (["--host", "192.0.2.1"], "no page can be served at '192.0.2.1'"),
         ([], "Name a --problem or a --robot"),
     ],
 )
@@ -136,6 +139,43 @@ def test_what_is_refused(options: list[str], says: str, capsys: Any) -> None:
         main(["explore", "--no-browser", *given])
     assert ended.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def asked(url: str, **headers: str) -> int:
+    """The status that an address answers with."""
+    try:
+        return int(urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10).status)
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def test_other_machines_need_the_token(capsys: Any) -> None:
+    """In the address of the page and of its web socket; nothing else opens it."""
+    with (
+        po.load_problem(PLANAR).explore(port=18170) as private,
+        Explorer(po.load_problem(PLANAR), "0.0.0.0", 18175) as page,
+    ):
+        assert private.reach == ""
+        assert "Whoever has this address" in page.reach
+        base, token = re.fullmatch(r"http://[^/]+(:\d+)/([\w-]{20,})/", page.url).groups()
+        here = f"http://127.0.0.1{base}"
+        assert [asked(f"{here}/{path}") for path in (f"{token}/", token, "", f"x{token}/", f"{token}x/")] == [
+            200, 200, 403, 403, 403,
+        ]  # fmt: skip
+        upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+                   "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="}  # fmt: skip
+        assert asked(f"{here}/", **upgrade) == 403
+        assert asked(f"{here}/{token}/", **upgrade, Origin="http://elsewhere.example") == 403
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_pages_of_other_sites_cannot_reach_the_page(page: Any) -> None:
+    """Neither by a request of their own, nor by a name that was pointed at this machine."""
+    assert page.reach == ""
+    assert asked(page.url) == 200
+    assert asked(page.url, Origin=page.url) == 200
+    assert asked(page.url, Origin="http://elsewhere.example") == 403
+    assert asked(page.url, Host="elsewhere.example:18080") == 403
 
 
 def test_without_viser_the_command_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

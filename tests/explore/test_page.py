@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.explore.explorer import Explorer
 from tests.helpers.browser import Browser, browser
 
 pytest.importorskip("viser", reason="viser is not installed")
+Keys = pytest.importorskip("selenium.webdriver.common.keys", reason="selenium is not installed").Keys
 pytestmark = pytest.mark.browser
 
 
@@ -40,6 +43,13 @@ def until(met: Any, seconds: float = 60.0) -> None:
         time.sleep(0.1)
 
 
+def opened(tab: Browser, url: str) -> None:
+    """Opens a page; what a page before it logged is forgotten."""
+    tab.driver.get("about:blank")
+    tab.errors(), tab.requests()
+    tab.driver.get(url)
+
+
 def picture(tab: Browser) -> Any:
     """The pixels of the window, as numbers."""
     from io import BytesIO
@@ -52,7 +62,7 @@ def picture(tab: Browser) -> Any:
 def test_the_arm_on_the_screen_follows_the_target(tab: Browser, page: Any) -> None:
     """A target set by the program changes pixels and numbers; those are the numbers of the solution."""
     tab.resize(800)
-    tab.driver.get(page.url)
+    opened(tab, page.url)
     until(lambda: "full search" in words(tab) and "Best posture of" in words(tab))
     before, said = picture(tab), words(tab)
     page.target = (0.4, 0.8, 0.0)
@@ -67,3 +77,60 @@ def test_the_arm_on_the_screen_follows_the_target(tab: Browser, page: Any) -> No
     assert not tab.errors()
     elsewhere = [url for url in tab.requests() if not re.match(r"chrome:|(http|ws)://127\.0\.0\.1:", url)]
     assert not elsewhere
+
+
+def says_alert(tab: Browser, text: str) -> bool:
+    return text in str(tab.run("return (document.getElementById('posture-opt-says') || {}).textContent || ''"))
+
+
+def test_two_browsers_see_the_same_and_are_told_of_the_end(tab: Browser) -> None:
+    """With a token in the address; what is typed in one is in both. When the program ends, the page says so."""
+    explorer = Explorer(po.load_problem("insert_planar_2r_fixed_hole"), "0.0.0.0", 18105)
+    url = re.sub(r"//[^/:]+:", "//127.0.0.1:", explorer.url)
+    try:
+        tab.resize(1400)
+        opened(tab, url)
+        until(lambda: "full search." in words(tab))
+        first = tab.driver.current_window_handle
+        tab.driver.switch_to.new_window("tab")
+        tab.driver.get(url)
+        until(lambda: "(900.00, 400.00, 0.00) mm" in words(tab))
+        field = tab.driver.find_element("css selector", "input[value='900']")
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys("700", Keys.TAB)
+        until(lambda: "(700.00, 400.00, 0.00) mm" in words(tab))
+        second = tab.driver.current_window_handle
+        tab.driver.switch_to.window(first)
+        until(lambda: "(700.00, 400.00, 0.00) mm" in words(tab))
+        assert explorer.target == pytest.approx((0.7, 0.4, 0.0))
+        tab.driver.switch_to.window(second)
+        tab.driver.close()
+        tab.driver.switch_to.window(first)
+        assert not tab.errors()
+    finally:
+        explorer.close()
+    until(lambda: says_alert(tab, "has ended"))
+    tab.errors()
+
+
+def test_sliders_and_buttons_are_worked_by_keys(tab: Browser, page: Any, tmp_path: Path) -> None:
+    """A joint is turned by an arrow key, and a problem saved by Enter."""
+    page._away.folder = tmp_path
+    opened(tab, page.url)
+    until(lambda: "full search." in words(tab))
+    tab.driver.find_element("xpath", "//*[normalize-space(text())='Joints']").click()
+    until(lambda: "joint1 [deg]" in words(tab))
+    slider = tab.run("return [...document.querySelectorAll('[role=slider]')].filter(e => e.offsetParent)[0]")
+    slider.send_keys(Keys.ARROW_RIGHT)
+    until(lambda: "Posture of your own" in words(tab))
+    button = tab.driver.find_element("xpath", "//button[normalize-space(.)='Save problem']")
+    button.send_keys(Keys.ENTER)
+    until(lambda: "_explored.yaml written" in words(tab))
+    assert list(tmp_path.glob("*.yaml"))
+    assert not tab.errors()
+
+
+def test_without_webgl_the_page_says_so(page: Any, tmp_path: Path) -> None:
+    for tab in browser(tmp_path, "--disable-3d-apis"):
+        opened(tab, page.url)
+        until(lambda tab=tab: says_alert(tab, "no WebGL"))
