@@ -27,7 +27,7 @@ def neighbour_blocks(residuals: Residuals) -> Codes:
     q, data = residuals.data.q, residuals.data
     spans = np.std(q, axis=0)
     scaled = q / np.where(spans > 0, spans, 1.0)
-    if data.second is None:
+    if data.lever is None:
         return median_blocks(scaled, POSTURE_BLOCKS)
     _, first, picture = np.unique(data.pose, return_index=True, return_inverse=True)
     return median_blocks(scaled[first], POSTURE_BLOCKS)[picture.ravel()]
@@ -59,7 +59,7 @@ def _lost_freedom(residuals: Residuals, fitted: int) -> float:
     as many as it has parameters.
     """
     data = residuals.data
-    if data.second is None:
+    if data.lever is None:
         return 1.0
     numbers = np.bincount(np.unique(data.pose, return_inverse=True)[1].ravel()) * residuals.block
     independent = float(np.minimum(numbers, _POSE_NUMBERS).sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
@@ -136,6 +136,10 @@ class Mixed(Kind):
         """That of the instrument that the place is of."""
         own = self._of(place)
         return 0.0 if own is None else own[0].kind.prior_sigma(own[1], name)
+
+    def open_notes(self, errors: Mapping[str, float]) -> tuple[str, ...]:
+        """Those of all instruments."""
+        return tuple(note for member in self.members for note in member.kind.open_notes(errors))
 
     def parameter(self, place: str, name: str) -> str:
         """``plane[table].offset``; of an instrument without named places, its own name comes first."""

@@ -84,7 +84,8 @@ def rows_words(data: Measurements, robot: Robot) -> str:
     slides = np.array([joint.type == "prismatic" for joint in robot.joints])
     whole = replace(data, target=np.zeros_like(data.target), robot=np.zeros_like(data.robot))
     postures = len(np.unique(repeat_groups(whole, slides)))
-    again = int(np.count_nonzero(np.bincount(repeat_groups(data, slides)) > 1))
+    counts = np.bincount(repeat_groups(data, slides))
+    again = 0 if data.second is not None else int(np.count_nonzero(counts > 1))  # rows of a picture are no repeats
     targets = len(data.target_names)
     of = f", {targets} targets" if targets > 1 else ""
     repeated = f"; {again:,} of them measured more than once" if again else ""
