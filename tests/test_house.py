@@ -197,7 +197,7 @@ def test_print_and_exit_belong_to_the_command_line() -> None:
         f"{module.name}:{node.lineno}"
         for module in MODULES.values()
         if module.room not in ("cli", "__main__")
-        for node in ast.walk(module.tree)
+        for node in module.nodes
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("print", "sys.exit", "exit")
     ]
     check(calls, "prints")
@@ -212,7 +212,7 @@ def test_files_are_opened_in_one_place() -> None:
         f"{module.name}:{node.lineno} {ast.unparse(node.func)}"
         for module in MODULES.values()
         if module.name not in {"posture_opt.files", *OWN_FILES_READ}
-        for node in ast.walk(module.tree)
+        for node in module.nodes
         if isinstance(node, ast.Call)
         and ast.unparse(node.func).split(".")[-1] in READING
         and ast.unparse(node.func) != "os.open"
@@ -254,7 +254,7 @@ def test_nobody_asks_of_which_kind_a_thing_is() -> None:
         f"{module.name}:{node.lineno} {ast.unparse(node)}"
         for module in MODULES.values()
         if not module.name.startswith(tuple(f"posture_opt.{folder}." for folder in LISTS))
-        for node in ast.walk(module.tree)
+        for node in module.nodes
         if isinstance(node, ast.Compare) and asks_for(node, kinds)
     ]
     check(asked, "questions for a kind")
@@ -306,7 +306,7 @@ def test_an_open_list_grows_by_one_file_and_one_line(folder: str) -> None:
             node.id
             for module in MODULES.values()
             if module.path.name == "__init__.py" and module.name.startswith(f"posture_opt.{folder.split('.')[0]}")
-            for node in ast.walk(module.tree)
+            for node in module.nodes
             if isinstance(node, ast.Name) and node.id == listed.__name__
         ]
         more += [f"{listed.__name__} is listed {len(uses)} times"] if len(uses) > 1 else []

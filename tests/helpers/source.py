@@ -10,7 +10,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -78,6 +78,11 @@ class Module:
     def tree(self) -> ast.Module:
         return ast.parse(self.text)
 
+    @cached_property
+    def nodes(self) -> tuple[ast.AST, ...]:
+        """All of the tree, walked through once for all questions."""
+        return tuple(ast.walk(self.tree))
+
     @property
     def room(self) -> str:
         """The folder or file right below the package; empty for the package's own ``__init__``."""
@@ -96,7 +101,7 @@ class Module:
     def docstrings(self) -> list[ast.Constant]:
         """Docstrings of the module, its classes and functions, and the strings right behind an assignment."""
         found = []
-        for node in ast.walk(self.tree):
+        for node in self.nodes:
             for body in (getattr(node, field, None) for field in ("body", "orelse", "finalbody")):
                 if isinstance(body, list):
                     found += [s.value for s in body if isinstance(s, ast.Expr) and _is_text(s.value)]
@@ -106,19 +111,19 @@ class Module:
     def named_imports(self) -> list[tuple[int, str]]:
         """The line of every ``import_module`` and what it gets, as a pattern: ``x.*`` where only ``x`` is constant."""
         constants = dict(_string_constants(self.tree)) | dict(_string_tables(self.tree))
-        calls = [node for node in ast.walk(self.tree) if isinstance(node, ast.Call) and node.args and _imports(node)]
+        calls = [node for node in self.nodes if isinstance(node, ast.Call) and node.args and _imports(node)]
         return sorted((node.lineno, _pattern(node.args[0], constants)) for node in calls)
 
     def functions(self) -> Iterator[Function]:
-        yield from (node for node in ast.walk(self.tree) if isinstance(node, Function))
+        yield from (node for node in self.nodes if isinstance(node, Function))
 
     def classes(self) -> Iterator[ast.ClassDef]:
-        yield from (node for node in ast.walk(self.tree) if isinstance(node, ast.ClassDef))
+        yield from (node for node in self.nodes if isinstance(node, ast.ClassDef))
 
     def strings(self) -> Iterator[ast.Constant]:
         """String constants that are no docstrings and no keys of f-strings."""
         texts = {id(node) for node in self.docstrings}
-        yield from (node for node in ast.walk(self.tree) if _is_text(node) and id(node) not in texts)
+        yield from (node for node in self.nodes if _is_text(node) and id(node) not in texts)
 
 
 def room_of(module: str) -> str:
@@ -127,7 +132,8 @@ def room_of(module: str) -> str:
 
 
 def _imports(node: ast.Call) -> bool:
-    return ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__")
+    name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+    return name in ("import_module", "__import__")
 
 
 def _string_constants(tree: ast.Module) -> Iterator[tuple[str, str]]:
@@ -210,7 +216,7 @@ def _statements(body: list[ast.stmt], where: Where) -> Iterator[tuple[ast.stmt, 
         inside = where
         if isinstance(node, Function):
             inside = "function"
-        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        elif isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
             inside = "typing"
         for field in ("body", "orelse", "finalbody", "handlers", "cases"):
             below = getattr(node, field, [])
@@ -219,8 +225,9 @@ def _statements(body: list[ast.stmt], where: Where) -> Iterator[tuple[ast.stmt, 
                 yield from _statements([part] if isinstance(part, ast.stmt) else part.body, inner)
 
 
+@cache
 def modules_of(package: Path) -> dict[str, Module]:
-    """Every file of a package by its full name."""
+    """Every file of a package by its full name; read once for all tests."""
     found = {}
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package.parent).with_suffix("").parts

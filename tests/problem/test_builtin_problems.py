@@ -18,15 +18,15 @@ from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors
 from tests.helpers.pin import PinArm
 from tests.helpers.planar_2r import SOURCES, exact, position, postures_at
+from tests.helpers.shipped import shipped_tasks
 from tests.helpers.variants import conformance
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Session
 from tests.hidden.effects import Site
 
 EVERY = sorted(problems_folder().glob("*.yaml"))
-TASKS_OF = {path: load_problem(path).task for path in EVERY}
 # Paths: tests/selection/test_paths.py, features: tests/selection/test_features.py.
-FILES = [path for path, task in TASKS_OF.items() if not task.on_path and not task.features]
+FILES = [path for path, task in shipped_tasks().items() if not task.on_path and not task.features]
 PLANAR = [path for path in FILES if "planar_2r" in path.stem or path.stem.startswith("lecture_")]
 KINDS = [task.model_fields["kind"].annotation.__args__[0] for task in TASKS]
 WHOLE_TURN = 2 * math.pi

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.report.text.screen import SCREEN
 from posture_opt.result import Result
 from tests.helpers.every_result import MADE
+from tests.helpers.source import modules_of
 from tests.helpers.variants import conformance
 
 PACKAGE = Path(po.__file__).parent
@@ -86,22 +86,11 @@ def _joints(result: Result) -> tuple[str, ...]:
     return tuple(name for name in names if "_" in name)
 
 
-def literals(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of every string of a file that is no docstring."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    told = {
-        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    }
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
-            yield node.lineno, node.value
-
-
 def test_messages_speak_the_words_of_the_field() -> None:
     found = [
-        f"{path.relative_to(PACKAGE)}:{line}: {text.strip()}"
-        for path in sorted(PACKAGE.rglob("*.py"))
-        for line, text in literals(path)
-        if " " in text and PATTERN.search(text)
+        f"{module.path.relative_to(PACKAGE)}:{node.lineno}: {node.value.strip()}"
+        for module in modules_of(PACKAGE).values()
+        for node in module.strings()
+        if " " in node.value and PATTERN.search(node.value)
     ]
     assert not found, "\n".join(found)

@@ -10,7 +10,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
-from posture_opt.problem.load import problems_folder
 from posture_opt.report.parts.path_parts import points_block
 from posture_opt.report.text.blocks import Table
 from posture_opt.selection.paths.joint_steps import JointSteps
@@ -20,6 +19,7 @@ from tests.helpers import factors
 from tests.helpers.changes import changed
 from tests.helpers.path_brute_force import across, bottleneck, reached, tangents_of
 from tests.helpers.planar_2r import exact, postures_at
+from tests.helpers.shipped import shipped_tasks
 from tests.helpers.variants import conformance
 
 PLANAR = {
@@ -321,7 +321,7 @@ def test_other_commands_say_that_they_take_one_target():
         po.map_targets(problem, counts=(3, 3))
 
 
-SEAMS = [path for path in sorted(problems_folder().glob("*.yaml")) if po.load_problem(path).task.on_path]
+SEAMS = [path for path, task in shipped_tasks().items() if task.on_path]
 
 
 @pytest.mark.parametrize(
