@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from posture_opt.collision.mounting import MOUNTING_PLANE, MountingSpec
 from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
 from posture_opt.collision.obstacles.mesh import Mesh
+from posture_opt.collision.planning_scene import scene_obstacles
 from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.limits import MOST_OBSTACLES
 from posture_opt.spec import WordOrSection
@@ -34,10 +35,13 @@ class CellSpec(WordOrSection):
     mounting: MountingSpec | None = Field(
         None, description="the surface that the arm stands on; default: through its base, where its shape is known"
     )
+    scene: str | None = Field(
+        None, description="MoveIt's planning scene, a .scene file, whose objects are obstacles too"
+    )
     checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
 
     def in_folder(self, folder: Path) -> CellSpec:
-        """The same cell with the files of its meshes read.
+        """The same cell with the files of its meshes and of its planning scene read.
 
         Args:
             folder: where relative file names start.
@@ -52,9 +56,15 @@ class CellSpec(WordOrSection):
                 obstacles.append(obstacle.in_folder(folder) if isinstance(obstacle, Mesh) else obstacle)
             except InputError as error:
                 issues += [issue.at("cell", "obstacles", k) for issue in error.issues]
+        try:
+            further = () if self.scene is None else scene_obstacles(folder, self.scene)
+        except InputError as error:
+            issues += [issue.at("cell") for issue in error.issues]
         if issues:
             raise InputError(issues)
-        return self.model_copy(update={"obstacles": tuple(obstacles)})
+        taken = {obstacle.name for obstacle in obstacles}
+        renamed = (o.model_copy(update={"name": f"{o.name} (scene)"}) if o.name in taken else o for o in further)
+        return self.model_copy(update={"obstacles": (*obstacles, *renamed)})
 
     @property
     def notes(self) -> tuple[str, ...]:

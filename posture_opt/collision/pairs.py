@@ -64,11 +64,18 @@ def checked_pairs(distances: Array, clearance: float, still: Mask) -> Checked:
 
 
 def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
-    """Pairs of capsules of bodies with another body between them, nearer to the base first."""
+    """Pairs of capsules of bodies with another body between them, nearer to the base first.
+
+    Without those that the robot's SRDF does not check; the tool moves with the last joint and is always checked.
+    """
     bodies = placed.bodies
+    allowed, owners = placed.robot.allowed_collisions, [capsule.joint for capsule in placed.capsules]
     count = range(len(bodies))
     return tuple(
-        (i, j) if bodies[i] < bodies[j] else (j, i) for i in count for j in count[:i] if _not_adjacent(bodies, i, j)
+        (i, j) if bodies[i] < bodies[j] else (j, i)
+        for i in count
+        for j in count[:i]
+        if _not_adjacent(bodies, i, j) and frozenset((owners[i], owners[j])) not in allowed
     )
 
 

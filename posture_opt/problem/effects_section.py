@@ -34,7 +34,7 @@ def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | Non
     Raises:
         InputError: effects that this robot cannot have, or inputs of unknown joints; keys from the top of the file.
     """
-    issues = _task_issues(robot, task)
+    issues = _task_issues(robot, None if task is None else task.for_robot(robot))
     for index, effect in enumerate(effects):
         try:
             effect.check_robot(robot)

@@ -261,9 +261,12 @@ class Problem(ProblemData):
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
             ("robot", "file", f"{stem}.urdf"),
+            ("robot", "srdf", f"{stem}.srdf"),
             ("task", "path", f"{stem}_path.csv"),
+            ("cell", "scene", f"{stem}.scene"),
         ):
-            given = (document.get(section) or {}).get(key)
+            inside = document.get(section)
+            given = inside.get(key) if isinstance(inside, dict) else None
             if given:
                 further[name] = self._content(given)
                 document[section] = {**document[section], key: name}

@@ -132,6 +132,8 @@ class Robot:
         bare_joints: joints that carry links whose shape is not known, which capsules along the links may stand for.
         mounting_below: distance [m] of the surface that the arm is made to stand on below the xy plane of its base.
         tool_radius: of the tool between flange and tool point [m]; None where it is not stated.
+        allowed_collisions: pairs of joints (or ``base``) whose links are not checked against each other.
+        named_postures: name -> joints with their values [rad or m], of an SRDF.
         description: the URDF that the arm was read from; None of other formats.
     """
 
@@ -155,6 +157,8 @@ class Robot:
     bare_joints: tuple[str, ...] = ()
     mounting_below: float = 0.0
     tool_radius: float | None = None
+    allowed_collisions: frozenset[frozenset[str]] = frozenset()
+    named_postures: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     description: UrdfDescription | None = None
 
     @property

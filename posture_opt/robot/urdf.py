@@ -21,6 +21,7 @@ from posture_opt.robot.joint_velocities import with_velocities
 from posture_opt.robot.robot import Joint, Robot, UrdfDescription
 from posture_opt.robot.shape import BASE
 from posture_opt.robot.shape_section import replaces_shape, shaped
+from posture_opt.robot.srdf import read_srdf
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
 from posture_opt.robot.urdf_reader import MAX_BYTES, in_urdf, read_urdf
 from posture_opt.robot.urdf_shape import Carried, UrdfShape, urdf_shape
@@ -51,6 +52,9 @@ class UrdfRobot(RobotFormat):
     file: str = Field(description="the URDF, from the folder of the problem file")
     base_link: str | None = Field(None, description="where the chain begins; by default at the root")
     tip_link: str | None = Field(None, description="where it ends; by default at its only end, or before a gripper")
+    srdf: str | None = Field(
+        None, description="MoveIt's SRDF of the robot: pairs of links that are not checked, names of postures"
+    )
 
     def nominal(self, folder: Path) -> Robot:
         """The chain in numbers.
@@ -82,7 +86,8 @@ class UrdfRobot(RobotFormat):
         ends = path[0].parent, path[-1].child
         sources = (("file", self.file), ("base_link", ends[0]), ("tip_link", ends[1]))
         description = UrdfDescription(content(file, MAX_BYTES), *ends)
-        return replace(robot, sources=sources, notes=notes, description=description)
+        robot = replace(robot, sources=sources, notes=notes, description=description)
+        return robot if self.srdf is None else _with_srdf(robot, tree, path[0].parent, segments, folder, self.srdf)
 
     def _located_file(self, folder: Path) -> Path:
         """The path of the key ``file``.
@@ -138,6 +143,26 @@ class UrdfRobot(RobotFormat):
             message = f"there is no chain from '{base}' to '{tip}'"
             raise InputError(Issue(message, ("tip_link",), tip, f"behind '{base}' are: {below}"))
         return path
+
+
+def _with_srdf(
+    robot: Robot, tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], folder: Path, file: str
+) -> Robot:
+    """The robot with the named postures of an SRDF, and the pairs of joints that it does not check.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    found = read_srdf(folder, file, tree)
+    bodies = {BASE: base_link, **{segment.moving.name: segment.moving.child for segment in segments}}
+    carried = {
+        joint: [name for name, _ in tree.rigid(link) if tree.collisions.get(name)] for joint, link in bodies.items()
+    }
+    return replace(
+        robot,
+        allowed_collisions=found.allowed_pairs(carried),
+        named_postures=found.postures(robot.joint_names),
+    )
 
 
 def _own_shape(tree: UrdfTree, base_link: str, segments: Sequence[ChainSegment], end: Array, file: Path) -> UrdfShape:

@@ -123,9 +123,10 @@ class Task(Spec):
         return point[0] - x, point[1] - y, point[2] - z
 
     def for_robot(self, robot: Robot) -> Self:
-        """The task with bounds that the robot states, where its terms state none."""
-        bounded = tuple(term.for_robot(robot) for term in self.subject_to)
-        return self if bounded == self.subject_to else self.model_copy(update={"subject_to": bounded})
+        """The task with what the robot has for its terms: named postures, and bounds where they state none."""
+        terms = {"minimize": self.minimize, "subject_to": self.subject_to}
+        found = {key: tuple(t.for_robot(robot, key == "subject_to") for t in given) for key, given in terms.items()}
+        return self if found == terms else self.model_copy(update={k: v for k, v in found.items() if v != terms[k]})
 
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:

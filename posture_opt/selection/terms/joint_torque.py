@@ -48,10 +48,12 @@ class JointTorque(Term):
                     f"{robot.joints[index].name} is prismatic: it bears a force and no torque", "leave it out"
                 )
 
-    def for_robot(self, robot: Robot) -> JointTorque:
+    def for_robot(self, robot: Robot, bounded: bool) -> JointTorque:
         """Without a bound of its own, each joint is bounded by its drive: ``effort`` in ``<limit>`` of a URDF."""
         rated = {joint.name: joint.effort for joint in robot.joints if joint.type == "revolute" and joint.effort > 0}
-        return self if self.at_most is not None or not rated else self.model_copy(update={"at_most": rated})
+        return (
+            self if self.at_most is not None or not rated or not bounded else self.model_copy(update={"at_most": rated})
+        )
 
     def quantity(self, at: Quantities) -> ca.SX:
         return ca.vertcat(ca.SX(0, 1), *(ca.SX(at.state.torque(joint)) for joint in self._joints(at.robot)))

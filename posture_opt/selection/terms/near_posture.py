@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
-from posture_opt.errors import BadValueError
+from posture_opt.errors import BadValueError, one_of
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.terms.joint_bounds import joint_values
 from posture_opt.selection.terms.term import BoundedTerm, Quantities, Stated
@@ -29,8 +29,8 @@ class NearPosture(BoundedTerm):
     unit: ClassVar[str] = "rad"
 
     kind: Literal["near_posture"]
-    posture: Annotated[dict[str, JointValue], Field(min_length=1)] = Field(
-        description="JOINT: value, of joints that count"
+    posture: Annotated[dict[str, JointValue], Field(min_length=1)] | str = Field(
+        description="JOINT: value, of joints that count; or the name of a posture in the robot's srdf"
     )
     at_most: Annotated[Angle, Field(gt=0)] | Annotated[dict[str, JointValue], Field(min_length=1)] | None = Field(
         None, description="bound of the root mean square distance, or JOINT: its own bound"
@@ -39,7 +39,7 @@ class NearPosture(BoundedTerm):
     @model_validator(mode="after")
     def _bounds_of_named_joints(self) -> NearPosture:
         for name, most in self._each().items():
-            if name not in self.posture:
+            if name not in self.posture and not isinstance(self.posture, str):
                 raise BadValueError(f"{name} has a bound and no place in posture", f"add {name} to posture")
             if most.value <= 0:
                 raise BadValueError(f"the bound of {name} is not above zero", "write for example 10 deg")
@@ -49,18 +49,42 @@ class NearPosture(BoundedTerm):
         """The bounds of the named joints, each with its unit; none where one bound holds for the mean."""
         return self.at_most if isinstance(self.at_most, dict) else {}
 
+    def for_robot(self, robot: Robot, bounded: bool) -> NearPosture:
+        """A posture that is named has the values of the robot's SRDF."""
+        named = dict(robot.named_postures)
+        if not isinstance(self.posture, str) or self.posture not in named:
+            return self
+        kinds = {joint.name: "angle" if joint.type == "revolute" else "length" for joint in robot.joints}
+        values = {name: JointQuantity(value, kinds[name]) for name, value in named[self.posture]}
+        return self.model_copy(update={"posture": values})
+
     def check(self, robot: Robot) -> None:
-        joint_values(self.posture, robot)
-        joint_values(self._each(), robot)
+        wanted = self._wanted(robot)
+        for joint in joint_values(self._each(), robot):
+            if joint not in wanted:
+                name = robot.joint_names[joint]
+                raise BadValueError(f"{name} has a bound and no value in the posture", "leave its bound out")
+
+    def _wanted(self, robot: Robot) -> dict[int, float]:
+        """Index of each joint that counts -> its value [rad or m].
+
+        Raises:
+            BadValueError: joints that the robot lacks, or a name that none of its postures has.
+        """
+        if isinstance(self.posture, str):
+            names = [name for name, _ in robot.named_postures]
+            message = f"the robot has no posture called '{self.posture}'"
+            raise BadValueError(message, one_of(self.posture, names, "postures") if names else "state robot: srdf")
+        return joint_values(self.posture, robot)
 
     def quantity(self, at: Quantities) -> ca.SX:
-        wanted = joint_values(self.posture, at.robot)
+        wanted = self._wanted(at.robot)
         if self._each():
             return ca.vertcat(*(at.q[joint] - wanted[joint] for joint in joint_values(self._each(), at.robot)))
         return self._distance(at, wanted)
 
     def cost(self, at: Quantities) -> ca.SX:
-        return self._distance(at, joint_values(self.posture, at.robot)) ** 2
+        return self._distance(at, self._wanted(at.robot)) ** 2
 
     @staticmethod
     def _distance(at: Quantities, wanted: dict[int, float]) -> ca.SX:

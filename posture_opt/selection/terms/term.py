@@ -182,8 +182,10 @@ class Term(Spec):
     def check(self, robot: Robot) -> None:
         """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
 
-    def for_robot(self, robot: Robot) -> Term:
-        """The term in ``subject_to``, with the bounds that the robot states where it states none itself."""
+    def for_robot(self, robot: Robot, bounded: bool) -> Term:
+        """The term with what the robot has for it: values for names; in ``subject_to``, where the term is ``bounded``,
+        bounds where it states none itself.
+        """
         return self
 
     def held(self, robot: Robot) -> dict[int, float]:
