@@ -76,7 +76,7 @@ UNKNOWN = "not known"
 """What reports write in place of NaN and infinity."""
 _EXTRA_DECIMALS = 2
 """Decimals that a number may have in excess of a larger one next to it."""
-_MICROMETRES_BELOW_M = 1e-3
+_MICROMETRES_BELOW_M = 1e-5
 """Errors of length below this [m] are written in µm, others in mm."""
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
@@ -404,7 +404,7 @@ def shown(value: float, dimension: str, std: float = math.nan) -> str:
     """A small quantity of a dimension in the unit that reports use.
 
     Args:
-        value, std: [SI]; lengths below 1 mm are written in µm.
+        value, std: [SI]; lengths below 10 µm are written in µm, others in mm.
         dimension: ``length`` or a key of ``SHOWN``.
 
     Example:

@@ -158,7 +158,7 @@ def test_a_joint_that_scatters_moves_the_tool_by_its_lever(noisy: po.Diagnosis) 
     sigma = finding.estimate["sigma"][0]
     assert largest_scatter(noisy, finding.noise) == pytest.approx(0.9991 * sigma, rel=1e-3)
     (row,) = [row for row in causes_table(noisy).rows if "joint noise" in row[0]]
-    assert row[2] == f"{1e3 * 0.9991 * sigma:.3f} mm (1σ)"
+    assert row[2] == f"σ {1e3 * 0.9991 * sigma:.3f} mm"
 
 
 @pytest.mark.parametrize(("low", "alike"), [(2.8e-5, True), (4.0e-5, False)])

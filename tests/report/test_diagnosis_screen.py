@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.model.effects import GearEccentricity, JointCompliance, JointScale
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
+from posture_opt.report.measured_parts.causes_table import _inspections, rivals_of
 from posture_opt.report.results.diagnosis_report import diagnosis_report
 from posture_opt.report.text.screen import SCREEN, on_a_screen
 from posture_opt.report.text.text import render
@@ -68,3 +73,28 @@ def test_what_is_in_the_model_is_a_cause_that_was_found(found: po.Diagnosis) -> 
     assert inside
     assert all(row.scored.candidate.key in causes for row in inside)
     assert all(row.named for row in inside)
+
+
+def test_rivals_stand_on_the_screen_those_with_a_name_first(found: po.Diagnosis) -> None:
+    curve = UnnamedComponent("curve", "joint1")
+    gear, scale = GearEccentricity(joint="joint1"), JointScale(joint="joint1")
+    wave = replace(found.effects[0], confounded_with=(curve, gear))
+    assert rivals_of(wave) == "gear eccentricity (joint1) or a smooth curve over joint1"
+    assert rivals_of(replace(wave, confounded_with=(curve, gear, scale))) == (
+        "gear eccentricity (joint1), joint scale (joint1) or 1 more"
+    )
+    assert rivals_of(replace(wave, confounded_with=(curve, gear, scale)), 3).endswith("or a smooth curve over joint1")
+    doubtful = replace(found, effects=(wave, *found.effects[1:]))
+    text = " ".join(render(on_a_screen(diagnosis_report(doubtful), 100, ()), 100).split())
+    assert "Could be (1) gear eccentricity (joint1) or a smooth curve over joint1 instead" in text
+
+
+def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagnosis) -> None:
+    def soft(joint: str) -> Finding:
+        cause = JointCompliance(joint=joint)
+        return Finding(cause, {"compliance": (1e-5, 1e-6, "rad/(N*m)")}, 1e-9, 0.3)
+
+    several = replace(found, effects=(soft("joint1"), soft("joint2")))
+    assert list(_inspections(several, list(several.effects)).items()) == [
+        (JointCompliance(joint="joint1 and joint2").inspect(several.problem.robot), ["1", "2"])
+    ]

@@ -100,7 +100,7 @@ def test_noise_has_a_text() -> None:
     assert facts == [
         (
             "Effects",
-            "joint noise of joint2 (sigma 0.100 mrad), range noise of instrument (a 15.0 µm, b 6.00 µm/m), "
+            "joint noise of joint2 (sigma 0.100 mrad), range noise of instrument (a 0.0150 mm, b 6.00 µm/m), "
             "outliers (share 2.00 %)",
         )
     ]

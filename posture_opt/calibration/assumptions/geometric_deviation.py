@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from posture_opt.calibration.estimation.parameters import Parameter
@@ -96,8 +95,8 @@ class GeometricDeviation(Cause):
         return self.target if self.kind == "joint_offset" else ""
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Estimates in mm and degrees with their standard errors, for a report."""
-        units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
+        """Estimates in mm and mrad with their standard errors, in the units of all causes."""
+        units = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}
         one = len(estimate.values) == 1
         return tuple(
             Size("deviation" if one else name, plus_minus(v, s, *units[unit]))

@@ -24,7 +24,7 @@ FILE = "split_measurements.csv"
 _MAX_INSPECTED = 3  # causes whose parts are named
 _MAX_CAUSES = 12  # that a screen has room for
 _TARGET = "{target}"  # in place of the joint in texts that are compared
-_MAX_RIVALS = 3  # causes that one could be confused with, by name
+_MAX_RIVALS = 2  # causes that one could be confused with, by name
 
 
 def causes_table(found: Diagnosis) -> Table:
@@ -38,7 +38,7 @@ def causes_table(found: Diagnosis) -> Table:
         gain = "" if finding.noise is not None else percent(finding.gain)
         rows.append((f"{number}. {finding.cause.label}", _size(found, finding), _largest_shift(found, finding), gain))
         views.append(view_key(found, finding))
-    headers = ("cause", "size", "max. at tool", "RMS drop")
+    headers = ("cause", "size", "at the tool", "RMS drop")
     return Table(headers, tuple(rows), views=tuple(views), least=_MAX_CAUSES)
 
 
@@ -50,7 +50,7 @@ def _largest_shift(found: Diagnosis, finding: Finding) -> str:
     if not finding.determined:
         return ""
     if finding.noise is not None and finding.noise.moved_joint:
-        return f"{mm(largest_scatter(found, finding.noise))} mm (1σ)"
+        return f"σ {mm(largest_scatter(found, finding.noise))} mm"
     return "" if finding.place is None else f"{mm(float(tool_shifts(found.model, finding.place)[0].max()))} mm"
 
 
@@ -99,14 +99,20 @@ def _inspections(found: Diagnosis, findings: Sequence[Finding]) -> dict[str, lis
     return texts
 
 
-def rivals_of(finding: Finding) -> str:
-    """The causes that the data cannot tell from a finding: the first of many by name, and how many more there are."""
-    labels = list(dict.fromkeys(_named_rival(rival) for rival in finding.confounded_with))
-    more = len(labels) - _MAX_RIVALS
-    return enumerated([*labels[:_MAX_RIVALS], *([f"{more} more"] if more > 0 else [])], "or")
+def rivals_of(finding: Finding, most: int = _MAX_RIVALS) -> str:
+    """The causes that the data cannot tell from a finding: the first of many by name, and how many more there are.
+
+    Errors without a name are counted where there are causes that have one.
+    """
+    named = dict.fromkeys(rival.label for rival in finding.confounded_with if not isinstance(rival, UnnamedComponent))
+    others = dict.fromkeys(rival.words for rival in finding.confounded_with if isinstance(rival, UnnamedComponent))
+    labels = [*named, *others]
+    shown = labels[: min(most, len(named)) or most] if most < len(labels) else labels
+    more = len(labels) - len(shown)
+    return enumerated([*shown, *([f"{more} more"] if more else [])], "or")
 
 
-def _named_rival(rival: Cause) -> str:
+def rival_words(rival: Cause) -> str:
     """The label of a rival; one without a name in words, as its label says it to those only who know the search."""
     return rival.words if isinstance(rival, UnnamedComponent) else rival.label
 

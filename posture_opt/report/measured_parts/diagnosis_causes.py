@@ -11,10 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
-from posture_opt.errors import enumerated
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.numerics import rms
-from posture_opt.report.measured_parts.causes_table import causes_table, look_at, number_of, view_key
+from posture_opt.report.measured_parts.causes_table import (
+    causes_table,
+    look_at,
+    number_of,
+    rival_words,
+    rivals_of,
+    view_key,
+)
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
     fitted_sizes,
@@ -36,7 +42,7 @@ _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
-_ALONE = "RMS drop: what is lost without that cause alone, so that drops do not add up."
+_ALONE = "At the tool: largest shift, or σ. RMS drop: lost without that cause alone; drops do not add up."
 _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -90,7 +96,7 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
         label = f"{number_of(found, finding)}. {finding.cause.label}"
         rows.append((label, size, most, percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
-    return Table(("cause", "size", "max. at tool", "RMS drop", "p-value"), tuple(rows), views=views)
+    return Table(("cause", "size", "at the tool", "RMS drop", "p-value"), tuple(rows), views=views)
 
 
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
@@ -121,8 +127,7 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
     planning = _planning(found, finding)
     rows += [("Planning", planning)] if planning else []
     if finding.confounded_with:
-        others = enumerated(list(dict.fromkeys(rival.label for rival in finding.confounded_with)), "or")
-        rows.append(("Could be", f"{others} instead: see below"))
+        rows.append(("Could be", f"{rivals_of(finding, len(finding.confounded_with))} instead: see below"))
     return rows
 
 
@@ -185,7 +190,7 @@ def _covers(found: Diagnosis) -> str:
 
 
 def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    """The most certain parameters of the arm with its effects, with their standard errors [deg or mm].
+    """The most certain parameters of the arm with its effects, with their standard errors [mrad or mm].
 
     Left out are parameters whose standard error is mostly what the data leave open.
     """
@@ -198,7 +203,7 @@ def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
         and 0 < whole < _MAX_OPEN_RATIO * s  # what the data leave open has a small part in what they determine
     ]
     far.sort(reverse=True)
-    units = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}
+    units = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}
     texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_MAX_GEOMETRY]]
     return [("Most certain", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
 
@@ -222,7 +227,7 @@ def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
     """
     splits: dict[str, list[str]] = {}
     for finding in found.effects:
-        rivals = {rival.label: rival for rival in finding.confounded_with}
+        rivals = {rival_words(rival): rival for rival in finding.confounded_with}
         for label, rival in rivals.items():
             splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.cause.label} or {label}")
     if not splits:

@@ -33,8 +33,8 @@ def goals_lead(goals: MeasuredGoals | None) -> tuple[str, ...]:
         return ()
     old, new = (goals.sent[name].missed for name in ("nominal", "extended"))
     return (
-        f"Over {_goals(goals)}, the tool missed by {_median(old)} when posture and commands came from the model before "
-        f"calibration, and by {_median(new)} when they came from the model with effects (measured medians).",
+        f"Over {_goals(goals)}, the tool missed by {_median(old)} (median) with posture and commands of the model "
+        f"before calibration, and by {_median(new)} with those of the model with effects.",
     )
 
 

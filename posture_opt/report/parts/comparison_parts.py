@@ -130,8 +130,12 @@ def _cells(column: ComparedAnswer, reference: str, sizes: list[float]) -> tuple[
     joints = [joint_value(q, joint.type) for q, joint in zip(station.q, column.problem.robot.joints, strict=True)]
     errors = (column.sigma_max, judged.sigma_max, judged.distance, judged.critical_error)
     parts = judged.worst.parts
-    of_it = (math.nan, math.nan) if parts is None else (parts.scatter_radius, parts.systematic_radius)
-    return (*joints, *(_length(value, sizes) for value in (*errors, *of_it)), success_text(judged.success_probability))
+    scatter, constant = "", ""
+    if parts is not None:
+        scatter = _length(parts.scatter_radius, sizes) if parts.scatter_sigma > 0 else "none stated"
+        constant = _length(parts.systematic_radius, sizes)
+    shown = (*(_length(value, sizes) for value in errors), scatter, constant)
+    return (*joints, *shown, success_text(judged.success_probability))
 
 
 def success_text(p: float | None) -> str:

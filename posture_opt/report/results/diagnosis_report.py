@@ -149,11 +149,10 @@ def _named(found: Diagnosis, finding: Finding) -> str:
 
 def _vague(found: Diagnosis, findings: list[Finding]) -> str:
     """Causes whose size the data do not determine."""
-    names = "; ".join(finding_words(f, found.problem) for f in findings[:_MAX_NAMED_CAUSES])
-    more = (
-        f"; and {count(len(findings) - _MAX_NAMED_CAUSES, 'more cause')}" if len(findings) > _MAX_NAMED_CAUSES else ""
-    )
-    return f"Of a size that these data do not determine: {names}{more}."
+    if len(findings) > _NAMED_OF_MANY:
+        return f"{len(findings)} more causes are of a size that these data do not determine."
+    names = "; ".join(finding_words(f, found.problem) for f in findings)
+    return f"Of a size that these data do not determine: {names}."
 
 
 def _improvement(found: Diagnosis) -> str:

@@ -113,8 +113,8 @@ class GravityLoaded(Effect):
             return (self.size("compliance", self.parameters[0][1], *estimate.entry("compliance")),)
         low, high = estimate.turn or (math.nan, math.nan)
         masses = (
-            f"the file states none, so {len(self.points)} products of load and compliance are estimated in place of "
-            "one compliance: that costs certainty, and the stiffness stays open; state 'mass' and 'com' of every joint"
+            f"not stated: {len(self.points)} products of load and compliance in place of one compliance, and the "
+            "stiffness stays open; state 'mass' and 'com' of every joint"
         )
         return Size(self.yields, f"{number(1e3 * low)} to {number(1e3 * high)} mrad in these data"), Size(
             "masses", masses
