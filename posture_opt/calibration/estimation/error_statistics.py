@@ -57,11 +57,8 @@ def _bootstrap_interval(squares: Array, groups: Codes, draws: int) -> tuple[floa
     """
     group = resampled_groups(groups)
     total, count = np.bincount(group, squares), np.bincount(group)
-    rng = np.random.default_rng(0)
-    means = []
-    for _ in range(draws):
-        chosen = rng.integers(len(total), size=len(total))
-        means.append(total[chosen].sum() / count[chosen].sum())
+    chosen = np.random.default_rng(0).integers(len(total), size=(draws, len(total)))
+    means = total[chosen].sum(axis=1) / count[chosen].sum(axis=1)
     low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
     return float(low), float(high)
 

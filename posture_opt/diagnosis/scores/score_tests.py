@@ -258,23 +258,40 @@ def explained_squares(baseline: ProjectedBaseline, candidates: Sequence[Array]) 
     for chunk in _candidate_chunks(sizes, len(baseline.e)):
         Z = np.concatenate([candidates[i] for i in chunk], axis=1, dtype=float)
         cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
-        edges = np.cumsum([0, *(sizes[i] for i in chunk)])
-        for i, first, last in zip(chunk, edges[:-1], edges[1:], strict=True):
-            own = slice(first, last)
-            gram = Z[:, own].T @ Z[:, own]
-            norms = np.sqrt(np.diag(gram))
-            norms = np.where(norms > 0, norms, 1.0)
-            rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
-            rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
-            if rho[i] < levels.MIN_SURVIVING_SHARE:
-                continue
-            values, vectors = np.linalg.eigh(rest)
-            s = np.sqrt(np.maximum(values, 0.0))
-            clear = s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[-1]))
-            kept[i] = int(clear.sum())
-            parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
-            gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
+        first = np.cumsum([0, *(sizes[i] for i in chunk[:-1])])
+        widths, own = np.array([sizes[i] for i in chunk]), np.array(chunk)
+        for width in np.unique(widths):
+            alike = np.flatnonzero(widths == width)
+            at = first[alike][:, None] + np.arange(width)
+            inner = _gram_matrices(Z, at), _gram_matrices(cross, at)
+            i = own[alike]
+            rho[i], kept[i], gains[i] = _explained_by_width(*inner, scores[at])
     return rho, kept, gains
+
+
+def _gram_matrices(columns: Array, at: Codes) -> Array:
+    """(n, k, k) inner products of the columns (m, ·) at the places (n, k)."""
+    own = np.moveaxis(columns[:, at], 0, 1)
+    return np.asarray(np.swapaxes(own, 1, 2) @ own)
+
+
+def _explained_by_width(gram: Array, taken: Array, scores: Array) -> tuple[Array, Codes, Array]:
+    """ρ (n,), ranks (n,) and sums of squares (n, 1 + B) of n candidates of k columns.
+
+    Args:
+        gram: (n, k, k); taken: what the baseline takes of it; scores: (n, k, 1 + B).
+    """
+    norms = np.sqrt(np.einsum("nkk->nk", gram))
+    norms = np.where(norms > 0, norms, 1.0)
+    rest = (gram - taken) / (norms[:, :, None] * norms[:, None, :])
+    rho = np.sqrt(np.maximum(np.einsum("nkk->nk", rest).max(axis=1, initial=0.0), 0.0))
+    values, vectors = np.linalg.eigh(rest)
+    s = np.sqrt(np.maximum(values, 0.0))
+    clear = s > np.maximum(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * s[:, -1:])
+    clear &= rho[:, None] >= levels.MIN_SURVIVING_SHARE
+    parts = np.swapaxes(vectors, 1, 2) @ (scores / norms[:, :, None])
+    weights = np.where(clear, 1 / np.where(clear, values, 1.0), 0.0)
+    return rho, clear.sum(axis=1), np.sum(parts**2 * weights[:, :, None], axis=1)
 
 
 def _candidate_chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
