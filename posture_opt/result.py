@@ -42,7 +42,7 @@ class Summarised(DerivedAgain):
 class Result(Summarised, ABC):
     """A frozen answer that prints in a few lines, reports, draws and saves itself.
 
-    Subclasses are dataclasses with ``repr=False``, add ``to_json``, and carry what their report tells of.
+    Subclasses are dataclasses with ``repr=False``, add ``to_json``, and carry what their report states.
     """
 
     @abstractmethod
@@ -81,7 +81,7 @@ class Result(Summarised, ABC):
         """Write the JSON document, the report as text and as a page, tables and figures: all of them, or nothing.
 
         Files of an earlier result of this package in ``folder`` are removed, measured or planned data are not.
-        ``beside`` are further files by name; ``progress`` is told how many of how many parts are made.
+        ``beside`` are further files by name; ``progress`` gets how many of how many parts are made.
 
         Raises:
             InputError: the folder cannot be written to.

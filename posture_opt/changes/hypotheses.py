@@ -231,8 +231,8 @@ class Hypotheses:
         gains = log_gains(values, z, form.sizes) + LOG_SIZES
         top = gains.max(axis=1)
         log_factor = top + np.log(np.sum(np.exp(gains - top[:, None]), axis=1)) - np.log(len(self.forms[index]))
-        odds = np.log(PRIOR["one"] * self.weights[index] / PRIOR["unchanged"])
-        return float(np.mean(log_factor + odds > 0))
+        log_prior = np.log(PRIOR["one"] * self.weights[index] / PRIOR["unchanged"])
+        return float(np.mean(log_factor + log_prior > 0))
 
 
 @dataclass(frozen=True, eq=False)

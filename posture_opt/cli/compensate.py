@@ -28,7 +28,7 @@ def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **
     """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.
 
     TARGETS.csv has x, y, z with units, optionally qw, qx, qy, qz, and joint columns that say which posture to stay
-    near; or joint columns alone, which stand for where the drawn arm would be with them. Without joint columns the
+    near; or joint columns alone, which stand for where the nominal arm would be with them. Without joint columns the
     tool axis, the tilt and the requirements of the task hold, near its posture; the cell is kept clear of either way.
     JOINT.approach and payload count as in measurements. The answer, compensated.csv, has the rows of the targets in
     their units.

@@ -89,7 +89,7 @@ class Contacts:
 
     @property
     def told(self) -> tuple[int | float | Array, ...]:
-        """What loops in C are told: how many capsules and pairs there are, `numbers`, and the reach."""
+        """What loops in C receive: how many capsules and pairs there are, `numbers`, and the reach."""
         return (len(self.placed.capsules), len(self.pairs), *self.numbers, self.reach)
 
     @cached_property

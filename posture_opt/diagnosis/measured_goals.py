@@ -50,7 +50,7 @@ class Choice:
         return float(np.mean(self.missed <= clearance))
 
     def to_json(self, clearance: float | None = None) -> dict[str, Json]:
-        """Lengths [m]: median and what 95 % of the goals stay below; the share that meets the clearance."""
+        """Lengths [m]: median and what 95 % of the goals stay below; the share within the clearance."""
         return {
             "missed": _median_and_p95(self.missed), "missed_elsewhere": _median_and_p95(self.elsewhere),
             "better": self.better,

@@ -1,7 +1,7 @@
 """``Answers``: the loop of solving, which never keeps the page waiting.
 
 One thread solves, the newest request wins. While the target moves, a few local searches start from the last answer;
-once it rests, the full search of `select_posture` has the last word, and is stopped when the target moves on.
+once it rests, the full search of `select_posture` decides, and is stopped when the target moves on.
 """
 
 from __future__ import annotations

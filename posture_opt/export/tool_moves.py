@@ -37,7 +37,7 @@ class Move:
     Args:
         line: with the tool point on a straight line, else joint by joint.
         blend: radius [m] within which the corner may be rounded; zero: the arm stops.
-        waits: whether the program waits there as long as it was told.
+        waits: whether the program waits there for its time.
         time: since the first stop on the line [s]; None where it is not known.
     """
 

@@ -82,7 +82,7 @@ def _from_repeats(sigma: float, freedom: int) -> str:
 def _instrument(repeats: str, touches: bool) -> tuple[str, str]:
     """What is known of the instrument, and what could be stated: two lines of comment for the file."""
     if touches:
-        return "Points are touched: a known distance tells the size of the arm,", "  data: {distances: [[a, b, 50 mm]]}"
+        return "Points are touched: a known distance gives the size of the arm,", "  data: {distances: [[a, b, 50 mm]]}"
     if repeats:
         return f"The {repeats}.", "State the instrument's own where it is known."
     return "Too few postures are repeated to estimate the instrument's σ. Where it is known, state under uncertainty", (

@@ -97,10 +97,10 @@ def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, 
         nominal = _collect([], lambda: bare.nominal(folder))
     if nominal is None:
         return None
-    drawn = nominal
-    plain = _collect(issues, lambda: _at("robot", lambda: corrected(drawn, spec.robot.corrections))) or drawn
+    known = nominal
+    plain = _collect(issues, lambda: _at("robot", lambda: corrected(known, spec.robot.corrections))) or known
     arm = _collect(issues, lambda: arm_with(plain, spec.effects, spec.task))
-    return drawn, arm or Arm(plain)
+    return known, arm or Arm(plain)
 
 
 def _sources(

@@ -168,7 +168,7 @@ class Robot:
 
     @property
     def links_have_shape(self) -> bool:
-        """Whether the shape of most moving links is known; a tool or a base alone tells nothing of the links."""
+        """Whether the shape of most moving links is known; a tool or a base alone says nothing of the links."""
         shaped = {capsule.joint for capsule in self.shape} & set(self.joint_names)
         return len(shaped - set(self.bare_joints)) > len(self.bare_joints)
 

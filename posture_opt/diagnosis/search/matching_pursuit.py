@@ -106,7 +106,7 @@ class _Pursuit:
         return not self._ended and self.freedom >= 1 and self.rss > 0
 
     def take_best(self, states: Sequence[AtomStates], drops: Sequence[Array]) -> Taken | None:
-        """Takes the candidate that lowers the criterion most; the states are told by the caller of what it returns.
+        """Takes the candidate that lowers the criterion most; the caller of what it returns gets the states.
 
         Args:
             drops: (n,) of the atoms of each state.

@@ -43,7 +43,7 @@ _MAX_VISITS = 4000
 def plot_shape(shown: Shown) -> Figure:
     """Histograms [mm] with the normal curve and, below, quantiles over normal ones, axis by axis.
 
-    Quantiles on the line: the errors are normal. Ends that bend away from it are longer tails than normal; a point
+    Quantiles on the line: the errors are normal. Ends that bend away from it are heavy tails; a point
     outside of the grey band happens in 5 % of normal samples at that rank.
     """
     axes_of = shown.axes

@@ -266,7 +266,7 @@ def _parameters(target: TaskTarget, levered: bool) -> Table:
         levered: whether the workpiece errs, so that the lever counts.
     """
     rows, at = [], 0
-    along = np.array_equal(target.axis, target.direction)  # then the tool axis is told above
+    along = np.array_equal(target.axis, target.direction)  # then the tool axis is stated above
     hidden = (
         *(_AXIS_PARAMETERS if along else ()),
         *(() if target.spun else ("spin",)),

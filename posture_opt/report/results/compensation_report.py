@@ -145,7 +145,7 @@ def _given(found: Compensation) -> str:
         near = "the first row" if found.problem.task is None or found.remarks else "the posture of the task"
         return f"none were given: near {near}, with its tool axis and further requirements"
     if found.targets.position is None:
-        return "given, and the targets are where the drawn arm would be with them"
+        return "given, and the targets are where the nominal arm would be with them"
     return "given; the compensated ones stay as near to them as the target allows"
 
 

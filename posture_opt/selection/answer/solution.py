@@ -351,7 +351,7 @@ class Solution(Result):
 
     @cached_property
     def prices(self) -> tuple[Price, ...]:
-        """What one unit of each requirement that holds the answer back is worth, the weightiest first."""
+        """What one unit of each requirement that holds the answer back is worth, largest first."""
         if self.points and (self.followed is not None or self.combine != "worst" or self._placement_is_free):
             return ()  # what holds one station is not what holds all of them together
         held = self.worst

@@ -64,7 +64,7 @@ def request_for(
         aligned: whether the tool axis is asked for.
         rng: what points and axes are drawn with.
         whole_box: any point of the region will do: an arm with few joints cannot align its tool at a drawn one, while
-            an arm with many comes to lie at the region's edge.
+            an arm with many is pushed to the region's edge.
         slack_of_axis: error of the tool axis that is as good as none [rad].
     """
     anywhere = target.kind == "anywhere"

@@ -37,7 +37,7 @@ from posture_opt.selection.search.local_search_loop import (
 from posture_opt.selection.search.quadratic_model import INFINITE_BOUND, Curved, QuadraticModel, merit
 
 _NOTHING_APART: tuple[int | float | Array, ...] = (0, 0, *[np.zeros(1)] * 5, 0.0)
-"""What the loop is told of contacts where there are none."""
+"""What the loop receives of contacts where there are none."""
 
 
 @dataclass(frozen=True)

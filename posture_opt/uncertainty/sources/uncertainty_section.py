@@ -106,7 +106,7 @@ class UncertaintySpec(Spec):
             InputError: sigma and repeatability speak of one joint.
         """
         both = scatter and self.covariance
-        note = ("scatter from repeat to repeat is added to what is not known of the arm",) if both else ()
+        note = ("repeatability is added to the parameter uncertainty",) if both else ()
         return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:
