@@ -29,6 +29,7 @@ from posture_opt.calibration.estimation.fit_setup import determine_directions
 from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.experiments.planned_kind import KindPlaces
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
@@ -69,11 +70,13 @@ class MeasurementModel:
         residuals: the arm against one planned row of each target; the row says what the instrument measures.
         problem: for the noise of the instrument.
         repeats: a mean of r repeats has ``1/√r`` of the standard deviation.
+        places: what an instrument measures that shows no position; None of positions.
     """
 
     residuals: Residuals
     problem: ProblemData
     repeats: int = 1
+    places: KindPlaces | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -102,13 +105,14 @@ class MeasurementModel:
         """
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
+        data = data if self.places is None else self.places.rows(data)
         _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
         return np.asarray(self._scaled_rows(q, rows).reshape(len(q), self.coordinates, len(x)))
 
     def _scaled_rows(self, q: Array, rows: Array) -> Array:
         """Rows (N, targets, block, k) in the standard deviations of their own range, and as many as are usable."""
-        if not self.problem.effects:
+        if not self.problem.effects or self.places is not None:
             return rows
         sigma = reading_sigmas(self.problem, nominal_poses(self.residuals.robot, q)[0])
         own = np.divide(self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0)
@@ -165,6 +169,8 @@ def measurement_model(
 
     It measures what the given data have; without data, every coordinate that the arm can move.
     """
+    if given is not None and given.kind.plannable:
+        return _model_of_kind(problem, given, repeats)
     robot, rotation = problem.robot, rotation_sigma(problem)
     positions = given is not None and given.position is not None
     touched = given is not None and (positions or given.touches)
@@ -179,6 +185,15 @@ def measurement_model(
     return MeasurementModel(
         Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, rotation), problem, repeats
     ), tuple(notes)
+
+
+def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> tuple[MeasurementModel, tuple[str, ...]]:
+    """The instrument of the given rows, at the places that a fit to them finds."""
+    residuals, notes = arm_and_data(problem, given)
+    x = fit_frames(residuals)
+    known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
+    x = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise).x
+    return MeasurementModel(residuals, problem, repeats, KindPlaces(residuals, x)), notes
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:
@@ -239,7 +254,8 @@ def given_information(
     at = [i for i, p in enumerate(parameters) if p.name in names]
     wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
     wide[:, at], start[at] = R, x[own]
-    if data.position is None:  # how well a ball sits in its socket says nothing of the instrument to come
+    same = any(p.group == "place" for p in parameters)  # the plan is for this very instrument
+    if data.position is None and not same:  # how well a ball sits in its socket says nothing of the instrument to come
         wide, variance = wide * np.sqrt(expected / variance), expected
     gone = len(data) - len(kept)
     notes += (f"{gone} of the given rows left out as outliers",) * (gone > 0)

@@ -66,6 +66,7 @@ class MeasurementPlan(Result):
         sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
         keeps_height: whether the task, the box or the arm itself keeps the postures from reaching below the table.
         targets: the points on the tool that are measured at each posture; empty for one.
+        places: (count,) the plane or anchor that is measured from each posture; empty of positions.
         notes: sentences for the report.
     """
 
@@ -96,6 +97,7 @@ class MeasurementPlan(Result):
     axes: tuple[str, ...]
     targets: tuple[str, ...]
     keeps_height: bool = True
+    places: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -120,16 +122,19 @@ class MeasurementPlan(Result):
             f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
         ]
         headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
+        headers += [self.given.kind.label] if self.places and self.given is not None else []
         lines = [csv_line(headers)]
         values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
             for pose, row in enumerate(values + 0.0, start=1):
                 cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
+                cells += [self.places[pose - 1]] if self.places else []
                 lines += [csv_line([*cells, target]) for target in self.targets] or [csv_line(cells)]
         return "\n".join(lines) + "\n"
 
     def to_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
+        places = self.places or ("",) * len(self.q)
         stages = {"before": self.before, "after": self.after, "random": self.random}
         return {
             "purpose": self.purpose,
@@ -137,8 +142,8 @@ class MeasurementPlan(Result):
             "repeats": self.repeats,
             "given": len(self.given) if self.given is not None else 0,
             "postures": [
-                {"posture": posture, "tool": [float(v) for v in point]}
-                for posture, point in zip(self.postures, self.points, strict=True)
+                {"posture": posture, "tool": [float(v) for v in point], **({"place": place} if place else {})}
+                for posture, point, place in zip(self.postures, self.points, places, strict=True)
             ],
             "gain": self.gain,
             "random_equivalent": self.equivalent,

@@ -20,6 +20,7 @@ from posture_opt.experiments.information import (
     nothing_measured,
     repeat_variance,
 )
+from posture_opt.experiments.kind_workspace import KindWorkspace
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
@@ -186,6 +187,8 @@ def plan_postures(
     """
     rng = np.random.default_rng(seed)
     measuring, assumed = measurement_model(problem, given, repeats)
+    if measuring.places is not None:
+        workspace = KindWorkspace.around(workspace, measuring.places)
     pool, share = workspace.postures(max(candidates, 2 * count), rng)
     variance = repeat_variance(problem, measuring.residuals.sigma, pool)
     if purpose == "recheck":
@@ -219,9 +222,18 @@ def plan_postures(
         reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS])[0], given=given,
         spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
-        axes=tuple("xyz"[i] for i in residuals.axes), targets=measuring.targets,
+        axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
+        places=_places(measuring, q),
         keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
+
+
+def _places(measuring: MeasurementModel, q: Array) -> tuple[str, ...]:
+    """What is measured from each posture (N, n), where that is a plane or an anchor; empty of positions."""
+    if measuring.places is None:
+        return ()
+    names = measuring.places.data.point_names
+    return tuple(names[k] for k in measuring.places.offered(q)[0])
 
 
 def _information_given(
@@ -237,7 +249,8 @@ def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) ->
     """Refuse where nothing can be determined, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])
-        raise InsufficientDataError(f"no parameter can be determined by measuring positions: {said}")
+        what = measuring.residuals.data.kind.noun
+        raise InsufficientDataError(f"no parameter can be determined by measuring {what}: {said}")
     short = unknowns.count + 1 - unknowns.given.coordinates
     least = max(int(np.ceil(short / measuring.coordinates / measuring.repeats)), 1)
     if count < least:

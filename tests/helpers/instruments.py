@@ -177,3 +177,24 @@ def mixed_table(tables: dict[str, dict[str, object]]) -> dict[str, list[object]]
             found[key] += list(table[key]) if key in table else [empty] * n  # type: ignore[call-overload]
         found["instrument"] += [name] * n
     return found
+
+
+SOCKETS = np.array([[0.6, -0.4, 0.2], [0.8, 0.3, 0.4], [0.5, 0.5, 0.1], [0.9, 0.0, 0.6]])
+
+
+def socket_table(arm: TrueArm, rng: np.random.Generator, each: int, sigma: float) -> dict[str, object]:
+    """Touches of four sockets, with the play of the ball in every coordinate; damped Newton steps lead there."""
+    rows: list[np.ndarray] = []
+    for socket in SOCKETS:
+        own: list[np.ndarray] = []
+        while len(own) < each:
+            q = postures(rng, 4 * each)
+            goal = socket + rng.normal(0, sigma, (len(q), 3))
+            for _ in range(40):
+                J = np.stack([(arm.point(q + h) - arm.point(q)) / 1e-6 for h in 1e-6 * np.eye(6)], axis=2)
+                step = np.einsum("nij,nj->ni", np.linalg.pinv(J, rcond=1e-2), goal - arm.point(q))
+                q = q + np.clip(step, -0.3, 0.3)
+            there = np.linalg.norm(goal - arm.point(q), axis=1) < 1e-8
+            own += list(q[there & np.all(np.abs(q) < 3.1, axis=1)])
+        rows += own[:each]
+    return table_of(np.array(rows), point=np.repeat([f"socket{k}" for k in range(len(SOCKETS))], each))

@@ -4,7 +4,7 @@ Plates, wires and sockets leave much of a geometry open, and may scatter more th
 would get worse. Each parameter is taken to be normal about its nominal value instead; lengths, angles and zeros of
 joints each have one standard deviation τ, whose own prior is the tolerance of machined parts:
 ``τ² ~ ν τ₀² / χ²(ν)``. The data make it larger or smaller: τ is where the expectation of the squares is its own, given
-the measurements (EM; MacKay 1992, "evidence").
+the measurements (EM; MacKay 1992, "evidence"); its posterior mean, ``(ν τ₀² + Σ E x²) / (ν + n − 2)`` of n parameters.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes
 
-LENGTH_SIGMA_M = 0.3e-3
-"""ISO 2768-1, medium: ±0.5 mm for 120 to 400 mm; uniform within, σ is 0.29 mm."""
-ANGLE_SIGMA_RAD = 0.3e-3
-"""Of axes, and of zeros of joints: 0.3 mm at a lever of 1 m."""
-PRIOR_FREEDOM = 1.0
-"""ν: the tolerance counts as much as one parameter would whose deviation was known."""
+LENGTH_SIGMA_M = 0.2e-3
+"""τ₀: the mean of ``ν τ₀² / χ²(ν)`` is (0.28 mm)²; ISO 2768-1, medium: ±0.5 mm for 120 to 400 mm, a σ of 0.29 mm."""
+ANGLE_SIGMA_RAD = 0.2e-3
+"""τ₀ of axes, and of zeros of joints: 0.2 mm at a lever of 1 m."""
+PRIOR_FREEDOM = 4.0
+"""ν: the tolerance counts as much as four parameters would whose deviations were known."""
 _MAX_ROUNDS = 200
 _SETTLED = 1e-3
 """Relative change of all τ² at which they have settled."""
@@ -66,7 +66,7 @@ def sigmas_of_data(fit: Fit, assumed: Array) -> Array:
         step = -C @ (slope + P.T @ (fit.x[own] / (unit * np.sqrt(squares)[groups])))
         x = fit.x[own] + D[own] @ step
         expected = x**2 + np.einsum("ij,jk,ik->i", D[own], C, D[own])
-        new = (PRIOR_FREEDOM + np.bincount(groups, expected / unit**2)) / (PRIOR_FREEDOM + counts)
+        new = (PRIOR_FREEDOM + np.bincount(groups, expected / unit**2)) / (PRIOR_FREEDOM + counts - 2)
         settled = bool(np.all(np.abs(new - squares) <= _SETTLED * squares))
         squares = new
         if settled:

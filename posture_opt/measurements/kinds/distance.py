@@ -46,6 +46,7 @@ class AnchorDistance(Kind):
     number_words: ClassVar[str] = "row"
     axis_names: ClassVar[tuple[str, ...]] = ("along the line to the anchor",)
     settings: ClassVar[str] = "anchors"
+    plannable: ClassVar[bool] = True
 
     @property
     def free(self) -> Array:
@@ -77,6 +78,10 @@ class AnchorDistance(Kind):
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """``−u`` for the anchor, 1 for the constant."""
         return (1.0,) if axis == 3 else (-self._at(seen)[0][axis],)
+
+    def aspect(self, seen: Seen) -> Array:
+        """The length, which the stroke of a bar or wire bounds [m]."""
+        return np.asarray(self._at(seen)[1])[:, None]
 
     def _at(self, seen: Seen) -> tuple[Vector, Any]:
         """Directions u from the anchors, three of (N,), and the distances (N,) [m]."""

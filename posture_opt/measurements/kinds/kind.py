@@ -76,6 +76,10 @@ class Kind:
     """Whether it contains a length, so that an arm of half the size would not fit as well."""
     leaves_geometry_open: ClassVar[bool] = True
     """Whether parts are taken to be within manufacturing tolerances, as such data do not show all of them."""
+    contact: ClassVar[bool] = False
+    """Whether the tool must be led to a place to measure it."""
+    plannable: ClassVar[bool] = False
+    """Whether postures can be planned for it, as one number is read at one place."""
     held_out_by: ClassVar[Literal["pose", "place"]] = "pose"
     """What a cross-validation leaves out together."""
     fixed_to_base: ClassVar[bool] = True
@@ -173,6 +177,10 @@ class Kind:
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """Change of the reading with one of the unknowns."""
         raise NotImplementedError(f"{self.kind} leaves nothing unknown")
+
+    def aspect(self, seen: Seen) -> Array:
+        """(N, m) what bounds whether a place can be measured from a posture: plans stay in the range of given rows."""
+        return np.zeros((len(seen.place), 1))
 
     def sigmas(self, measurement: object) -> dict[str, float]:
         """Standard deviation of a reading at each place by the section ``measurement``; 0 where none is stated.

@@ -42,6 +42,8 @@ class PlaneContact(Kind):
     sigma_key: ClassVar[str] = "plane"
     settings: ClassVar[str] = "planes"
     size_known: ClassVar[bool] = False
+    contact: ClassVar[bool] = True
+    plannable: ClassVar[bool] = True
     error_words: ClassVar[str] = "error across the plane"
     number_words: ClassVar[str] = "row"
     axis_names: ClassVar[tuple[str, ...]] = ("across the plane",)
@@ -99,6 +101,13 @@ class PlaneContact(Kind):
         first, second, normal = np.moveaxis(self.frames[seen.place], 1, 0)
         n = ((normal + a[:, None] * first + b[:, None] * second) / length[:, None]).T
         return n, [seen.position[i] - self.centres[seen.place, i] for i in range(3)], length
+
+    def aspect(self, seen: Seen) -> Array:
+        """How steeply the tool's z axis meets the surface (cosine), and where on it the ball touches [m]."""
+        n, from_centre, _ = self._at(seen)
+        steepness = -self.sides[seen.place] * dot(n, seen.columns[2])
+        first, second, _ = np.moveaxis(self.frames[seen.place], 1, 0)
+        return np.stack([steepness, dot(first.T, from_centre), dot(second.T, from_centre)], axis=1)
 
     def sigma_of(self, place: str, stated: float) -> float:
         """``√(σ² + flatness²)``."""
