@@ -220,3 +220,19 @@ def test_what_a_page_packs_is_the_same_every_time_and_comes_out_again() -> None:
     text = "<script> é "
     assert gzip.decompress(base64.b64decode(library.packed(text))).decode() == text
     assert library.packed(text) == library.packed(text)
+
+
+@pytest.mark.browser
+def test_without_webgl_the_first_picture_is_in_place_of_the_view(tab: Browser, diagnosed: Path) -> None:
+    hide = "HTMLCanvasElement.prototype.getContext = () => null"
+    script = tab.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": hide})
+    try:
+        tab.resize(800)
+        tab.driver.get(diagnosed.as_uri())
+        tab.wait("return document.querySelector('.stage .static') !== null")
+    finally:
+        tab.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", script)
+    shown = "const p = document.querySelector('.stage .static'); return p.clientHeight > 100 && p.naturalWidth > 100"
+    assert tab.run(shown)
+    assert not tab.run("return document.getElementById('arm-view').classList.contains('drawn')")
+    assert tab.errors() == []
