@@ -26,7 +26,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, un
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import EFFECTS, CyclicError, Effect, Excitation
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 
 _MIN_JOINT_RANGE_RAD = 1e-3  # rad: a joint that moves by less shows no line
 
@@ -243,15 +243,18 @@ def score_candidates(
     alive = [int(i) for i in np.flatnonzero(sizes)]
     sizes, gains = sizes[alive], _within_limits(baseline, [candidates[i] for i in alive], gains[alive])
     rss = baseline.rss
-    values = log_p(gains, rss[None, :], sizes[:, None], baseline.freedom) if alive else np.zeros((0, len(rss)))
+    values = log_p(gains[:, 0], rss[0], sizes, baseline.freedom)
     cyclic, lowest = _cyclic_candidates(baseline, sensitivities, lines)
     families = np.array([candidates[i].family for i in alive])
-    least = {family: _least_log_p(values[families == family]) for family in levels.FAMILY_SHARES}
+    least = {
+        family: _least_log_p(gains[families == family], sizes[families == family], baseline)
+        for family in levels.FAMILY_SHARES
+    }
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
     null = NullDistribution(least)
     found: dict[tuple[str, str], ScoredCandidate] = {}
     for row, i in enumerate(alive):
-        p, candidate = float(values[row, 0]), candidates[i]
+        p, candidate = float(values[row]), candidates[i]
         if candidate.key not in found or p < found[candidate.key].log_p:
             share = float(gains[row, 0] / rss[0])
             found[candidate.key] = ScoredCandidate(
@@ -294,9 +297,19 @@ def absorbed_candidates(
     return tuple(found.values())
 
 
-def _least_log_p(values: Array) -> Array:
-    """The least log p-value (B,) of each flipped data set over candidates (candidates, 1 + B); 0 without candidates."""
-    return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
+def _least_log_p(gains: Array, sizes: Codes, baseline: ProjectedBaseline) -> Array:
+    """The least log p-value (B,) of each flipped data set over candidates; 0 without candidates.
+
+    Of candidates of one size, the one that explains most has it.
+
+    Args:
+        gains: (candidates, 1 + B) sums of squares that they explain; sizes: (candidates,) by how many directions.
+    """
+    rss = baseline.rss[1:]
+    least = np.zeros(len(rss))
+    for size in np.unique(sizes).tolist():
+        least = np.minimum(least, log_p(gains[sizes == size, 1:].max(axis=0), rss, size, baseline.freedom))
+    return least
 
 
 @dataclass(frozen=True, eq=False)
