@@ -144,6 +144,7 @@ class Explorer:
         if not self._closed.is_set():
             self._closed.set()
             self._panel.map.end()
+            self._panel.measured.end()
             if self._panel.stations is not None:
                 self._panel.stations.end()
             self._answers.end()

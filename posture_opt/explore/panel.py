@@ -13,6 +13,7 @@ from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer, has_stations
 from posture_opt.explore.live_map import LiveMap
 from posture_opt.explore.live_scene import Layers
+from posture_opt.explore.measured import Measured
 from posture_opt.explore.obstacles_panel import ObstaclesPanel
 from posture_opt.explore.stations import Stations
 from posture_opt.explore.task_panel import TaskPanel
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
     from posture_opt.report.scene.arm_geometry import ArmGeometry
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.uncertainty.spread.budget import Share
+    from posture_opt.uncertainty.spread.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
 
 _WAITING = "No posture found yet; the full search goes on …"
+_NAMED = 2  # sources of a group whose errors cancel
 _BARS = 6  # of the error budget
 _STEP_MM = 0.1
 _NEW_ABOVE_M = np.array([0.0, 0.0, 0.3])  # from the target to an obstacle that is added
@@ -70,6 +72,8 @@ class Panel:
             self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
             back = gui.add_button("Back to the best posture")
         self.map = LiveMap(server, actions.asked)
+        with gui.add_folder("Measurements", expand_by_default=False):
+            self.measured = Measured(server, actions.asked, geometry.extent, actions.turned)
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
         self._add_taken_away(gui)
         for box in (self._cloud, self._first_order):
@@ -128,11 +132,11 @@ class Panel:
         if answer.own is not None:
             self._state.content = _line(_compared(answer.solution, answer.own))
             self._numbers.content = _small(answer.own._repr_html_())
-            self._budget.content = _bars(answer.own.budget)
+            self._budget.content = _bars(answer.own.budget_groups)
             return
         self._state.content = _line(_status(answer))
         self._numbers.content = _small(answer.solution._repr_html_())
-        self._budget.content = _bars(answer.solution.budget)
+        self._budget.content = _bars(answer.solution.task_spread.budget_groups)
         for (factor, slider), value in zip(self._joints, answer.solution.q, strict=True):
             slider.value = round(float(value) * factor, _DIGITS)
 
@@ -183,13 +187,19 @@ def _line(text: str, alarm: bool = False) -> str:
     return f'<p style="margin:4px 14px;font-size:13px;font-weight:{weight}" role="status">{escape(text)}</p>'
 
 
-def _bars(budget: Sequence[Share]) -> str:
-    """The error budget: a bar a source, as long as its share of the variance."""
+def _bars(budget: Sequence[ShareGroup]) -> str:
+    """The error budget: a bar a source, or sources whose errors cancel, as long as their share of the variance."""
     rows = "".join(
         f'<div style="margin:3px 0"><div style="background:{LIGHT};height:6px">'
-        f'<div style="background:{BLUE};height:6px;width:{100 * share.share:.1f}%"></div></div>'
-        f"{escape(share.parameter)} {100 * share.share:.0f} %</div>"
-        for share in budget[:_BARS]
-        if share.share > 0
+        f'<div style="background:{BLUE};height:6px;width:{100 * group.share:.1f}%"></div></div>'
+        f"{escape(_together(group))} {100 * group.share:.0f} %</div>"
+        for group in budget[:_BARS]
+        if group.share > 0
     )
     return f'<div style="margin:4px 14px;font-size:12px"><b>Error budget</b>{rows}</div>'
+
+
+def _together(group: ShareGroup) -> str:
+    """The sources of a group: the two largest, and how many more."""
+    more = len(group.parameters) - _NAMED
+    return ", ".join(group.parameters[:_NAMED]) + (f" and {more} more together" if more > 0 else "")

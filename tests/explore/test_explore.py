@@ -278,6 +278,36 @@ def test_a_map_says_what_a_solve_there_says() -> None:
             assert heat.sigma[row, column] == pytest.approx(po.select_posture(there).sigma_max, rel=1e-6)
 
 
+@pytest.mark.long
+def test_measurements_have_the_errors_that_the_model_leaves(tmp_path: Path) -> None:
+    """Positions of the model with a hidden compliance: no error with the cause, and one that points to them without."""
+    problem = po.load_problem(PLANAR).replace(
+        robot__base={"xyz": ["0 m", "0 m", "0 m"], "rpy": ["0 deg", "0 deg", "0 deg"]},
+        effects=[{"kind": "joint_scale", "joint": "joint2", "estimate": {"scale": 0.01}}],
+    )
+    q = np.random.default_rng(4).uniform(-1.5, 1.5, (30, 2))
+    a, b = q[:, 0], q[:, 0] + 1.01 * q[:, 1]
+    at = 1e3 * np.column_stack([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b)])
+    rows = ["joint1 [deg],joint2 [deg],x [mm],y [mm]"]
+    rows += [",".join(f"{v:.9f}" for v in (*np.degrees(qs), *xy)) for qs, xy in zip(q, at, strict=True)]
+    with problem.explore(port=18180) as page:
+        measured = page._panel.measured
+        measured.read("a.csv", b"joint1 [deg]\n1\n")
+        assert "a.csv" in measured._words.content
+        measured.read("b.csv", "\n".join(rows).encode())
+        until(lambda: measured._errors is not None)
+        assert np.max(np.abs(measured._errors[0])) < 1e-8
+        measured._causes[0].value = False
+        measured.compute()
+        until(lambda: np.max(np.abs(measured._errors[0])) > 1e-4)
+        without = np.column_stack([np.cos(a) + np.cos(q.sum(axis=1)), np.sin(a) + np.sin(q.sum(axis=1))])
+        np.testing.assert_allclose(measured._errors[0][:, :2], at / 1e3 - without, atol=1e-8)
+        measured._row.value = 7
+        measured._show_row()
+        until(lambda: page._shown.own is not None)
+        assert page._shown.own.q == pytest.approx(q[6], abs=1e-8)
+
+
 def test_a_map_has_its_last_row_at_the_top_and_holes_where_nothing_is_feasible() -> None:
     seen = picture(np.array([[1.0, 2.0], [np.nan, 3.0]]), 1.0, 3.0)
     assert seen.shape[2] == 4
