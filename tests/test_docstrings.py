@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import inspect
+import re
 from pathlib import Path
 
 import pytest
@@ -30,3 +32,17 @@ def test_public_names_have_an_example() -> None:
     shown = [member for member in public if getattr(member, "__module__", "").startswith(SHOWN)]
     assert len(shown) >= 8
     assert [member.__name__ for member in shown if ">>> " not in member.__doc__] == []
+
+
+def test_public_functions_state_what_comes_back() -> None:
+    functions = [getattr(posture_opt, name) for name in posture_opt.__all__]
+    functions = [member for member in functions if inspect.isfunction(member)]
+    assert len(functions) >= 20
+    for member in functions:
+        returned = str(inspect.signature(member).return_annotation).removesuffix(" | None")
+        stated = re.split("Raises:|Example:", member.__doc__.partition("Returns:")[2])[0]
+        assert f"``{returned}``" in stated, f"{member.__name__} comes back with {returned}"
+        kind = getattr(posture_opt, returned)
+        known = {*dir(kind), *getattr(kind, "__dataclass_fields__", {}), returned}
+        named = {*re.findall(r"``(\w+)(?:\(\w*\))?``", stated)} - {"None"}
+        assert named <= known, f"{member.__name__}: {returned} has no {named - known}"

@@ -160,6 +160,10 @@ def calibrate_batch(
     Args:
         most_rows: data with more are thinned to so many, as many of each robot, see `thin`.
 
+    Returns:
+        ``Batch``: a calibration of each robot, and σ's and correlations of the type [m, rad]; ``save(folder)``
+        writes ``uncertainty.yaml``.
+
     Raises:
         InputError: the data are of one robot.
         InsufficientDataError: fewer than three robots, or too little of one of them.

@@ -93,6 +93,10 @@ def diagnose_batch(
     Args:
         most_rows: data with more are thinned to so many, as many of each robot, see `thin`.
 
+    Returns:
+        ``BatchDiagnosis``: the causes that all robots share, how much the others vary, with p-values; SI units,
+        radians.
+
     Raises:
         InputError, InsufficientDataError: as `calibrate_batch`.
 

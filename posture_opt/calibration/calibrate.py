@@ -97,6 +97,11 @@ def calibrate(
             judge the result, `LargeFile`.
         progress: receives (done, total) after each fit.
 
+    Returns:
+        ``Calibration``: ``parameters`` with their estimates ``x`` and standard errors ``std`` [m, rad] and their
+        ``covariance``; ``report()`` and ``to_json()`` state the RMS error before and after [m], ``save(folder)``
+        writes ``calibrated.yaml``.
+
     Raises:
         InputError: several robots at once, or a test file with other targets.
         InsufficientDataError: fewer measurements than unknowns.

@@ -44,6 +44,10 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
         data: new measurements; 5 to 30 postures are enough, `plan_measurements` for ``recheck`` chooses them.
         seed: of the postures that are proposed where it is not one change, or not clear which; 0 by default.
 
+    Returns:
+        ``Recheck``: ``verdict``, and ``changes`` with sizes (SI units, radians) and probabilities, the
+        likeliest first.
+
     Raises:
         InputError: measurements of several robots.
         InsufficientDataError: fewer than four postures.

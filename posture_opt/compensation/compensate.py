@@ -44,6 +44,10 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
         problem: names ``arm``, ``nominal`` and ``sources``: a calibrated or extended problem.
         targets: the path of a CSV file, a table, or `read_targets`.
 
+    Returns:
+        ``Compensation``: ``q`` (N, n) [rad or m], and of each target how far the tool would be ``off`` and is
+        ``left`` [m], (N,).
+
     Raises:
         InputError: everything wrong with the targets, each with line and column.
         NoSolutionError: targets out of reach, each with its line; ``solution`` is the compensation with what comes

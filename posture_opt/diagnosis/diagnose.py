@@ -144,6 +144,10 @@ def diagnose(
         most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
         progress: receives (done, total) of its parts.
 
+    Returns:
+        ``Diagnosis``: ``verdict``, ``effects`` with their sizes, standard errors and p-values (SI units,
+        radians), and ``extended``, the problem of the arm that was found.
+
     Raises:
         InputError: as `calibrate`.
         InsufficientDataError: fewer measurements than unknowns.

@@ -81,6 +81,10 @@ def plan_measurements(
         executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
         progress: called with (done, total) rounds of the search.
 
+    Returns:
+        ``MeasurementPlan``: ``q`` (count, n) [rad or m] in the order of least travel, and the expected standard
+        errors [m, rad].
+
     Raises:
         InputError: no postures asked for, or too few for a calibration; no task to plan for.
         InsufficientDataError: nothing can be determined by measuring this arm.

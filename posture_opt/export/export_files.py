@@ -54,9 +54,18 @@ def export_files(
             in front of and behind a path.
         seed, workers: of the planning.
 
+    Returns:
+        ``Exported``: ``files``, file name -> text, and ``notes`` on what the format cannot hold.
+
     Raises:
         InputError: an unknown format, or one that cannot say it.
         NoSolutionError: the problem has no posture to write.
+
+    Example:
+        >>> import posture_opt as po
+        >>> found = po.export_files(po.load_problem("insert_planar_2r"), "dh")
+        >>> found.files["dh.csv"].splitlines()[0]
+        'parameter, unit, nominal, correction, sum'
     """
     kinds = export_kinds()
     if to not in kinds:

@@ -54,7 +54,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
         problem: names ``arm``, ``robot`` and ``data``.
 
     Returns:
-        All rows in SI units and radians, in the order of the file.
+        ``Measurements``: all rows in SI units and radians, in the order of the file.
 
     Raises:
         InputError: everything wrong with the file, each with line, column and a hint.

@@ -40,6 +40,9 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     the tool point. The covariance is the estimate's, under the scatter of repeats that the calibration leaves; that
     scatter is added to it. :meth:`Problem.files` writes it as a complete problem file with its covariance next to it.
 
+    Returns:
+        ``Problem``: with corrections [m, rad] and their covariance; ``to_yaml()`` is its file.
+
     Raises:
         InputError: the calibration is one of another robot.
     """
@@ -51,6 +54,10 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
 
     Effects that change with time are left out: they belong to the session that was measured. So is noise of the
     instrument or of the data; that of a joint is an effect of the arm.
+
+    Returns:
+        ``Problem``: with corrections, effects and their covariance (SI units, radians); ``to_yaml()`` is its
+        file.
 
     Raises:
         InputError: the diagnosis is one of another robot.

@@ -25,6 +25,10 @@ def load_problem(path: str | PathLike[str]) -> Problem:
     >>> load_problem("insert_planar_2r").task.kind
     'insert'
 
+    Returns:
+        ``Problem``: ``robot``, ``task``, ``sources``, ``cell`` and the rest of the file, in SI units and
+        radians.
+
     Raises:
         InputError: everything wrong with the file, each with line, key and a hint.
     """
@@ -40,8 +44,18 @@ def load_problem(path: str | PathLike[str]) -> Problem:
 def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = ".") -> Problem:
     """The problem of a mapping with the keys of a problem file; relative file names in it start at ``folder``.
 
+    Returns:
+        ``Problem``: as `load_problem` returns it.
+
     Raises:
         InputError: everything wrong with the data, each with key and a hint.
+
+    Example:
+        >>> import posture_opt as po
+        >>> arm = {"kind": "preset", "name": "ur5e"}
+        >>> problem = po.problem_from_dict({"robot": arm, "uncertainty": {"repeatability": "0.03 mm"}})
+        >>> problem.robot.joint_names[:2]
+        ('shoulder_pan', 'shoulder_lift')
     """
     if not isinstance(data, Mapping):
         raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))

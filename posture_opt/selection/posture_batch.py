@@ -125,6 +125,10 @@ def select_postures(
         executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
         progress: called with (done, total) problems.
 
+    Returns:
+        ``PostureBatch``: ``answers`` in the order of the problems, each a ``Solution`` or the error that was
+        met.
+
     Raises:
         InputError: no problem at all, too many, or none that could be read.
     """

@@ -134,6 +134,10 @@ def map_accuracy(
         data: measurements, to be set against what is predicted; with them the map covers where they lie.
         counts, low, high, plane, seed, workers, executor, progress: as of `map_targets`.
 
+    Returns:
+        ``AccuracyMap``: of each of the ``targets`` the expected error ``bias`` [m], the ``covariance`` [m²] and
+        ``radius95`` [m]; ``to_dataframe()`` has a row a point.
+
     Raises:
         InputError, NoSolutionError: as `map_targets`; measurements of several robots.
 

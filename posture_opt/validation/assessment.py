@@ -137,6 +137,10 @@ def assess(
         problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
             ``data`` and the ``calibration`` that was made from them.
 
+    Returns:
+        ``Assessment``: RMS, mean and largest error [m] before and after calibration, and of two rules of
+        measuring; ``report()`` prints them.
+
     Example:
         >>> import posture_opt as po
         >>> problem = po.load_problem("insert_planar_2r_measured")

@@ -124,6 +124,10 @@ def check_spread(
             ``data`` and the ``calibration`` that was made from them.
         folds: of the cross-validation; default: those of the calibration.
 
+    Returns:
+        ``SpreadCheck``: measured over predicted scatter, between repeats and over all postures, each with an
+        interval; lengths in m.
+
     Example:
         >>> import posture_opt as po
         >>> problem = po.load_problem("insert_planar_2r_measured")

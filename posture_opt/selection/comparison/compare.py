@@ -37,6 +37,10 @@ def compare(
         problems: at least two, by name.
         progress: called with (done, all) arms.
 
+    Returns:
+        ``Comparison``: ``answers``, of each arm its posture [rad, m] and standard deviation [m]; ``to_dataframe()`` has
+        what every arm says of each of them.
+
     Raises:
         InputError: fewer than two problems, no task, or a task that an arm cannot be given.
         NoSolutionError: no arm can do the task; the message gives the reasons of each.
@@ -73,6 +77,9 @@ def compare_plans(
         models: by name, the reference last: the model that describes the arm best.
         hint: stated beside the reasons where a model has no posture.
         measured: (N, n) postures that the reference was fitted to [rad or m].
+
+    Returns:
+        ``Comparison`` of the plans, postures in rad and m, standard deviations in m; None where a task is missing.
     """
     *others, reference = models
     if any(model.task is None for model in models.values()):

@@ -167,6 +167,10 @@ def map_targets(
         progress: called with (done, total) targets.
         compiled: as of `PostureSelector`.
 
+    Returns:
+        ``TargetMap``: of each point of the grid the best posture [rad or m] and its standard deviation [m], or why
+        there is none; ``to_dataframe()`` has a row a point.
+
     Raises:
         InputError: no task, nothing uncertain, or a grid that is none.
         NoSolutionError: no target of the grid has a posture.

@@ -223,6 +223,10 @@ def simulate(
             significant digits (JCGM 102:2011, 7.8), at most two million.
         digits: significant digits of the adaptive procedure.
 
+    Returns:
+        ``Cloud``: the tool points (n, 3) [m] and their covariance (3, 3) [m²] beside the closed form, world
+        frame.
+
     Raises:
         InputError: no posture, no sources, n < 2 or above 1e8, a negative seed, fewer than one digit.
 

@@ -226,6 +226,10 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
         posture: n joint values [rad or m], or joint name -> value. Limits are not enforced; a note says where
             they are exceeded.
 
+    Returns:
+        ``Spread``: ``position`` (3,) [m], ``covariance`` (3, 3) [m²], ``pose_covariance`` (6, 6), ``ellipse``,
+        ``budget`` and ``validity``, world frame.
+
     Raises:
         InputError: a posture that is none, or a problem without sources of error.
 
