@@ -94,7 +94,7 @@ class Workspace:
         found: list[Array] = []
         have = tried = 0
         while have < count and tried < _MAX_TRIED_POSTURES:
-            q = self.rounded(rng.uniform(self.lower, self.upper, (_TRIED_AT_ONCE, self.robot.n)))
+            q = self.rounded(self.drawn(rng, _TRIED_AT_ONCE))
             found.append(q[self.allowed(q)])
             have, tried = have + len(found[-1]), tried + _TRIED_AT_ONCE
         if have < count:
@@ -106,6 +106,10 @@ class Workspace:
                 "widen what is stated, link_height, the box, the limits of the joints or the cell"
             )
         return np.concatenate(found)[:count], have / tried
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, n) postures at random within the limits."""
+        return rng.uniform(self.lower, self.upper, (count, self.robot.n))
 
     def rounded(self, q: Array) -> Array:
         """Postures (N, n) as they are in the file: to 0.01 deg and 0.01 mm (`POSTURE_STEP`), inside the limits."""

@@ -30,6 +30,7 @@ from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.experiments.planned_kind import KindPlaces
+from posture_opt.experiments.planned_pictures import PicturePlaces
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
@@ -91,7 +92,7 @@ class MeasurementModel:
     @property
     def rows(self) -> int:
         """Measurements at one posture, of one repeat."""
-        return max(len(self.targets), 1)
+        return max(len(self.targets), 1) * (1 if self.places is None else self.places.each)
 
     @property
     def coordinates(self) -> int:
@@ -108,6 +109,7 @@ class MeasurementModel:
         data = data if self.places is None else self.places.rows(data)
         _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
+        rows = rows if self.places is None else rows * self.places.weights(q)[:, :, None, None]
         return np.asarray(self._scaled_rows(q, rows).reshape(len(q), self.coordinates, len(x)))
 
     def _scaled_rows(self, q: Array, rows: Array) -> Array:
@@ -193,7 +195,8 @@ def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> t
     x = fit_frames(residuals)
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
     x = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise).x
-    return MeasurementModel(residuals, problem, repeats, KindPlaces(residuals, x)), notes
+    places = PicturePlaces if given.second_names else KindPlaces
+    return MeasurementModel(residuals, problem, repeats, places(residuals, x)), notes
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:

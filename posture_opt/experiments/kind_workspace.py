@@ -27,7 +27,12 @@ class KindWorkspace(Workspace):
         """Which postures (N, n) are allowed and measure something."""
         found = super().allowed(q)
         found[found] = self.places.offered(q[found])[1]
+        found[found] = ~self.places.hidden(q[found], self.scene.placed)
         return found
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Array:
+        """Postures at random where such an instrument may see something."""
+        return self.places.drawn(rng, count, self.lower, self.upper)
 
     def rounded(self, q: Array) -> Array:
         """Postures as they are in the file; those that touch are first led to the nearest place."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.measurements.kinds import Seen
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.chain import factor_values, walk
@@ -31,6 +32,11 @@ class KindPlaces:
 
     residuals: Residuals
     x: Array
+
+    @property
+    def each(self) -> int:
+        """How many readings stand for one posture."""
+        return 1
 
     @property
     def data(self) -> Measurements:
@@ -79,6 +85,18 @@ class KindPlaces:
                 inside &= off <= _CONTACT_TOLERANCE_M
             cost[inside, k] = off[inside]
         return cost.argmin(axis=1), np.isfinite(cost.min(axis=1))
+
+    def weights(self, q: Array) -> Array:
+        """(N, each) how much each reading of a posture counts."""
+        return np.ones((len(q), 1))
+
+    def hidden(self, q: Array, placed: PlacedCapsules) -> Mask:
+        """(N,) whether a link is in the way."""
+        return np.zeros(len(q), dtype=bool)
+
+    def drawn(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
+        """(count, n) postures at random, before those that measure nothing are left out."""
+        return rng.uniform(lower, upper, (count, len(lower)))
 
     def touching(self, q: Array, place: Codes) -> Array:
         """Postures (N, n) led to their places by Newton steps of least length; unchanged where nothing is touched."""

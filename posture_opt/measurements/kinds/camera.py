@@ -54,6 +54,7 @@ class MarkerPixels(Kind):
     sigma_key: ClassVar[str] = "pixel"
     settings: ClassVar[str] = "cameras"
     width: ClassVar[int] = _BODY + len(_POSE)
+    plannable: ClassVar[bool] = True
     error_words: ClassVar[str] = "image error at the marker"
     number_words: ClassVar[str] = "image coordinate, at the marker"
     axis_names: ClassVar[tuple[str, ...]] = ("u", "v")
@@ -183,6 +184,17 @@ class MarkerPixels(Kind):
         depth = np.abs(_seen_markers(self, seen).depth)
         return np.asarray(depth / self.intrinsics[seen.place, :2].mean(axis=1))
 
+    def aspect(self, seen: Seen) -> Array:
+        """Cosine of the line of sight to the board's normal, distance along the camera's axis [m], and pixels."""
+        shown, (start, end) = _seen_markers(self, seen), self.sight(seen)
+        along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+        facing = np.where(self.bodies.rigid[self.bodies.body[seen.second]], np.sum(along * shown.normal, axis=1), 1.0)
+        return np.column_stack([facing, shown.depth, shown.picture.pixels])
+
+    def sight(self, seen: Seen) -> tuple[Array, Array]:
+        """(N, 3) the centres of the cameras, and (N, 3) the markers, world [m]."""
+        return _seen_markers(self, seen).sight
+
     def described(self, place: str, values: Array) -> dict[str, Json]:
         """Pose in the world or on the tool [m, rad], and for a camera the intrinsics that were found [px, 1]."""
         if place in self.names:
@@ -215,6 +227,7 @@ class _SeenMarkers:
     Args:
         picture: by the marker in the camera's frame; depth: (N,) of it [m].
         gradient: (N, 2, 3) by a shift of the tool point, world [px/m]; moment: (N, 2, 3) by its turn [px/rad].
+        sight: (N, 3) the centre of the camera and (N, 3) the marker; normal: (N, 3) of the board; all in the world.
         camera, body: of their poses: (N, 2, 3) by the place, (N, 3) turns, (N, 3, 3) reference, (N, 3) what it turns.
     """
 
@@ -222,6 +235,8 @@ class _SeenMarkers:
     depth: Array
     gradient: Array
     moment: Array
+    sight: tuple[Array, Array]
+    normal: Array
     camera: tuple[Array, Array, Array, Array]
     body: tuple[Array, Array, Array, Array]
 
@@ -240,7 +255,8 @@ def _seen_markers(kind: MarkerPixels, seen: Seen) -> _SeenMarkers:
     placed = np.where(carried[:, None], np.einsum("nji,nj->ni", R, marker - p), p + arm)
     reference, own_turns = kind.camera_frames[seen.place], rows[:, 3:6]
     looking = reference[:, :3, :3] @ turned_by(own_turns)
-    apart = placed - reference[:, :3, 3] - rows[:, :3]
+    at, on_tool = reference[:, :3, 3] + rows[:, :3], carried[:, None]
+    apart, centre = placed - at, np.where(on_tool, p + np.einsum("nij,nj->ni", R, at), at)
     point = np.einsum("nji,nj->ni", looking, apart)
     picture = projected(point, kind.intrinsics[seen.place], rows[:, len(_POSE) : _BODY])
     by_placed = picture.by_point @ np.swapaxes(looking, 1, 2)
@@ -249,6 +265,8 @@ def _seen_markers(kind: MarkerPixels, seen: Seen) -> _SeenMarkers:
     gradient = np.where(carried[:, None, None], -by_marker, by_placed)
     return _SeenMarkers(
         picture, point[:, 2], gradient, np.cross(arm[:, None, :], gradient),
+        (centre, np.where(on_tool, marker, p + arm)),
+        np.where(on_tool, board[:, :, 2], np.einsum("nij,nj->ni", R, board[:, :, 2])),
         (-by_placed, own_turns, reference[:, :3, :3], apart),
         (by_marker, turns, frame[:, :3, :3], known),
     )  # fmt: skip

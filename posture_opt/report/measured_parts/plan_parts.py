@@ -80,5 +80,5 @@ def _room(plan: MeasurementPlan) -> str:
     box = "the tool point in the stated box, " if plan.workspace.bounded else ""
     return (
         f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
-        f"{percent(plan.share)} of all postures qualify. Other collisions are not checked: run slowly the first time"
+        f"{percent(plan.share)} of {'the tried' if plan.places else 'all'} postures qualify. Other collisions are not checked: run slowly the first time"
     )

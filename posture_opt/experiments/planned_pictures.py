@@ -1,0 +1,136 @@
+"""Plans for cameras: postures in which a board is seen whole, large enough and from its front, and no link hides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.collision.placed_capsules import PlacedCapsules
+from posture_opt.collision.segment_distances import to_segment
+from posture_opt.experiments.planned_kind import KindPlaces
+from posture_opt.measurements.kinds import MarkerPixels, Seen
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Codes, Mask
+
+_OUTERMOST = 4
+"""Points of a board that stand for all of it: its corners."""
+_EDGE_SHARE = 0.02
+"""Of the picture, that points keep to its edge."""
+_LEAST_SHARE_OF_STEP = 0.3
+"""rad, or share of a slide's range: how far new postures are from those of the given pictures, one σ."""
+
+
+@dataclass(frozen=True, eq=False)
+class PicturePlaces(KindPlaces):
+    """Cameras and boards as a fit to the given pictures has them, and from where they can be seen.
+
+    A camera sees from the distances and under the angles of the given pictures. The outermost points of a board count
+    for all of it.
+    """
+
+    @property
+    def kind(self) -> MarkerPixels:
+        """Cameras and what they see."""
+        assert isinstance(self.data.kind, MarkerPixels), "pictures are of markers"
+        return self.data.kind
+
+    @cached_property
+    def shown(self) -> tuple[Codes, Codes, Array]:
+        """Cameras, markers and weights (m,) of the points that stand for what each camera sees."""
+        assert self.data.second is not None, "pictures are of markers"
+        bodies, pairs = self.kind.bodies, np.unique(np.stack([self.data.point, self.data.second], axis=1), axis=0)
+        cameras, markers, weights = list[int](), list[int](), list[float]()
+        for camera in np.unique(pairs[:, 0]):
+            seen = pairs[pairs[:, 0] == camera, 1]
+            for body in np.unique(bodies.body[seen]):
+                own = seen[bodies.body[seen] == body]
+                chosen = own[_outermost(bodies.points[own])]
+                cameras += [int(camera)] * len(chosen)
+                markers += chosen.tolist()
+                weights += [float(np.sqrt(len(own) / len(chosen)))] * len(chosen)
+        return np.array(cameras), np.array(markers), np.array(weights)
+
+    @property
+    def each(self) -> int:
+        """How many points stand for one posture."""
+        return len(self.shown[0])
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """(C, 4) least and largest aspect: cosine to the board's normal, distance [m], and the frame of the picture."""
+        aspect = self.kind.aspect(self.residuals.seen(self.x, self.residuals.walk(self.x)))
+        own = [aspect[self.data.point == k] for k in range(len(self.kind.names))]
+        low, high = (np.array([extreme(a, axis=0) for a in own]) for extreme in (np.min, np.max))
+        for k, name in enumerate(self.kind.names):
+            size = np.array(self.kind.stated[name].found.size, dtype=float)
+            if size.all():
+                low[k, 2:], high[k, 2:] = _EDGE_SHARE * size, (1 - _EDGE_SHARE) * size
+        return low, high
+
+    def points_seen(self, q: Array) -> Seen:
+        """All points at postures (N, n), those of one posture behind each other."""
+        camera, marker, _ = self.shown
+        place, second = np.tile(camera, len(q)), np.tile(marker, len(q))
+        seen = self.seen(np.repeat(q, self.each, axis=0), place)
+        return replace(seen, values=seen.values + self.values[self.kind.second_place(second)], second=second)
+
+    def offered(self, q: Array) -> tuple[Codes, Mask]:
+        """(N,) a camera that sees all of its points at each posture, and whether any does."""
+        whole = self._whole(q)
+        return np.asarray(whole.argmax(axis=1), dtype=np.intp), np.asarray(whole.any(axis=1))
+
+    def weights(self, q: Array) -> Array:
+        """(N, m) how much each point counts: not at all where its camera does not see all."""
+        camera, _, weights = self.shown
+        return np.asarray(self._whole(q)[:, camera] * weights)
+
+    def hidden(self, q: Array, placed: PlacedCapsules) -> Mask:
+        """(N,) whether a link is between the camera and what it sees; the last one carries either of them."""
+        chosen = [k for k, frame in enumerate(placed.frames) if frame < placed.robot.n]
+        if not chosen or not len(q):
+            return np.zeros(len(q), dtype=bool)
+        shape = (len(q), self.each, 1, 3)
+        start, end = (ends.reshape(shape) for ends in self.kind.sight(self.points_seen(q)))
+        starts, ends = (ends[:, None, chosen] for ends in placed.segments(q))
+        touched = to_segment(start, end, starts, ends) < placed.radii[chosen]
+        own = self.shown[0] == self.offered(q)[0][:, None]
+        return np.asarray(np.any(touched.any(axis=2) & own, axis=1))
+
+    def drawn(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
+        """(count, n) postures about those of the given pictures: of others, hardly one in a thousand sees a board."""
+        about = self.data.q[rng.integers(len(self.data), size=count)]
+        step = _LEAST_SHARE_OF_STEP * np.array(
+            [1.0 if joint.type == "revolute" else up - low
+             for joint, low, up in zip(self.residuals.robot.joints, lower, upper, strict=True)]
+        )  # fmt: skip
+        return np.asarray(np.clip(about + rng.normal(0.0, step, about.shape), lower, upper))
+
+    def rows(self, planned: Measurements) -> Measurements:
+        """Planned rows as rows of pictures: one for each point of each posture."""
+        seen, data = self.points_seen(planned.q), self.data
+        whole = planned.take(np.repeat(np.arange(len(planned)), self.each))
+        return replace(
+            whole, position=None, measured_axes=data.measured_axes, rotation=None, reading=np.zeros((len(whole), 3)),
+            point=seen.place, point_names=data.point_names, second=seen.second, second_names=data.second_names,
+            instrument=data.kind, lever=np.ones(len(whole)),
+        )  # fmt: skip
+
+    def _whole(self, q: Array) -> Mask:
+        """(N, C) which cameras see all of their points."""
+        camera, (low, high) = self.shown[0], self.bounds
+        aspect = self.kind.aspect(self.points_seen(q)).reshape(len(q), self.each, 4)
+        inside = np.all((aspect >= low[camera]) & (aspect <= high[camera]), axis=2)
+        return np.stack([inside[:, camera == k].all(axis=1) for k in range(len(self.kind.names))], axis=1)
+
+
+def _outermost(points: Array) -> Codes:
+    """The corners of points (n, 3), each the farthest from those before; all of a few, and of one body without size."""
+    if len(points) <= _OUTERMOST or np.ptp(points, axis=0).max() == 0:
+        return np.arange(len(points))
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    while len(chosen) < _OUTERMOST:
+        far = np.min(np.linalg.norm(points[:, None] - points[chosen], axis=2), axis=1)
+        chosen.append(int(np.argmax(far)))
+    return np.array(chosen)
