@@ -52,4 +52,5 @@ def instrument_scatter(fit: Fit, x_nominal: np.ndarray) -> InstrumentScatter | N
     before = float(r @ r) / max(len(r) - len(used.free), 1)
     sigma = rms(np.broadcast_to(used.row_sigma, len(used.data)))
     arm = sqrt(max(before - fit.variance, 0.0))
-    return InstrumentScatter(sigma * sqrt(fit.variance), sigma * arm, kind.unit, kind.noun)
+    unit = kind.unit if used.data.lever is None else "m"  # what a pixel is at the marker
+    return InstrumentScatter(sigma * sqrt(fit.variance), sigma * arm, unit, kind.noun)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
     from posture_opt.validation.repeatability_tests import Distances, PosePerformance, Repeats
 
+_SIGMA_EXAMPLES = {"m": "0.05 mm", "rad": "0.002 deg", "px": "0.2 px"}
+"""SI unit of a reading -> a standard deviation as a file may state it."""
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 
 
@@ -136,8 +138,9 @@ def instrument_block(found: Assessment) -> Block:
     """
     rule = "An instrument should be ten times more accurate than the errors it measures."
     if not found.instrument:
-        key = found.calibration.request.data.kind.sigma_key
-        hint = f"add uncertainty: {{measurement: {{{key}: 0.05 mm}}}} to the problem file."
+        kind = found.calibration.request.data.kind
+        key, example = kind.sigma_key, _SIGMA_EXAMPLES[kind.unit]
+        hint = f"add uncertainty: {{measurement: {{{key}: {example}}}}} to the problem file."
         return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {hint}",))
     one = found.calibration.request.data.kind.number_words
     texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per {one}."]
