@@ -111,6 +111,23 @@ def test_pictures_from_one_distance_trade_the_focal_length(tmp_path: Path) -> No
 
 
 @pytest.mark.long
+def test_wrong_detections_and_a_board_seen_from_its_other_end_are_left_out(tmp_path: Path) -> None:
+    given, table = problem("tool", tmp_path), dict(simulated("tool")[1])
+    u, v = (np.array(table[f"{axis} [px]"]) for axis in "uv")
+    u[5] += 30.0
+    u[100] -= 12.0
+    u[240:252], v[240:252] = u[240:252][::-1].copy(), v[240:252][::-1].copy()
+    data = po.read_measurements({**table, "u [px]": u, "v [px]": v}, given)
+    other = camera_table(simulated("tool")[0], np.random.default_rng(8), 8, 0.2, SCENES["tool"])
+    found = po.calibrate(given, data, test=po.read_measurements(other, given), plan=False)
+    assert np.array_equal(np.flatnonzero(~found.fit.kept), [5, 100, *range(240, 252)])
+    assert np.sqrt(np.mean(deviations(found, simulated("tool")[0]) ** 2)) < 1.6
+    assert found.test is not None
+    assert found.test.models["calibrated"].rms < 0.2 * found.test.models["nominal"].rms
+    assert "residual_joints" in found.figures()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["cell", "tool"])
 def test_hidden_backlash_is_named(where: str, tmp_path: Path) -> None:
     given = problem(where, tmp_path)

@@ -78,7 +78,8 @@ def _room(plan: MeasurementPlan) -> str:
     height = plan.workspace.height
     above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
     box = "the tool point in the stated box, " if plan.workspace.bounded else ""
+    of = "the tried" if plan.places else "all"
     return (
         f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
-        f"{percent(plan.share)} of {'the tried' if plan.places else 'all'} postures qualify. Other collisions are not checked: run slowly the first time"
+        f"{percent(plan.share)} of {of} postures qualify. Other collisions are not checked: run slowly the first time"
     )
