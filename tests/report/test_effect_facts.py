@@ -72,7 +72,7 @@ def test_sources_of_effects_have_words_and_units() -> None:
         assert source_size(name, 1e-5, arm) == shown(1e-5, dimension)
 
 
-NEVER_ESTIMATED = {"mass", "temperature", "time", "torque", "velocity", "angular velocity"}
+NEVER_ESTIMATED = {"mass", "temperature", "time", "torque", "velocity", "angular velocity", "pixel"}
 
 
 @pytest.mark.parametrize("dimension", sorted({*DIMENSIONS, "ratio"} - NEVER_ESTIMATED))

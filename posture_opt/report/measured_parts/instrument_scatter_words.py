@@ -18,8 +18,8 @@ def instrument_scatter_lead(found: InstrumentScatter | None) -> tuple[str, ...]:
         return ()
     scatter, arm = (_size(value, found.unit) for value in (found.scatter, found.arm))
     return (
-        f"The instrument scatters more than the arm errs: {found.noun} scatter by {scatter} a reading, of which errors "
-        f"of the nominal arm explain {arm}. The arm stays near nominal wherever the data do not improve it.",
+        f"The instrument scatters more than the arm errs: {found.noun} have a scatter of {scatter} a reading, of which "
+        f"errors of the nominal arm explain {arm}. The arm stays near nominal wherever the data do not improve it.",
     )
 
 
