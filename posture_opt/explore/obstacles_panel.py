@@ -75,7 +75,8 @@ class ObstaclesPanel:
         self._which: Any = gui.add_dropdown("Obstacle", (_NONE, *self._names()), hint="a handle moves the chosen one")
         self._sizes = gui.add_folder("Size and place", visible=False)
         self._fields: dict[str, tuple[_Entry, Any]] = {}
-        kinds = {typing.get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in OBSTACLES}
+        drawn = [kind for kind in OBSTACLES if "file" not in kind.model_fields]  # a part from CAD needs its file
+        kinds = {typing.get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in drawn}
         kind: Any = gui.add_dropdown("Kind", tuple(kinds), disabled=self._off)
         add = gui.add_button("Add an obstacle", disabled=self._off)
         remove = gui.add_button("Remove the chosen one", disabled=self._off)
