@@ -25,6 +25,7 @@ _EVERY = 30  # s between two accounts
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--times", type=float, default=1, help="how many times the cases of the tests (default: 1)")
+    parser.add_argument("--cases", type=int, help="so many cases in all, in place of --times")
     parser.add_argument("--only", nargs="+", choices=list(COUNTS), default=list(COUNTS), help="kinds of cases")
     parser.add_argument("--seed", type=int, default=0, help="another seed has other cases")
     parser.add_argument("--share", default="1/1", help="of several processes this one: 1/2, 2/2")
@@ -34,6 +35,8 @@ def main() -> int:
     parser.add_argument("--shrink", action="store_true", help="make --case as small as it breaks the rule")
     parser.add_argument("--keep", type=Path, help="leave the files of --case here")
     options = parser.parse_args()
+    if options.cases:
+        options.times = options.cases / sum(COUNTS[kind] for kind in options.only)
     with Server() as server:
         if options.case:
             return _one(server, options)

@@ -65,9 +65,13 @@ class Base:
         )
 
     @property
+    def sliding(self) -> frozenset[str]:
+        """Its prismatic joints."""
+        return _sliding(self.name)
+
+    @property
     def _units(self) -> list[tuple[str, str]]:
-        sliding = _sliding(self.name)
-        return [(joint, "m" if joint in sliding else "deg") for joint in self.joints]
+        return [(joint, "m" if joint in self.sliding else "deg") for joint in self.joints]
 
 
 @cache

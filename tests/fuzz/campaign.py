@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from tests.fuzz.case import Case
 from tests.fuzz.child import Server
+from tests.fuzz.relations import unrelated
 from tests.fuzz.rules import CODES, faults, same
 from tests.fuzz.run import Run
 
@@ -39,6 +40,7 @@ class Tally:
     slowest: tuple[float, str] = (0.0, "")
     largest: tuple[float, str] = (0.0, "")
     again: int = 0
+    pairs: int = 0
     hits: list[Hit] = field(default_factory=list)
     start: float = field(default_factory=time.perf_counter)
 
@@ -64,7 +66,8 @@ class Tally:
             lines.append(f"{kind:10}" + "".join(f"{number:10}" for number in row))
         lines += [
             f"{self.cases} cases, {sum(self.cpu.values()):.0f} s of CPU in them, "
-            f"{time.perf_counter() - self.start:.0f} s by the clock; {self.again} of them run twice",
+            f"{time.perf_counter() - self.start:.0f} s by the clock; {self.again} of them run twice, "
+            f"{self.pairs} as pairs",
             "most CPU: {:.2f} s ({}); ".format(*self.slowest) + "most memory: {:.0f} MB ({})".format(*self.largest),
             f"{len(self.hits)} cases broke a rule" + "".join(f"\n  {n} x {what}" for what, n in self._classes()),
         ]
@@ -82,12 +85,22 @@ def campaign(server: Server, cases: Iterable[Case], told: Callable[[Tally, Hit |
     for together in _chunks(cases):
         for case, run in zip(together, server.run_all(together), strict=True):
             tally.add(case, run)
-            hit = _judged(server, case, run, tally)
+            hit = _judged(server, case, run, tally) or _related(server, case, run, tally)
             if hit is not None:
                 tally.hits.append(hit)
                 told(tally, hit)
         told(tally, None)
     return tally
+
+
+def _related(server: Server, case: Case, run: Run, tally: Tally) -> Hit | None:
+    """What is wrong with the twin of a case, or between the two."""
+    if case.twin is None:
+        return None
+    other = next(server.run_all([case.twin]))
+    tally.pairs += 1
+    wrong = (*faults(case.twin, other), *unrelated(case, run, other))
+    return Hit(case, other, wrong) if wrong else None
 
 
 def _judged(server: Server, case: Case, run: Run, tally: Tally) -> Hit | None:

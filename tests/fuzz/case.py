@@ -27,6 +27,18 @@ class Pipe:
 Entry = bytes | Link | Folder | Pipe
 
 
+Row = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """Where the tool point of a second answer lies: ``x' = scale · turn · x + shift``."""
+
+    scale: float = 1.0
+    turn: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    shift: Row = (0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Case:
     """One call: ``words`` after the program's name, in a folder that holds ``files``.
@@ -34,6 +46,7 @@ class Case:
     Args:
         out: what it may make.
         kept: what may be there however it ends: a checkpoint.
+        twin: another call, whose answer must be this one's by ``similarity``.
     """
 
     kind: str
@@ -42,6 +55,8 @@ class Case:
     files: dict[str, Entry] = field(default_factory=dict)
     out: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
+    twin: Case | None = None
+    similarity: Similarity = Similarity()
 
     @property
     def name(self) -> str:

@@ -30,7 +30,7 @@ from typing import Any
 from tests.fuzz.case import Case
 from tests.fuzz.run import CPU, Run, allowed, not_finite
 
-_ADDRESSES = 6_000_000_000  # bytes; beyond it the machine would suffer
+_ADDRESSES = 2_000_000_000  # bytes
 _FILE = 200_000_000  # bytes
 _PATIENCE = 240  # s by the clock, on a busy machine
 _ESCAPED = 99  # an exception left the program

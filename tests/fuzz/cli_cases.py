@@ -44,12 +44,14 @@ _TEXTS = (
 )  # fmt: skip
 _QUICK = {"-n": "30", "--samples": "30", "--count": "2", "--candidates": "10", "--grid": "2x2", "--starts": "4"}
 _LARGEST = {"--workers": ("0", "1", "1", "1", "1", "2", "-1", "x")}
+_ENDLESS = ("explore",)
+"""Commands that end when they are interrupted."""
 _RARE = ("--workers", "--debug", "--help", "--version")
 
 
 @cache
 def _commands() -> tuple[CommandLine, ...]:
-    return every_command_line(click.Context(main))
+    return tuple(command for command in every_command_line(click.Context(main)) if command.name not in _ENDLESS)
 
 
 def cli_case(rng: random.Random, number: int) -> Case:

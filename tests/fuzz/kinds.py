@@ -5,10 +5,14 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
+from tests.fuzz.batch_cases import batch_case
 from tests.fuzz.case import Case
 from tests.fuzz.cli_cases import cli_case
 from tests.fuzz.csv_cases import csv_case
 from tests.fuzz.data_cases import calibrate_case, diagnose_case
+from tests.fuzz.instrument_cases import instrument_case
+from tests.fuzz.relation_cases import relation_case
+from tests.fuzz.schema_cases import schema_case
 from tests.fuzz.urdf_cases import urdf_case
 from tests.fuzz.yaml_cases import yaml_case
 
@@ -19,8 +23,13 @@ MAKERS: dict[str, Callable[[random.Random, int], Case]] = {
     "cli": cli_case,
     "calibrate": calibrate_case,
     "diagnose": diagnose_case,
+    "schema": schema_case,
+    "instrument": instrument_case,
+    "batch": batch_case,
+    "relation": relation_case,
 }
-COUNTS = {"yaml": 2000, "csv": 1000, "urdf": 500, "cli": 300, "calibrate": 20, "diagnose": 20}
+COUNTS = {"yaml": 2000, "csv": 1000, "urdf": 500, "cli": 300, "calibrate": 20, "diagnose": 20, "schema": 1400,
+          "instrument": 250, "batch": 60, "relation": 300}  # fmt: skip
 
 
 def case(kind: str, number: int, seed: int = 0) -> Case:

@@ -20,12 +20,23 @@ def definitions() -> dict[str, Any]:
 
 def section(rng: random.Random, name: str, joints: tuple[str, ...]) -> Any:
     """A value of a top key, ``task`` say, most of it plausible."""
-    return _made(rng, json_schema()["properties"][name], joints, name, 0)
+    return made(rng, json_schema()["properties"][name], joints, name)
+
+
+def made(rng: random.Random, node: dict[str, Any], joints: tuple[str, ...], key: str) -> Any:
+    """A value for ``key`` by its schema, most of it plausible."""
+    return _made(rng, node, joints, key, 0)
+
+
+def resolved(node: dict[str, Any]) -> dict[str, Any]:
+    """The schema that a reference names."""
+    while "$ref" in node:
+        node = definitions()[node["$ref"].rsplit("/", 1)[1]]
+    return node
 
 
 def _made(rng: random.Random, node: dict[str, Any], joints: tuple[str, ...], key: str, depth: int) -> Any:
-    while "$ref" in node:
-        node = definitions()[node["$ref"].rsplit("/", 1)[1]]
+    node = resolved(node)
     if rng.random() < 0.01 or depth > _DEEPEST:
         return odd(rng)
     choices = node.get("oneOf") or node.get("anyOf")

@@ -6,6 +6,7 @@ import random
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import dump_yaml
 from tests.fuzz.bases import Base, bases
 from tests.fuzz.case import Case
@@ -14,7 +15,7 @@ from tests.fuzz.text_faults import spoil
 from tests.fuzz.values import NUMBERS, UNITS, odd, word
 
 FILE = "p.yaml"
-_SECTIONS = ("robot", "uncertainty", "task", "cell", "effects", "solver", "data")
+_SECTIONS = tuple(name for name in json_schema()["properties"] if name != "name")
 _SNIPPETS = (
     "<<: *a", "<<: {kind: dh}", "<<: [1, 2]", "a: &a {b: *a}", "a: &a [*a, *a]", "? [1, 2] : 3", "? {a: b}",
     "!!python/name:os", "!!binary aGk=", "!!set {a, b}", "!!omap [a: 1]", "!!int x", "!!float mm", "!!bool 3",
@@ -40,17 +41,17 @@ def yaml_case(rng: random.Random, number: int) -> Case:
         name = rng.choice(_SECTIONS)
         data[name] = rng.choice(bases()).copy().get(name)
     for _ in range(rng.choice((0, 1, 1, 1, 2, 3))):
-        _change(rng, data)
-    text = dump_yaml(_plain(data)).encode("utf-8", "surrogatepass")
+        change(rng, data)
+    text = dump_yaml(plain(data)).encode("utf-8", "surrogatepass")
     if rng.random() < 0.12:
         text = _with_snippet(rng, text)
     if rng.random() < 0.12:
         text = spoil(rng, text)
-    words, out = _words(rng, base)
+    words, out = command_words(rng, base)
     return Case("yaml", number, words, {FILE: text, **base.files}, out)
 
 
-def _words(rng: random.Random, base: Base) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def command_words(rng: random.Random, base: Base) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """A command that reads the file, mostly a quick one; and what it may make."""
     problem = ("--problem", FILE)
     posture = ("--posture", base.posture)
@@ -82,7 +83,7 @@ def _manner(rng: random.Random) -> tuple[str, ...]:
     return rng.choice(((), ("--json",), ("--json",), ("--full",), ("--quiet",)))
 
 
-def _change(rng: random.Random, data: dict[str, Any]) -> None:
+def change(rng: random.Random, data: dict[str, Any]) -> None:
     """Changes one entry somewhere."""
     places = list(_places(data))
     if not places:
@@ -188,11 +189,11 @@ def _copied(value: Any) -> Any:
     return [_copied(entry) for entry in value] if isinstance(value, list) else value
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """What YAML can write: trees without shared parts, keys that are texts."""
     if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+        return {str(key): plain(entry) for key, entry in value.items()}
+    return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _with_snippet(rng: random.Random, text: bytes) -> bytes:

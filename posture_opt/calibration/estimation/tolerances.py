@@ -55,6 +55,8 @@ def sigmas_of_data(fit: Fit, assumed: Array) -> Array:
     used = fit.residuals.take(np.flatnonzero(fit.kept))
     r, J = used.residuals_and_jacobian(fit.x)
     D, noise = fit.directions, fit.design * fit.variance
+    if not np.all(noise > 0):  # what is met without any error says nothing of the parts
+        return assumed
     A = reduced_jacobian(J, D) / np.sqrt(noise)
     others = _information_of_others(fit, assumed)
     M, slope = A.T @ A + D.T @ others @ D, A.T @ r / np.sqrt(noise) + D.T @ others @ fit.x
