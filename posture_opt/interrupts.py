@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ContextDecorator, contextmanager
+from contextlib import ContextDecorator, contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -83,7 +83,8 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
                 return
             sys.stderr = io.StringIO()  # where CasADi warns that it caught something
             # Not of `threading`, whose locks the interrupted code may hold.
-            _thread.start_new_thread(self._send_again, (number,))
+            with suppress(RuntimeError):  # without memory for a thread it is raised once
+                _thread.start_new_thread(self._send_again, (number,))
             raise
 
     def _on_its_way(self) -> bool:

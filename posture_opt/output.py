@@ -17,7 +17,7 @@ from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.errors import listed as in_words
 from posture_opt.interrupts import undisturbed
 from posture_opt.manifest import MANIFEST, Manifest
-from posture_opt.staging import PREFIX, clear_leftovers, exchanged, settle, staging, write_through
+from posture_opt.staging import PREFIX, clear_leftovers, exchanged, one_at_a_time, settle, staging, write_through
 
 if TYPE_CHECKING:
     from posture_opt.numerics import Json
@@ -75,22 +75,28 @@ def write_folder(
     made = _missing_parents(out)
     try:
         with _os_errors_as_issues(out, key):
-            _check_foreign(out, key, files)
             place = Path(os.path.realpath(out))
             place.parent.mkdir(parents=True, exist_ok=True)
-            known = Manifest.of(place)
-            gone = {name for name in known.names & {*files, *replaces} if known.lists(place / name)}
-            listed = known.of_names(known.names - gone).joined(Manifest.listing(files))
-            whole = not place.exists() or _can_exchange(place)
-            with staging(place.parent if whole else place) as prepared:
-                write_through(prepared, {**files, MANIFEST: listed.text.encode()})
-                with undisturbed():
-                    if not (whole and _put_in_place(prepared, place, gone)):
-                        _move_in(prepared, place, gone, known.joined(listed))
-                    settle(place.parent)
+            with one_at_a_time(place.parent):
+                _check_foreign(out, key, files)
+                _put_files(place, files, replaces)
     finally:
         _remove_empty(made)
     return tuple(out / name for name in files)
+
+
+def _put_files(place: Path, files: Mapping[str, bytes], replaces: Collection[str]) -> None:
+    """Write files, name -> content, into a folder, as of `write_folder`; nobody else does so meanwhile."""
+    known = Manifest.of(place)
+    gone = {name for name in known.names & {*files, *replaces} if known.lists(place / name)}
+    listed = known.of_names(known.names - gone).joined(Manifest.listing(files))
+    whole = not place.exists() or _can_exchange(place)
+    with staging(place.parent if whole else place) as prepared:
+        write_through(prepared, {**files, MANIFEST: listed.text.encode()})
+        with undisturbed():
+            if not (whole and _put_in_place(prepared, place, gone)):
+                _move_in(prepared, place, gone, known.joined(listed))
+            settle(place.parent)
 
 
 def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:

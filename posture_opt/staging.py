@@ -46,6 +46,21 @@ def staging(beside: Path) -> Iterator[Path]:
             os.close(lock)
 
 
+@contextmanager
+def one_at_a_time(folder: Path) -> Iterator[None]:
+    """Waits until no other process is in such a block for this folder; where folders cannot be locked it does not."""
+    descriptor = None
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
 def clear_leftovers(folder: Path) -> None:
     """Remove what processes that are no more have prepared in ``folder``."""
     try:

@@ -96,6 +96,25 @@ def test_a_folder_that_must_stay_never_mixes_two_reports(times: int, tmp_path: P
     assert os.listdir(tmp_path) == ["out"]
 
 
+@linux
+@pytest.mark.interrupts
+def test_two_that_write_into_one_folder_leave_one_whole_report(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write_folder(out, {"a0": b"a"}, replaces=REPLACED)
+    command = [sys.executable, "-c", ENDLESS, str(out)]
+    writers = [
+        subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT, env={**os.environ})
+        for _ in range(2)
+    ]
+    time.sleep(3)
+    for writer in writers:
+        writer.kill()
+        writer.wait()
+    (tag,) = tags(out)
+    assert names(out) == sorted([*(f"{tag}{k}" for k in range({"a": 12, "b": 7}[tag])), "both"])
+    subprocess.run(["sha256sum", "--check", "--quiet", MANIFEST], cwd=out, check=True)
+
+
 @pytest.mark.parametrize("exchange", [True, False])
 def test_a_report_replaces_the_one_before(exchange: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if not exchange:

@@ -172,8 +172,8 @@ def _report_error(error: BaseException, debug: bool) -> int:
 def _exit_code(error: BaseException, debug: bool) -> int:
     """Report an error and return its exit code; the traceback under ``--debug`` alone.
 
-    2 for usage, 2 to 4 for errors of this package by their class, 1 for anything else; a reader that closed the pipe
-    is no error. An error that is not of this package is called a defect of the program.
+    2 for usage and memory, 2 to 4 for errors of this package by their class, 1 for anything else; a reader that closed
+    the pipe is no error. An error that is not of this package is called a defect of the program.
     """
     if isinstance(error, KeyboardInterrupt):
         _print_error("interrupted")
@@ -193,6 +193,9 @@ def _exit_code(error: BaseException, debug: bool) -> int:
     if isinstance(error, PostureOptError):
         _print_error(_error_text(error))
         return error.exit_code
+    if isinstance(error, MemoryError):
+        _print_error("error: memory does not suffice – take fewer --workers, rows or targets")
+        return 2
     hint = "" if debug else " (a defect of this program; --debug shows where)"
     _print_error(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint)
     return 1

@@ -101,8 +101,9 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     except ImportError:
         hint = "install it: pip install 'posture_opt[cluster]'; on one machine --workers does as well"
         raise InputError(Issue("this needs the library Dask distributed", _OPTION, address, hint)) from None
-    # Whether there is an answer says what has become of the workers.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # Whether there is an answer says what has become of the workers. Dask gives its parts levels of their own.
+    for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if address == LOCAL:
         return _local_workers(dask, workers)
     _check_answer(address)

@@ -1,4 +1,4 @@
-"""Random input against the command line: ``python -m tests.fuzz --times 50`` runs fifty times what the tests run.
+"""Random input against the command line: ``python -m tests.fuzz --cases 100000``; ``--times 1`` is what the tests run.
 
 Every case has a name, ``yaml:1203``: ``--case yaml:1203`` runs it again and shows what it says; with ``--keep DIR`` its
 files are left there. A hit belongs into ``tests/corpus``, as small as it can be made, with what it must get.
@@ -20,6 +20,7 @@ from tests.fuzz.rules import faults
 from tests.fuzz.shrink import shrunk
 
 _EVERY = 30  # s between two accounts
+_TURN = 250  # cases of all kinds, before the first one has its turn again
 
 
 def main() -> int:
@@ -88,7 +89,7 @@ def _cases(options: argparse.Namespace) -> Iterator[Case]:
     """The kinds take turns, so that a campaign which is stopped has seen all of them."""
     first, of = map(int, options.share.split("/"))
     counts = {kind: round(COUNTS[kind] * options.times) for kind in options.only}
-    rounds = max(1, round(options.times))
+    rounds = 1 + sum(counts.values()) // _TURN
     for turn in range(rounds):
         for kind, count in counts.items():
             for number in range(count * turn // rounds, count * (turn + 1) // rounds):

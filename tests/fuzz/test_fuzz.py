@@ -19,6 +19,7 @@ SHARES = [
     pytest.param("yaml", "2/2", marks=pytest.mark.fuzz),
     pytest.param("csv", "1/1", marks=pytest.mark.fuzz),
     pytest.param("urdf cli calibrate diagnose", "1/1", marks=pytest.mark.fuzz),
+    pytest.param("schema instrument batch relation", "1/2", marks=pytest.mark.fuzz),
 ]
 
 
