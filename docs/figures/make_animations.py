@@ -27,7 +27,7 @@ SIZE = 900, 600  # pixels
 MOST_BYTES = 1_500_000
 FLAGS = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SETTLES_S = 0.35  # from the answer to the pixels
-FRAME_MS, LAST_MS = 120, 1500
+PLAYED_MS, LAST_MS = 3600, 1500
 
 
 class Tab:
@@ -47,6 +47,13 @@ class Tab:
     def _answers(self, place: np.ndarray) -> bool:
         found = self.page.solution
         return found is not None and np.allclose(found.target.lower, place, atol=1e-9)
+
+    def change(self, group: str, values: dict[str, Any]) -> None:
+        """Changes keys of the problem, and takes a picture of the answer."""
+        self.page.change(group, values)
+        asked = self.page.problem.to_dict()
+        self.until(lambda: (found := self.page.solution) is not None and found.problem.to_dict() == asked)
+        self.take()
 
     def turn(self, q: tuple[float, ...]) -> None:
         """Has the arm in a posture of its own, and takes a picture of it."""
@@ -81,7 +88,7 @@ class Tab:
     def save(self, name: str) -> None:
         """The pictures as one animation that goes on without end."""
         file = FOLDER / f"{name}.webp"
-        times = [FRAME_MS] * (len(self.frames) - 1) + [LAST_MS]
+        times = [PLAYED_MS // len(self.frames)] * (len(self.frames) - 1) + [LAST_MS]
         self.frames[0].save(
             file, save_all=True, append_images=self.frames[1:], duration=times, loop=0, quality=60, method=6
         )
@@ -133,7 +140,20 @@ def explore_planar() -> None:
         tab.save("explore_planar")
 
 
-SCENES = {scene.__name__: scene for scene in (explore_target, explore_planar)}
+def explore_obstacle() -> None:
+    """A lamp is dragged down beside the arm, which keeps clear of it; the narrowest gap is shown."""
+    with shown("insert_ur10_cell") as tab:
+        obstacles = tab.page.problem.to_dict()["cell"]["obstacles"]
+        tab.take()
+        for part in np.linspace(0.0, 1.0, 9)[1:]:
+            height = 650.0 - 400.0 * part
+            lamp = {**obstacles[-1], "xyz": ["500.0 mm", f"{50.0 + 60.0 * part:.1f} mm", f"{height:.1f} mm"]}
+            tab.change("obstacles", {"cell__obstacles": [*obstacles[:-1], lamp]})
+        tab.rest()
+        tab.save("explore_obstacle")
+
+
+SCENES = {scene.__name__: scene for scene in (explore_target, explore_planar, explore_obstacle)}
 
 
 def main() -> None:
