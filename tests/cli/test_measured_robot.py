@@ -55,6 +55,7 @@ def test_the_file_that_is_made_says_the_same(tmp_path: Path, stem: str) -> None:
     assert document(made)["residual_rms"]["calibrated"] < 0.25e-3 < document(made)["residual_rms"]["nominal"]
 
 
+@pytest.mark.long
 def test_without_a_folder_it_stands_in_the_current_one_and_is_never_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -73,6 +73,7 @@ def test_the_true_arm_misses_its_targets_by_what_is_said_to_be_left(
         assert 0.5 < rms(angle) / rms(expected) < 1.7
 
 
+@pytest.mark.long
 def test_without_effects_what_is_left_is_many_times_more(learnt: Learnt, tmp_path: Path) -> None:
     """The sides and loads are needed: the same corrections alone miss by the elbow's sag and the backlash."""
     problem = po.load_problem(learnt.path)

@@ -81,6 +81,7 @@ def test_a_base_that_is_off_is_named_and_what_is_hidden_beside_it_is_found(
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "family"), conformance([(411, "full"), (412, "kr16")], [(411, "full")]))
 def test_a_tool_that_is_off_is_named_and_not_the_link_before_it(seed: int, family: str, tmp_path: Path) -> None:
     case = moved(stated_draw(seed, family), tool=(4, -5, 3))

@@ -50,6 +50,7 @@ def sigma_of(found: po.Diagnosis) -> tuple[float, float]:
     return value, std
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "shuffled"), conformance([(s, m) for s in range(21, 25) for m in (False, True)], [(21, False)])
 )

@@ -35,6 +35,7 @@ def noises(document: dict[str, Any]) -> list[str]:
     return [e["kind"] for e in document["effects"] if e["kind"] in ("joint_noise", "range_noise", "stated_sigma")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("family", "kind"),
     conformance(

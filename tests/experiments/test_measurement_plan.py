@@ -136,6 +136,7 @@ def test_chosen_postures_do_what_more_random_ones_would(purpose: str) -> None:
         assert np.nanmean(np.log(plan.after.std / plan.random.std)) < np.log(0.95)
 
 
+@pytest.mark.long
 def test_as_many_random_postures_as_are_said_do_the_same() -> None:
     plan, problem = plan_of("task"), task_problem()
     rng = np.random.default_rng(77)

@@ -86,6 +86,7 @@ def test_nothing_is_named_where_nothing_is_hidden(family: str, tmp_path: Path) -
     assert answer["verdict"] in ("none_found", "effects_found")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("index", conformance(range(4), [1]))
 def test_what_is_in_no_catalogue_is_left_unexplained(index: int, tmp_path: Path) -> None:
     found, answer = hunted(tmp_path, "outside", 150.0, index)

@@ -300,6 +300,7 @@ def named(of: po.Problem, data: Any) -> set[str]:
 GROWING = {"kind": "range_noise", "a": "5 um", "b": "60 um/m"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sigma", "entry"),
     [

@@ -96,6 +96,7 @@ def test_ipopt_ends_at_the_standard_deviation_of_the_search(arm: str, task: str)
     assert found.status == "optimal"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("combine", conformance(["worst", "mean"], ["worst"]))
 def test_every_feature_is_confirmed(combine: str) -> None:
     places = [

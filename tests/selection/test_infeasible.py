@@ -149,6 +149,7 @@ def test_the_move_is_the_least_one() -> None:
         assert np.min(errors) > 1e-4, Q[np.argmin(errors)]
 
 
+@pytest.mark.long
 def test_a_wrist_below_its_height_is_raised_by_what_it_lacks() -> None:
     """The last frame of a UR10 is its tool point: at 100 mm with the target, asked to be at 150 mm."""
     data = asked("ur10", POINTS["ur10"], subject_to=[{"kind": "link_height", "at_least": "150 mm"}])
@@ -169,6 +170,7 @@ SOLIDS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("robot", "name"),
     conformance(product(POINTS, SOLIDS), [("scara", "post")]),

@@ -65,6 +65,7 @@ def test_the_plane_is_the_ceiling_of_a_hanging_arm() -> None:
     assert solution.problem.scene.plane.offset == -1.5
 
 
+@pytest.mark.long
 def test_a_plane_that_the_task_cannot_do_with_is_dropped_and_named_first() -> None:
     solution = po.select_posture(problem_of("ur5e", (0.4, 0.1, -0.35)))
     depth = -heights(solution.problem, solution.q)[:, 0].min()

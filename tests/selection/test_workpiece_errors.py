@@ -226,6 +226,7 @@ def test_points_of_a_path_lie_on_the_workpiece():
     assert "middle of the path" in po.select_posture(problem(**task)).report(full=True)
 
 
+@pytest.mark.long
 def test_maps_and_comparisons_of_a_planar_arm_count_the_workpiece_out_of_its_plane_too():
     target = {"position": ["1.2 m", "0.5 m", "0 m"], "clearance": "0.3 mm"}
     sure, unsure = (

@@ -114,6 +114,7 @@ def test_an_address_that_is_none(address: str, told: str) -> None:
     assert told in result.stderr
 
 
+@pytest.mark.long
 def test_nobody_there_is_told_at_once() -> None:
     pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with socket.socket() as taken:
