@@ -48,6 +48,7 @@ class Measurements(Summarised):
         reading: (N, D) what an instrument showed that measures no position [m, rad]; ``None`` where nothing is read.
         instrument: what was read; ``None``: positions, or touched points.
         second, second_names: (N,) codes and texts of a second column of names, as markers that cameras see.
+        inverted: whether the file has poses of a board in a camera, and ``position`` those of the camera in the board.
         lever: (N,) length at the tool that one unit of ``reading`` is [m]; ``None`` where it is read in metres.
         visit: (N,) a number for each stay at a pose, where rows between were taken out; ``None``: as rows follow.
         line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
@@ -99,6 +100,7 @@ class Measurements(Summarised):
     second_names: tuple[str, ...] = ()
     lever: Array | None = None
     part: Codes | None = None
+    inverted: bool = False
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -216,6 +218,7 @@ _FIELDS_OF_FILE = {
     "robot_names",
     "point_names",
     "second_names",
+    "inverted",
     "file",
     "warnings",
     "joint_units",

@@ -20,6 +20,7 @@ from posture_opt.measurements.mixing import mixed_rows
 from posture_opt.measurements.orientation_columns import rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.repeats import apart
+from posture_opt.measurements.rotations import inverted_poses
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import TURN, Array, Codes
@@ -75,6 +76,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     _check_labels(cells, faults)
     data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
+    data = _of_camera(data, problem) if problem.data.frame == "camera" else data
     data = _with_instrument(data, cells, problem, faults)
     faults.refuse()
     notes = plausibility_checks(
@@ -146,6 +148,26 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
     )
+
+
+def _of_camera(data: Measurements, problem: HasData) -> Measurements:
+    """Poses of a board in the frame of a camera on the tool, as poses of the camera in the frame of the board.
+
+    ``T_board_camera = T_camera_board⁻¹``: the board stands for a tracker that sees the camera, so that the base (in
+    the board's frame) and the tool (the camera on the flange) are free.
+
+    Raises:
+        InputError: no orientations, or base and tool that are not free.
+    """
+    key, robot = ("data", "frame"), problem.robot
+    if data.position is None or data.rotation is None or not data.measured_axes.all():
+        hint = "add qw, qx, qy, qz, or a rotation vector (rx, ry, rz)"
+        raise InputError(Issue("poses of a board have x, y, z and an orientation", key, "camera", hint, data.file))
+    if not (robot.base_free and robot.tool_free):
+        hint = "write base: free and tool: free in the section robot"
+        raise InputError(Issue("where the camera and the board are is not known", key, "camera", hint))
+    position, rotation = inverted_poses(data.position, data.rotation)
+    return replace(data, position=position, rotation=rotation, inverted=True)
 
 
 def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:

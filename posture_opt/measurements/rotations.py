@@ -25,6 +25,12 @@ def axis_turn(axis: int, angle: Array, derivative: bool) -> Array:
     return found
 
 
+def inverted_poses(position: Array, rotation: Array) -> tuple[Array, Array]:
+    """``T⁻¹`` of poses: (N, 3) ``−Rᵀ p`` [m] and (N, 4) conjugate quaternions, w first."""
+    w, v, p = rotation[:, :1], -rotation[:, 1:], -position
+    return p + 2 * np.cross(v, np.cross(v, p) + w * p), np.concatenate([w, v], axis=1)
+
+
 def roll_pitch_yaw(R: Array) -> dict[str, float]:
     """Roll, pitch, yaw [rad] of ``R = Rz(yaw) Ry(pitch) Rx(roll)``; at a pitch of 90° all of the turn is yaw."""
     level = math.hypot(R[0, 0], R[1, 0])

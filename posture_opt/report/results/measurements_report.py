@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.measurements.mixing import unmixed
+from posture_opt.measurements.rotations import inverted_poses
 from posture_opt.measurements.table import LINE_INDEX
 from posture_opt.report.page.presenter import SummaryPresenter, pandas_module
 from posture_opt.report.text.blocks import Summary
@@ -61,6 +63,9 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
     units = data.joint_units or ("rad",) * data.q.shape[1]
     for k, (name, unit) in enumerate(zip(data.joint_names, units, strict=True)):
         yield f"{name} [{unit}]", data.q[:, k]
+    if data.inverted and data.position is not None and data.rotation is not None:
+        position, rotation = inverted_poses(data.position, data.rotation)
+        data = replace(data, position=position, rotation=rotation)
     if data.position is not None:
         yield from ((f"{axis} [m]", data.position[:, k]) for k, axis in enumerate("xyz") if data.measured_axes[k])
     if data.reading is not None and data.part is None:
