@@ -64,14 +64,23 @@ class TrueArm:
         return cls(errors=rng.normal(0, size, (6, 4)), **more)  # type: ignore[arg-type]
 
 
-def misplaced(values: dict[str, float], q: np.ndarray, truth: np.ndarray) -> float:
-    """RMS distance [m] of an arm with these parameters from true points (N, 3), the base aligned to them (Kabsch)."""
+def misplaced(values: dict[str, float], q: np.ndarray, truth: np.ndarray, tool: bool = False) -> float:
+    """RMS distance [m] of an arm with these parameters from true points (N, 3), the base aligned to them (Kabsch).
+
+    With ``tool`` its offset is aligned too.
+    """
     found = TrueArm(tool=np.array([values[f"tool.{axis}"] for axis in "xyz"]))
     for i, (joint, (d, a, alpha)) in enumerate(zip(JOINTS, UR10, strict=True)):
         for k, (kind, nominal) in enumerate(zip(("theta", "d", "a", "alpha"), (0.0, d, a, alpha), strict=True)):
             found.errors[i, k] = values.get(f"{joint}.{kind}", nominal) - nominal
         found.beta[i] = values.get(f"{joint}.beta", 0.0)
     p = found.point(q)
+    if tool:  # to first order, beside small shifts and turns of the base
+        T = found.pose(q)
+        turned = np.stack([np.cross(e, p) for e in np.eye(3)], axis=2)
+        A = np.concatenate([T[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3)), turned], axis=2)
+        offset = np.linalg.lstsq(A.reshape(-1, 9), (truth - p).ravel(), rcond=None)[0][:3]
+        p = p + T[:, :3, :3] @ offset
     U, _, Vt = np.linalg.svd((truth - truth.mean(axis=0)).T @ (p - p.mean(axis=0)))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     left = (p - p.mean(axis=0)) @ R.T - (truth - truth.mean(axis=0))

@@ -1,8 +1,8 @@
 """How far parts of an arm are from their nominal values: by manufacturing, and by what the data show of it.
 
 Plates, wires and sockets leave much of a geometry open, and may scatter more than the arm errs: fitted freely, the arm
-would get worse. Each parameter is taken to be normal about its nominal value instead; lengths, angles and zeros of
-joints each have one standard deviation τ, whose own prior is the tolerance of machined parts:
+would get worse. Each parameter is taken to be normal about its nominal value instead, with one standard deviation τ for
+all, of lengths in mm and of angles in mrad, whose own prior is the tolerance of machined parts:
 ``τ² ~ ν τ₀² / χ²(ν)``. The data make it larger or smaller: τ is where the expectation of the squares is its own, given
 the measurements (EM; MacKay 1992, "evidence"); its posterior mean, ``(ν τ₀² + Σ E x²) / (ν + n − 2)`` of n parameters.
 """
@@ -17,7 +17,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.least_squares import reduced_jacobian
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array
 
 LENGTH_SIGMA_M = 0.2e-3
 """τ₀: the mean of ``ν τ₀² / χ²(ν)`` is (0.28 mm)²; ISO 2768-1, medium: ±0.5 mm for 120 to 400 mm, a σ of 0.29 mm."""
@@ -27,7 +27,7 @@ PRIOR_FREEDOM = 4.0
 """ν: the tolerance counts as much as four parameters would whose deviations were known."""
 _MAX_ROUNDS = 200
 _SETTLED = 1e-3
-"""Relative change of all τ² at which they have settled."""
+"""Relative change of τ at which it has settled."""
 
 
 def assumed_sigmas(residuals: Residuals, stated: Sequence[int]) -> Array:
@@ -40,7 +40,7 @@ def assumed_sigmas(residuals: Residuals, stated: Sequence[int]) -> Array:
         return found
     for i, p in enumerate(residuals.parameters):
         if p.group == "geometry" and i not in stated:
-            found[i] = LENGTH_SIGMA_M if p.unit == "m" else ANGLE_SIGMA_RAD
+            found[i] = _sigma(p)
     return found
 
 
@@ -51,30 +51,24 @@ def sigmas_of_data(fit: Fit, assumed: Array) -> Array:
         assumed: (k,) those of the prior of the fit; NaN where none is.
     """
     own = np.flatnonzero(np.isfinite(assumed))
-    groups, unit = _groups(fit.residuals.parameters, own)
+    unit = np.array([_sigma(fit.residuals.parameters[i]) for i in own])
     used = fit.residuals.take(np.flatnonzero(fit.kept))
     r, J = used.residuals_and_jacobian(fit.x)
     D, noise = fit.directions, fit.design * fit.variance
     if not np.all(noise > 0):  # what is met without any error says nothing of the parts
         return assumed
-    A = reduced_jacobian(J, D) / np.sqrt(noise)
-    others = _information_of_others(fit, assumed)
+    A, others = reduced_jacobian(J, D) / np.sqrt(noise), _information_of_others(fit, assumed)
     M, slope = A.T @ A + D.T @ others @ D, A.T @ r / np.sqrt(noise) + D.T @ others @ fit.x
-    counts = np.bincount(groups)
-    squares = (assumed[own] / unit)[[np.flatnonzero(groups == g)[0] for g in range(len(counts))]] ** 2
+    size, B, x0 = float(assumed[own[0]] / unit[0]), D[own] / unit[:, None], fit.x[own] / unit
     for _ in range(_MAX_ROUNDS):
-        P = D[own] / (unit * np.sqrt(squares)[groups])[:, None]
-        C = np.linalg.pinv(M + P.T @ P, hermitian=True)
-        step = -C @ (slope + P.T @ (fit.x[own] / (unit * np.sqrt(squares)[groups])))
-        x = fit.x[own] + D[own] @ step
-        expected = x**2 + np.einsum("ij,jk,ik->i", D[own], C, D[own])
-        new = (PRIOR_FREEDOM + np.bincount(groups, expected / unit**2)) / (PRIOR_FREEDOM + counts - 2)
-        settled = bool(np.all(np.abs(new - squares) <= _SETTLED * squares))
-        squares = new
-        if settled:
+        C = np.linalg.pinv(M + B.T @ B / size**2, hermitian=True)
+        x = x0 - B @ (C @ (slope + B.T @ x0 / size**2))
+        squares = float(x @ x) + float(np.einsum("ij,jk,ik->", B, C, B))
+        last, size = size, float(np.sqrt((PRIOR_FREEDOM + squares) / (PRIOR_FREEDOM + len(own) - 2)))
+        if abs(size - last) <= _SETTLED * last:
             break
     found = assumed.copy()
-    found[own] = unit * np.sqrt(squares)[groups]
+    found[own] = unit * size
     return found
 
 
@@ -85,15 +79,6 @@ def _information_of_others(fit: Fit, assumed: Array) -> Array:
     return np.asarray(W.T @ W - np.diag(np.where(np.isfinite(assumed), 1 / assumed**2, 0.0)))
 
 
-def _groups(parameters: Sequence[Parameter], own: Codes) -> tuple[Codes, Array]:
-    """(p,) the group of each parameter, lengths, angles or zeros of joints, and its tolerance by manufacturing."""
-    kinds = [part_of(parameters[i]) for i in own]
-    unit = np.array([LENGTH_SIGMA_M if parameters[i].unit == "m" else ANGLE_SIGMA_RAD for i in own])
-    return np.unique(kinds, return_inverse=True)[1].astype(np.intp), unit
-
-
-def part_of(parameter: Parameter) -> str:
-    """What a parameter of the geometry is of."""
-    if parameter.unit == "m":
-        return "lengths"
-    return "zeros of joints" if parameter.name.endswith(".theta") else "angles"
+def _sigma(parameter: Parameter) -> float:
+    """τ₀ of a parameter of the geometry [m or rad]."""
+    return LENGTH_SIGMA_M if parameter.unit == "m" else ANGLE_SIGMA_RAD
