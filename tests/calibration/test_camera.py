@@ -139,6 +139,7 @@ def test_hidden_backlash_is_named(where: str, tmp_path: Path) -> None:
     assert "backlash (elbow)" in found.report() or first.kind == "backlash"
 
 
+@pytest.mark.long
 def test_the_minimum_is_that_of_scipy(tmp_path: Path) -> None:
     """``least_squares`` on a residual of its own: matrices of the simulator, the same σ, from the truth."""
     from scipy.optimize import least_squares
