@@ -333,7 +333,7 @@ def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
     """A warning for each known distance to a point that no row touches."""
     names = data.point_names
     if data.part is not None:
-        unused = "data.distances are not used in a file that mixes instruments: put the touches into a file of their own"
+        unused = "data.distances are not used where a file mixes instruments: put touches into a file of their own"
         return [unused] * bool(known.distances)
     return [
         f"data.distances names the point '{name}', which no row touches; {did_you_mean(name, names)}"
