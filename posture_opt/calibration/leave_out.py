@@ -16,6 +16,9 @@ from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, rms_length
 
+_LEAST_VARIANCE = 1e-8
+"""Of the step of a column of unit length, which is one where the rows show it: less is that of one they do not show."""
+
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
@@ -51,12 +54,48 @@ def leave_out(residuals: Residuals, linear: LinearModel, folds: Folds, parts: Se
     for left_out in folds:
         theirs = residual_indices(left_out, block)
         step, spread = refit_of_fold(linear, linear.r, every, theirs)
+        seen = [_Seen.of(linear, spread, g) for g in parts]
+        for g, part in zip(parts, seen, strict=True):
+            step[g] = part.shown(step[g] + linear.z[g]) - linear.z[g]  # of what these rows do not show nothing is known
         judged = residual_indices(judged_rows(residuals, left_out), block)
         A = linear.U[judged] @ linear.K
         r = linear.r[judged] + A @ step
         whole[left_out] = positions_of(residuals, r, left_out)
-        for i, g in enumerate(parts):
-            C = spread @ spread[g].T
-            less = C @ np.linalg.lstsq(C[g], step[g] + linear.z[g], rcond=1e-12)[0]
+        for i, (g, part) in enumerate(zip(parts, seen, strict=True)):
+            less = spread @ part.weights(step[g] + linear.z[g])
             without[i, left_out] = positions_of(residuals, r - A @ less, left_out)
     return LeftOut(whole, without)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the rows of a fold show of a part, its columns counted in units of their length in all rows.
+
+    A slip after which all rows are left out is not shown, nor would its estimate from all rows be a prediction.
+
+    Args:
+        lengths: (p,) of the columns; ``root`` (p, r) of the covariance of their steps in that unit.
+        Q, variances: (p, d) directions that are shown, and the variance of each (d,).
+    """
+
+    lengths: Array
+    root: Array
+    Q: Array
+    variances: Array
+
+    @classmethod
+    def of(cls, linear: LinearModel, spread: Array, part: Codes) -> _Seen:
+        """Of a part, with the root of the covariance of all steps."""
+        lengths = np.maximum(np.linalg.norm(linear.K[:, part], axis=0), 1e-300)
+        root = lengths[:, None] * spread[part]
+        values, Q = np.linalg.eigh(root @ root.T)
+        kept = values > _LEAST_VARIANCE
+        return cls(lengths, root, Q[:, kept], values[kept])
+
+    def shown(self, sizes: Array) -> Array:
+        """(p,) sizes as far as they are shown."""
+        return np.asarray(self.Q @ (self.Q.T @ (self.lengths * sizes)) / self.lengths)
+
+    def weights(self, sizes: Array) -> Array:
+        """(r,) by which the root of the covariance gives what sizes (p,) that become zero take along."""
+        return np.asarray(self.root.T @ (self.Q @ (self.Q.T @ (self.lengths * sizes) / self.variances)))
