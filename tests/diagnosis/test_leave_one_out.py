@@ -19,6 +19,7 @@ from posture_opt.diagnosis.search.nested_selection import NestedSelections
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
+from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -72,6 +73,33 @@ def test_an_effect_gains_what_refitting_everything_else_loses(tmp_path: Path) ->
         assert gain == pytest.approx(
             1 - whole / held_out_rms(data.q, seen, folds, [*OFFSETS, *LENGTHS, *other]), abs=1e-3
         )
+
+
+def test_what_only_the_rows_left_out_show_is_not_predicted(tmp_path: Path) -> None:
+    """A joint slips before the last block of rows: the fold that leaves this block out does not know of it."""
+    rng, h = np.random.default_rng(11), 5e-4
+    q = rng.uniform(-2.5, 2.5, (90, 2))
+    blocks, after = np.split(np.arange(90), 5), np.arange(90) >= 72
+    seen = points(q + np.stack([h * after, 0 * after], axis=1), np.zeros(8)) + rng.normal(0, NOISE, q.shape)
+    write(tmp_path / "data.csv", q, seen, time=("s", np.arange(90.0)))
+    problem = po.problem_from_dict(PROBLEM)
+    data = po.read_measurements(tmp_path / "data.csv", problem)
+    found = PredictiveModel.of(po.calibrate(problem, data), [Slip(of="joint1", moment="72 s")], blocks)
+
+    def errors(left: np.ndarray, *, slips: bool) -> np.ndarray:
+        learn = np.setdiff1d(np.arange(90), left)
+
+        def at(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
+            turned = q[rows] + np.stack([x[4] * slips * after[rows], 0 * rows], axis=1)
+            return points(turned, np.r_[x[:4], np.zeros(4)]) - seen[rows]
+
+        x = least_squares(lambda x: at(x, learn).ravel(), np.zeros(5), x_scale=1e-4, xtol=1e-14, ftol=1e-14).x
+        return at(x, left)
+
+    whole, without = (np.concatenate([errors(left, slips=slips) for left in blocks]) for slips in (True, False))
+    rms = [float(np.sqrt(np.mean(np.sum(e**2, axis=1)))) for e in (whole, without)]
+    assert found.left_out.gains == pytest.approx([1 - rms[0] / rms[1]], abs=1e-3)
+    assert rms[0] > 0.3 * h
 
 
 def test_every_geometric_cause_has_a_gain_of_its_own(tmp_path: Path) -> None:
