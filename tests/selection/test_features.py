@@ -233,7 +233,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"combine": "success"}, "needs a clearance, and 'left' has none"),
     ({"combine": "success", "clearance": "1 mm", "criterion": "trace"}, "makes no use of criterion"),
     ({"features": [{"name": "a", "position": ["0 m", "0 m", "0 m"]}] * 2}, "two features have the name 'a'"),
-    ({"features": [{"name": f"{k}", "position": ["0 m", "0 m", "0 m"]} for k in range(31)]}, "30 at most"),
+    (
+        {"features": [{"name": f"{k}", "position": ["0 m", "0 m", "0 m"]} for k in range(31)]},
+        "more than the 30 that are accepted",
+    ),
     ({"features": None, "position": ["1 m", "0 m", "0 m"], "combine": "mean"}, "there are none"),
 ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class FitSetup:
     design: float
     held: Array
     notes: tuple[str, ...]
-    assumed: Array = field(default_factory=lambda: np.zeros(0))
+    assumed: Array
 
 
 def determine_directions(
@@ -97,7 +97,16 @@ def determine_directions(
     if not priors:
         rest = scale[:, None] * alone.null
         return FitSetup(
-            alone, alone.directions, alone.determined, None, stated, spread, design, rest, _design_notes(design)
+            alone,
+            alone.directions,
+            alone.determined,
+            None,
+            stated,
+            spread,
+            design,
+            rest,
+            _design_notes(design),
+            by_making,
         )
     known = Prior.of(indices, covariance).matrix(len(names))
     both = (
