@@ -103,6 +103,7 @@ def test_what_does_not_vary_is_not_said_to(batch: tuple[Batch, np.ndarray]) -> N
     assert "joint1.d" in found.undetermined
 
 
+@pytest.mark.long
 def test_the_section_can_be_pasted_and_loaded(batch: tuple[Batch, np.ndarray], problem: Any) -> None:
     found, _ = batch
     section = yaml.safe_load(batch_yaml(problem, found))["uncertainty"]
@@ -259,6 +260,7 @@ def test_calibrate_takes_a_file_of_several_robots(problem: Any, tmp_path: Path) 
     assert refused.exit_code == 2
 
 
+@pytest.mark.long
 def test_the_example_is_what_its_simulator_measures() -> None:
     lines = (problems_folder() / "planar_2r_batch.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == shop.HEAD

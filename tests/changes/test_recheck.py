@@ -164,6 +164,7 @@ def test_one_change_is_named_with_its_size(what: str) -> None:
         assert abs(abs(value) - 0.2e-3) < 3 * std < 0.1e-3
 
 
+@pytest.mark.long
 def test_two_changes_are_several_with_postures_to_measure() -> None:
     cell, rng = stated(), np.random.default_rng(2)
     arm = replace(cell.with_error("elbow.theta", 0.4e-3), tool=cell.arm.tool @ shift(0.4e-3, 0.0, 0.3e-3))
@@ -175,6 +176,7 @@ def test_two_changes_are_several_with_postures_to_measure() -> None:
     assert found.updated is None
 
 
+@pytest.mark.long
 def test_errors_that_no_change_makes_are_several() -> None:
     """A table that heats up and tilts as rows go by is not one change, nor two."""
     cell, rng = stated(), np.random.default_rng(2)

@@ -61,6 +61,7 @@ def parameters(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {entry["name"]: entry for entry in document["parameters"]}
 
 
+@pytest.mark.long
 def test_the_longer_link_stands_in_the_document(written: tuple[Path, Result]) -> None:
     out, result = written
     assert result.exit_code == 0, result.stderr

@@ -81,6 +81,7 @@ def document(written: tuple[Path, Result]) -> dict[str, Any]:
     return loaded
 
 
+@pytest.mark.long
 def test_the_cyclic_error_is_named_with_its_size(document: dict[str, Any]) -> None:
     assert document["verdict"] == "effects_found"
     first = document["effects"][0]

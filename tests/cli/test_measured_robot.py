@@ -85,6 +85,7 @@ def test_an_edited_file_in_the_folder_of_results_is_not_replaced(tmp_path: Path)
     assert (tmp_path / "out" / "problem.yaml").read_text(encoding="utf-8") == "name: mine\n"
 
 
+@pytest.mark.long
 def test_diagnose_does_the_same(tmp_path: Path) -> None:
     result = invoke("diagnose", LOADED, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots", "--json")
     found = document(result)

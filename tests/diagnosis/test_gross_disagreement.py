@@ -91,6 +91,7 @@ def test_geometry_that_no_part_has_is_said_before_the_answer(tmp_path: Path) -> 
     assert "joint4.theta by -" in found.report().split("On rows held out")[0]
 
 
+@pytest.mark.long
 def test_what_no_calibration_explains_is_said_first(tmp_path: Path) -> None:
     """Half a degree of noise of two joints, as of a file whose rows are out of step."""
     case = draw(541, "full")

@@ -70,6 +70,7 @@ def test_a_wrist_that_scatters_is_named_by_its_orientations(seed: int, joint: st
     assert beyond_geometry(diagnosis(seed, 1.0, noisy=joint)) == [("joint_noise", joint)]
 
 
+@pytest.mark.long
 def test_without_repeats_larger_errors_of_orientations_are_unexplained() -> None:
     found = diagnosis(331, 4.0, repeats=1)
     assert (found.verdict, found.unexplained_places) == ("unexplained", ("orientation",))

@@ -143,6 +143,7 @@ def test_one_certain_direction_hides_no_wild_one(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.long
 def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
     problem, data = measured(tmp_path, "drift")
     found = po.diagnose(problem, data, flips=99)

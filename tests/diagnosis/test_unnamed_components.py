@@ -40,6 +40,7 @@ def scanned(dented: tuple[po.Problem, po.Measurements]) -> tuple[LinearisedData,
     return linearised, search_effects(linearised)
 
 
+@pytest.mark.long
 def test_what_the_names_stand_for_is_listed_no_more(scanned: tuple[LinearisedData, SearchResult]) -> None:
     linearised, found = scanned
     curves = [s for s in found.chosen if not s.named]
@@ -53,6 +54,7 @@ def test_what_the_names_stand_for_is_listed_no_more(scanned: tuple[LinearisedDat
     assert list(remaining_unnamed(linearised, replace(found, names=replace(found, chosen=everything)))) == curves
 
 
+@pytest.mark.long
 def test_the_document_tells_where_and_how_surely(dented: tuple[po.Problem, po.Measurements]) -> None:
     found = po.diagnose(*dented)
     assert found.verdict == "unexplained"

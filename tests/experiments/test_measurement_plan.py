@@ -182,6 +182,7 @@ def test_joints_of_two_turns_stay_within_one() -> None:
     assert np.abs(plan.q).max() <= np.pi + 1e-12  # 180.00 deg, and back
 
 
+@pytest.mark.long
 def test_the_file_takes_what_was_measured_beside_the_postures(tmp_path: Path) -> None:
     plan, problem = plan_of(), problem_of()
     head, *lines = plan.to_csv().splitlines()

@@ -13,8 +13,8 @@ import pytest
 from tests.fuzz.kinds import COUNTS
 
 SHARES = [
-    # In every run of the tests: of each kind every 127th case; a prime, so that no turn of what is drawn is left out.
-    (" ".join(COUNTS), "1/127"),
+    # In every run of the tests: of each kind every 331st case; a prime, so that no turn of what is drawn is left out.
+    (" ".join(COUNTS), "1/331"),
     pytest.param("yaml", "1/2", marks=pytest.mark.fuzz),
     pytest.param("yaml", "2/2", marks=pytest.mark.fuzz),
     pytest.param("csv", "1/1", marks=pytest.mark.fuzz),

@@ -439,6 +439,7 @@ def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
     assert 0.3 < ratio < 2.5  # directions that move what was measured hardly at all may be told anew
 
 
+@pytest.mark.long
 def test_an_effect_that_grew_is_found_on_top_of_the_known_one(world: World) -> None:
     """The backlash doubled since: the difference is found, and adds to what the file says."""
     rng = np.random.default_rng(9)

@@ -29,6 +29,7 @@ def calibration() -> po.Calibration:
     return po.calibrate(problem, po.read_measurements(problems_folder() / "ur10_measured.csv", problem), plan=False)
 
 
+@pytest.mark.long
 def test_the_figure_over_joints_counts_the_poses_of_the_report(calibration: po.Calibration) -> None:
     # One of the 110 stands so near to the first axis that this joint hardly moves the tool there.
     figure = calibration.figures()["residual_joints"]

@@ -106,6 +106,7 @@ def test_no_task_and_one_problem_are_refused():
         po.compare({"a": planar(task=TASK)})
 
 
+@pytest.mark.long
 def test_the_command_writes_and_prints(tmp_path):
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as ended:

@@ -44,6 +44,7 @@ def values(given: Any, term: Term, q: Any) -> np.ndarray:
 # --- torque -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_torques_of_gravity_are_pinocchios() -> None:
     urdf = Path(robots_folder()) / "ur_description/urdf/ur10_robot.urdf"
     given = problem(

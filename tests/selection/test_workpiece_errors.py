@@ -177,6 +177,7 @@ def test_features_share_the_draw_of_their_workpiece(plate, word):
     assert abs(found.success.product - share) > 5 * error  # as if the workpiece were drawn anew at each
 
 
+@pytest.mark.long
 def test_a_lever_is_that_to_the_origin_of_the_workpiece(plate):
     for one, corner in zip(plate.stations, CORNERS, strict=True):
         c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
