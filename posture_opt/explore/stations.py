@@ -54,6 +54,7 @@ class Stations:
         self._found: Solution | None = None
         self._best: Solution | None = None
         self._playing = threading.Event()
+        self._player: threading.Thread | None = None
         self._w: Array | None = None
         gui = server.gui
         self._which: Any = gui.add_slider("Station", 1, 2, 1, 1)
@@ -116,8 +117,10 @@ class Stations:
         return found.points[k]
 
     def end(self) -> None:
-        """Play nothing more."""
+        """Play nothing more; the page can go."""
         self._playing.clear()
+        if self._player is not None:
+            self._player.join(2.0 * _MOST_STEP_S)
 
     def _draw(self, found: Solution) -> None:
         """A mark at every station, coloured by its standard deviation; the line of a path."""
@@ -144,7 +147,8 @@ class Stations:
             self._playing.clear()
         elif self._found is not None:
             self._playing.set()
-            threading.Thread(target=self._run, args=(self._found,), daemon=True).start()
+            self._player = threading.Thread(target=self._run, args=(self._found,), daemon=True)
+            self._player.start()
 
     def _run(self, found: Solution) -> None:
         """Shows one station after the other, in the rhythm of the path's time law where it has one."""

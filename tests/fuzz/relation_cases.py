@@ -171,7 +171,8 @@ def _copied(value: Any) -> Any:
 
 
 def _any(base: Base) -> bool:
-    return base.data["robot"]["kind"] != "urdf" and "covariance" not in base.data.get("uncertainty", {})
+    files = "covariance" in base.data.get("uncertainty", {}) or "cameras" in base.data.get("data", {})
+    return base.data["robot"]["kind"] != "urdf" and not files
 
 
 def _own_rows(base: Base) -> bool:

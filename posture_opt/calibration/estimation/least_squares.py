@@ -191,7 +191,8 @@ def find_outliers(residuals: Array, J: Array, block: int, known: Array | None = 
     from scipy.special import gammainccinv
 
     squared = _inflated_squares(residuals, J, block, known)
-    studentised = np.sqrt(squared / _robust_variance(squared, block))
+    with np.errstate(over="ignore"):  # beside rows that are met exactly any other is infinitely far off
+        studentised = np.sqrt(squared / _robust_variance(squared, block))
     return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
 
 
