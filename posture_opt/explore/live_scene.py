@@ -77,7 +77,7 @@ class LiveScene:
             for k, solid in enumerate(arm.solids)
             if solid.role in kept
         ]
-        self.cell = LiveCell(server, geometry, obstacle_moved)
+        self.cell: LiveCell = LiveCell(server, geometry, obstacle_moved)
         self.handle: Any = self._handle(geometry.planar, moved)
         self._label: Any = None
         self._reachable = server.scene.add_icosphere(

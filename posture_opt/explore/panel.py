@@ -55,7 +55,7 @@ class Panel:
         self._state = gui.add_html(_line("searching …"))
         self._numbers = gui.add_html("")
         self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
-        self.stations = None
+        self.stations: Stations | None = None
         if has_stations(problem):
             self._place.visible = False
             placed = partial(actions.changed, "placement")
@@ -67,13 +67,13 @@ class Panel:
             self._task = TaskPanel(gui, problem, partial(actions.changed, "task"))
         with gui.add_folder("Obstacles", expand_by_default=False):
             changed = partial(actions.changed, "obstacles")
-            self.obstacles = ObstaclesPanel(gui, problem, changed, actions.chosen, self._near)
+            self.obstacles: ObstaclesPanel = ObstaclesPanel(gui, problem, changed, actions.chosen, self._near)
         with gui.add_folder("Joints", expand_by_default=False):
             self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
             back = gui.add_button("Back to the best posture")
-        self.map = LiveMap(server, actions.asked)
+        self.map: LiveMap = LiveMap(server, actions.asked)
         with gui.add_folder("Measurements", expand_by_default=False):
-            self.measured = Measured(server, actions.asked, geometry.extent, actions.turned)
+            self.measured: Measured = Measured(server, actions.asked, geometry.extent, actions.turned)
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
         self._add_taken_away(gui)
         for box in (self._cloud, self._first_order):

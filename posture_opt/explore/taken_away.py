@@ -35,7 +35,8 @@ class TakenAway:
     """
 
     def __init__(self, stated: Problem, folder: Path) -> None:
-        self._stated, self.folder = stated, folder
+        self._stated = stated
+        self.folder: Path = folder
         file = stated.origin.file
         self._stem = f"{Path(file).stem if file else 'problem'}{_EXPLORED}"
 
