@@ -45,7 +45,13 @@ LEAD = r"""lead() { awk '/^-+$/ { if (++n == '"${1:-1}"') exit } NR > 1 { print 
 INTO = """
 import sys, yaml, posture_opt as po
 from pathlib import Path
-builtin, fragment = (yaml.safe_load(Path(p).read_text(encoding="utf-8")) for p in sys.argv[1:])
+class Loader(yaml.SafeLoader):
+    pass  # YAML 1.1 has on and off as truth values; problem files, and YAML 1.2, do not
+Loader.yaml_implicit_resolvers = {
+    first: [(tag, form) for tag, form in known if not (tag.endswith(":bool") and first in "oO")]
+    for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+builtin, fragment = (yaml.load(Path(p).read_text(encoding="utf-8"), Loader) for p in sys.argv[1:])
 po.problem_from_dict(builtin | fragment, "." if "robot" in fragment else Path(sys.argv[1]).parent)
 """
 
