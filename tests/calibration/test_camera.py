@@ -13,11 +13,10 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.cameras import TOOL_SCENE, Scene, camera_problem, camera_table, grid
-from tests.helpers.instruments import JOINTS, UR10, TrueArm
+from tests.helpers.instruments import JOINTS, UR10, TrueArm, deviations
 
 SMALL = grid(3, 4, 0.05)
 BOARD = {"rows": 3, "columns": 4, "square": "50 mm"}
-KINDS = ("theta", "d", "a", "alpha")
 SCENES = {"cell": replace(Scene(), corners=SMALL), "tool": replace(TOOL_SCENE, corners=SMALL)}
 
 
@@ -39,17 +38,6 @@ def problem(where: str, folder: Path, known: bool = True, **camera: object) -> p
 def calibrated(where: str, folder: Path, known: bool = True, **camera: object) -> po.Calibration:
     given = problem(where, folder, known, **camera)
     return po.calibrate(given, po.read_measurements(dict(simulated(where)[1]), given), plan=False)
-
-
-def deviations(found: po.Calibration, arm: TrueArm) -> np.ndarray:
-    """Of determined geometry from the truth, in standard errors."""
-    z = []
-    for p, x, std, fixed in zip(found.parameters, found.x, found.std, found.fixed, strict=True):
-        joint, _, kind = p.name.rpartition(".")
-        if p.group == "geometry" and fixed:
-            true = arm.errors[JOINTS.index(joint), KINDS.index(kind)] if kind in KINDS else 0.0
-            z.append((x - true) / std)
-    return np.array(z)
 
 
 @pytest.mark.parametrize("where", ["cell", pytest.param("tool", marks=pytest.mark.long)])

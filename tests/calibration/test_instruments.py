@@ -9,11 +9,18 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from tests.helpers.instruments import ANCHORS, JOINTS, PLANES, TrueArm, distance_table, level_table, plane_table
+from tests.helpers.instruments import (
+    ANCHORS,
+    PLANES,
+    TrueArm,
+    deviations,
+    distance_table,
+    level_table,
+    plane_table,
+)
 from tests.helpers.variants import conformance
 
 SIGMA = 2e-5  # m
-KINDS = ("theta", "d", "a", "alpha")
 
 
 def problem(tool: list[str], **more: object) -> po.Problem:
@@ -28,17 +35,6 @@ def problem(tool: list[str], **more: object) -> po.Problem:
             **more,
         }
     )
-
-
-def deviations(found: po.Calibration, arm: TrueArm) -> np.ndarray:
-    """Of determined geometry from the truth, in standard errors."""
-    z = []
-    for p, x, std, fixed in zip(found.parameters, found.x, found.std, found.fixed, strict=True):
-        joint, _, kind = p.name.rpartition(".")
-        if p.group == "geometry" and fixed:
-            true = arm.errors[JOINTS.index(joint), KINDS.index(kind)] if kind in KINDS else 0.0
-            z.append((x - true) / std)
-    return np.array(z)
 
 
 def test_planes_find_the_arm_from_a_tool_that_is_off_by_a_quarter_of_a_metre() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -207,3 +208,9 @@ def socket_table(arm: TrueArm, rng: np.random.Generator, each: int, sigma: float
             own += list(q[there & np.all(np.abs(q) < 3.1, axis=1)])
         rows += own[:each]
     return table_of(np.array(rows), point=np.repeat([f"socket{k}" for k in range(len(SOCKETS))], each))
+
+
+def deviations(found: Any, arm: TrueArm) -> np.ndarray:
+    """Of determined geometry of a calibration from the truth, in standard errors."""
+    rows = zip(found.parameters, found.x, found.std, found.fixed, strict=True)
+    return np.array([(x - arm.error_of(p.name)) / std for p, x, std, fixed in rows if p.group == "geometry" and fixed])
