@@ -114,11 +114,11 @@ def test_errors_on_a_slider_are_those_of_the_file(page: Any) -> None:
     before = page.solution.sigma_max
     small = [setting for label, setting in settings.items() if label.startswith("σ")]
     page.change("task", {key: value for setting in small for key, value in setting.change(-1.0).items()})
-    until(lambda: page._shown.whole and page.solution.sigma_max < 0.5 * before)
+    until(lambda: page._shown is not None and page._shown.whole and page.solution.sigma_max < 0.5 * before)
     assert page.solution.sigma_max == pytest.approx(0.1 * before, rel=0.02)  # the full model is not linear at 3 deg
     assert "once the problem is saved" in page.command()
     page.change("task", {})
-    until(lambda: page._shown.whole and page.solution.sigma_max == before)
+    until(lambda: page._shown is not None and page._shown.whole and page.solution.sigma_max == before)
 
 
 def test_a_target_of_numbers_only(page: Any) -> None:
@@ -239,7 +239,7 @@ def test_features_with_their_workpiece_put_somewhere(tmp_path: Path, capsys: Any
         assert best.sigma == po.select_posture(problem).sigma
         stations = page._panel.stations
         stations.place(np.array([0.25, 0.05, -0.08]), 0.3)
-        until(lambda: page._shown.whole and page.solution.w[0] == 0.25)
+        until(lambda: page._shown is not None and page._shown.whole and page.solution.w[0] == 0.25)
         page._away.folder = tmp_path
         page._away.save(page.problem)
         with pytest.raises(SystemExit):
@@ -252,7 +252,7 @@ def test_features_with_their_workpiece_put_somewhere(tmp_path: Path, capsys: Any
         page._redraw()
         assert "seat 3" in stations._words.content
         stations.place_best()
-        until(lambda: page._shown.whole and page.solution.sigma == best.sigma)
+        until(lambda: page._shown is not None and page._shown.whole and page.solution.sigma == best.sigma)
 
 
 @pytest.mark.long
@@ -304,7 +304,7 @@ def test_measurements_have_the_errors_that_the_model_leaves(tmp_path: Path) -> N
         np.testing.assert_allclose(measured._errors[0][:, :2], at / 1e3 - without, atol=1e-8)
         measured._row.value = 7
         measured._show_row()
-        until(lambda: page._shown.own is not None)
+        until(lambda: page._shown is not None and page._shown.own is not None)
         assert page._shown.own.q == pytest.approx(q[6], abs=1e-8)
 
 
