@@ -109,5 +109,8 @@ def _load_mesh(path: Path) -> Any:
     try:
         # From memory: other files that it names, as pictures and materials, are not opened.
         return trimesh.load(BytesIO(data), file_type=path.suffix.lower()[1:], force="mesh", process=False)
+    except ImportError:
+        needed = "pip install pycollada" if path.suffix.lower() == ".dae" else "a library of its format"
+        raise UnreadMeshError(f"mesh {path.name} cannot be read without a further package: {needed}") from None
     except Exception as error:  # of a dozen formats and their readers
         raise UnreadMeshError(f"mesh {path.name} cannot be read ({type(error).__name__})") from None

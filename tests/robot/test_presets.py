@@ -20,7 +20,7 @@ ALL = [
     "crb15000", "crx10ia", "gen3", "gp25", "gp7", "iiwa14", "iiwa7", "irb120", "irb1200", "irb1600", "irb6700",
     "kr10_r1100", "kr210_r2700", "kr6_r900", "lrmate200id", "m1013", "m10id", "panda", "planar_2r", "puma560",
     "r2000ic", "scara", "tx2_60", "tx2_90", "ur10", "ur10e", "ur16e", "ur20", "ur3e", "ur5", "ur5e", "vs060",
-    "xarm6", "xarm7",
+    "vs087", "xarm6", "xarm7",
 ]  # fmt: skip
 ROUNDING = 1e-12  # a few dozen factors of rounding 1e-16 each
 # Two descriptions round pi/2 to 1.5708 or to eleven digits; that is worth up to 1e-8 m at arm's length.
@@ -87,7 +87,7 @@ def test_unknown_preset_offers_the_nearest():
 @pytest.mark.parametrize(("typed", "meant"), [
     ("kr210", "'kr210_r2700'"), ("KR 210", "'kr210_r2700'"), ("kuka_kr6", "'kr6_r900'"), ("UR 10e", "'ur10e'"),
     ("abb irb-120", "'irb120'"), ("irb140", "'irb120'"), ("lbr iiwa 14", "'iiwa14'"), ("gofa", "'crb15000'"),
-    ("VS-087", "'vs060'"),
+    ("VS-068", "'vs087'"), ("denso", "'vs060' or 'vs087'"),
     ("TX2-60L", "'tx2_60'"), ("panta", "'panda'"), ("kr120", "'kr10_r1100', 'kr210_r2700' or 'kr6_r900'"),
     ("staubli", "'tx2_60' or 'tx2_90'"), ("FANUC", "'crx10ia', 'lrmate200id', 'm10id' or 'r2000ic'"),
 ])  # fmt: skip
