@@ -34,6 +34,13 @@ def test_public_names_have_an_example() -> None:
     assert [member.__name__ for member in shown if ">>> " not in member.__doc__] == []
 
 
+def test_public_functions_have_an_example() -> None:
+    functions = [getattr(posture_opt, name) for name in posture_opt.__all__]
+    functions = [member for member in functions if inspect.isfunction(member)]
+    assert len(functions) >= 20
+    assert [member.__name__ for member in functions if ">>> " not in member.__doc__] == []
+
+
 def test_public_functions_state_what_comes_back() -> None:
     functions = [getattr(posture_opt, name) for name in posture_opt.__all__]
     functions = [member for member in functions if inspect.isfunction(member)]

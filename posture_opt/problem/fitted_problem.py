@@ -45,6 +45,16 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
 
     Raises:
         InputError: the calibration is one of another robot.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> calibration = po.calibrate(problem, po.read_measurements("problems/planar_2r_measured.csv", problem))
+        >>> calibrated = po.calibrated_problem(problem, calibration)
+        >>> list(calibrated.files("calibrated"))
+        ['calibrated.yaml', 'calibrated_covariance.csv']
+        >>> f"{1e3 * po.select_posture(calibrated).sigma_max:.2g} mm"
+        '0.056 mm'
     """
     return problem.with_fit(calibration)
 
@@ -61,6 +71,14 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
 
     Raises:
         InputError: the diagnosis is one of another robot.
+
+    Example:
+        >>> import posture_opt as po
+        >>> problem = po.load_problem("insert_planar_2r_measured")
+        >>> data = po.read_measurements("problems/planar_2r_measured.csv", problem)
+        >>> extended = po.extended_problem(problem, po.diagnose(problem, data, plan=False))
+        >>> po.calibrate(extended, data).nominal.rms < po.calibrate(problem, data).nominal.rms
+        True
     """
     return problem.with_fit(diagnosis)
 

@@ -131,6 +131,12 @@ def select_postures(
 
     Raises:
         InputError: no problem at all, too many, or none that could be read.
+
+    Example:
+        >>> import posture_opt as po
+        >>> found = po.select_postures({name: po.load_problem(name) for name in ("insert_planar_2r", "insert_scara")})
+        >>> [(answer.name, answer.status, f"{1e3 * answer.sigma_max:.2g} mm") for answer in found.answers]
+        [('insert_planar_2r', 'optimal', '14 mm'), ('insert_scara', 'optimal', '0.0031 mm')]
     """
     began = time.perf_counter()
     MOST_PROBLEM_FILES.check_at(len(problems), ("problems",))

@@ -151,11 +151,6 @@ def map_targets(
     The grid is in the plane of a planar arm, else across the direction of the task; it covers the task's region, else
     the surroundings of its position, else the workspace at the height of the best target.
 
-    >>> from posture_opt.problem.load import load_problem
-    >>> found = map_targets(load_problem("insert_planar_2r"), counts=(3, 3), seed=0, compiled=False)
-    >>> len(found.map_points), found.best.sigma_max <= found.worst.sigma_max
-    (9, True)
-
     Args:
         problem: with a task and uncertain parameters.
         counts: (2,) targets along the sides of the plane, or (3,) along x, y, z.
@@ -174,6 +169,12 @@ def map_targets(
     Raises:
         InputError: no task, nothing uncertain, or a grid that is none.
         NoSolutionError: no target of the grid has a posture.
+
+    Example:
+        >>> import posture_opt as po
+        >>> found = po.map_targets(po.load_problem("insert_planar_2r"), counts=(3, 3), seed=0, compiled=False)
+        >>> len(found.map_points), found.best.sigma_max <= found.worst.sigma_max
+        (9, True)
     """
     request = GridRequest(counts, low, high, plane)
     request.check()
