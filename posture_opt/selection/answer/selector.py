@@ -253,9 +253,20 @@ class PostureSelector:
             exact: whether exact distances in C take the place of the rows, where there is a compiler.
         """
         free, scene = self.engine(target, guarded=False), self._problem.scene
-        if not (exact and scene.active and free.compiled is not False and find_compiler()):
+        if not (exact and self._has_exact(free)):
             return searched(seek, free, lambda: self.engine(target, guarded=True), scene)
         return searched(seek, free, lambda: self._exact_engine(target), self._slack)
+
+    def clear_engine(self, target: TaskTarget) -> Engine:
+        """The functions that keep the arm clear at least cost: by exact distances in C, or by rows without a compiler.
+
+        Both are clear of the same things by the same margin.
+        """
+        exact = self._has_exact(self.engine(target, guarded=False))
+        return self._exact_engine(target) if exact else self.engine(target, guarded=True)
+
+    def _has_exact(self, free: Engine) -> bool:
+        return self._problem.scene.active and free.compiled is not False and bool(find_compiler())
 
     @cached_property
     def _slack(self) -> ContactSlack:

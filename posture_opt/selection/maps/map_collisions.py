@@ -1,6 +1,6 @@
-"""The targets of a map whose best posture collides: solved again, with rows that keep the arm clear.
+"""The targets of a map whose best posture collides: solved again, with what keeps the arm clear.
 
-Rows make a step several times dearer, so a map is solved without them first; most cells are clear anyway.
+Keeping clear makes a step several times dearer, so a map is solved without it first; most cells are clear anyway.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Progress
 from posture_opt.selection.maps.map_candidate import MapCandidate
 from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
 from posture_opt.selection.maps.map_search import best_candidates
@@ -32,14 +32,16 @@ def clear_candidates(
     workers: Workers,
     *,
     seed: int,
+    progress: Progress | None = None,
 ) -> list[MapCandidate]:
     """The candidates of the targets, those replaced that collide; the others are the best of all and stay.
 
     Args:
-        guarded: the engine with the rows, for a target.
+        guarded: the engine that keeps clear, for a target.
         pairs: targets that try each other's postures.
         workers: who works on the chunks; the answer does not depend on it.
         seed: of the random starts.
+        progress: called with (done, total) of the targets that are solved again.
     """
     again = colliding(scene, candidates, workers)
     found = list(candidates)
@@ -50,7 +52,7 @@ def clear_candidates(
     engines = [guarded(target) for target in work]
     arm = engines[0].optimisation_problem.arm
     neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
-    better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed)
+    better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed, progress=progress)
     for k, candidate in zip(again, better, strict=True):
         found[k] = candidate
     return found

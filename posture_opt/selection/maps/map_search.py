@@ -60,7 +60,7 @@ def best_candidates(
         neighbourhood: which targets try each other's postures.
         workers: who works on the chunks; the answer does not depend on it.
         seed: of the random starts.
-        progress: called with (done, total) steps.
+        progress: called with (done, total) targets of the first search, which is the larger part.
     """
     candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
 
@@ -76,7 +76,7 @@ def best_candidates(
     for done, (k, candidate) in enumerate(explored(range(len(targets)), first), start=1):
         candidates[k] = candidate
         if progress is not None:
-            progress(done, steps_of(len(targets)))
+            progress(done, len(targets))
     share = SEARCHED_AGAIN_SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
     for k, candidate in explored(targets_to_search_again(candidates, neighbourhood, share, seed), SECOND_EFFORT):
         candidates[k] = candidate
@@ -94,11 +94,6 @@ def best_candidates(
     solves = _statistics(alone, exchange, searched)
     exchange.agree()
     return candidates, solves
-
-
-def steps_of(count: int) -> int:
-    """In how many steps the progress of a map is reported: one a target, and a third more for all that follows."""
-    return count + count // 3
 
 
 def _statistics(

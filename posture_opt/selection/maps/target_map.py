@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from posture_opt.selection.maps.map_collisions import clear_candidates
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_rounds import worked_on
-from posture_opt.selection.maps.map_search import best_candidates, steps_of
+from posture_opt.selection.maps.map_search import best_candidates
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
@@ -159,7 +160,7 @@ def map_targets(
         seed: of the random starts; default: the problem's. The answer does not depend on ``workers``.
         workers: processes to share the targets.
         executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
-        progress: called with (done, total) targets.
+        progress: called with (done, total) steps.
         compiled: as of `PostureSelector`.
 
     Returns:
@@ -201,12 +202,12 @@ def _mapped(
     pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
     points = np.array([target.lower for target in targets])
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
-    candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=progress)
+    searched, cleared, spread = _parts(progress, len(targets), problem.scene.active)
+    candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=searched)
     candidates = clear_candidates(
-        problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, pool,
-        seed=seed,
-    )  # fmt: skip
-    map_points = _points(pool, engines[0], targets, candidates, progress)
+        problem.scene, selector.clear_engine, targets, candidates, pairs, pool, seed=seed, progress=cleared
+    )
+    map_points = _points(pool, engines[0], targets, candidates, spread)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):
@@ -236,6 +237,18 @@ def _mapped(
     )
 
 
+def _parts(progress: Progress | None, count: int, cell: bool) -> list[Progress | None]:
+    """The progress of the three parts of a map, as steps of the whole: about as many as each takes time."""
+    ends = np.cumsum([0, count, 4 * count if cell else 0, count // 3]).tolist()
+
+    def part(begin: int, end: int) -> Progress | None:
+        if progress is None:
+            return None
+        return lambda done, most: progress(begin + (end - begin) * done // max(most, 1), ends[-1])
+
+    return [part(begin, end) for begin, end in pairwise(ends)]
+
+
 def _points(
     pool: Workers,
     engine: Engine,
@@ -252,7 +265,7 @@ def _points(
     for k, row in worked_on(pool, packed_points, [engine] * len(targets), range(len(targets)), item):
         found[k] = MapPoint.unpacked(targets[k].lower, row)
         if progress is not None:
-            progress(len(targets) + len(found) // 3, steps_of(len(targets)))
+            progress(len(found), len(targets))
     return [found[k] for k in range(len(targets))]
 
 
