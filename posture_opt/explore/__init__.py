@@ -4,6 +4,7 @@
 
     explorer.py ── Explorer     the handle: page, target, answer
     answers.py ─── Answers      the loop of solving: one thread, the newest request wins
+    first_posture.py            where the arm stands until the first answer
     other_process.py            the full search and maps, in a process of its own that can be stopped
     live_scene.py  LiveScene    the arm and its error region on the page
     live_cell.py   LiveCell     the obstacles and the narrowest gap

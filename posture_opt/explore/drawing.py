@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles
@@ -86,7 +85,9 @@ def frame_along(axis: Array) -> Array:
 
 def wxyz(R: Array) -> Array:
     """(4,) quaternion of a rotation (3, 3)."""
-    return np.asarray(Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]])
+    from viser.transforms import SO3  # that of SciPy would be imported for this alone
+
+    return np.asarray(SO3.from_matrix(R).wxyz)
 
 
 def _outward(mesh: Triangles) -> Triangles:

@@ -14,6 +14,7 @@ from posture_opt.collision.narrowest import narrowest
 from posture_opt.errors import InputError, Issue
 from posture_opt.explore.actions import Actions
 from posture_opt.explore.answers import Answer, Answers, Request, has_stations
+from posture_opt.explore.first_posture import posture_near
 from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import served, stop
@@ -23,9 +24,7 @@ from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
@@ -46,19 +45,17 @@ class Explorer:
 
     Raises:
         InputError: no task, viser is missing, or the page cannot be served.
-        NoSolutionError: there is no posture to begin with.
     """
 
     def __init__(self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None):
-        first = None if has_stations(problem) else PostureSelector(problem, compiled=False, offers=False).solve()
-        spread = _somewhere(problem) if first is None else first.spread
-        geometry = ArmGeometry.of_spread(spread) if first is None else ArmGeometry.of_solution(first)
+        spread = propagate(problem, posture_near(problem, position_of(problem)))
+        geometry = ArmGeometry.of_spread(spread)
         self._stated = self._problem = problem
         self._changes: dict[str, dict[str, Plain]] = {}  # by groups of keys
         self._away = TakenAway(problem, folder or Path())
         self._guard, self._drawing = threading.RLock(), threading.Lock()  # what is asked; one picture at a time
         self._closed = threading.Event()
-        self._solution: Solution | None = first
+        self._solution: Solution | None = None
         self._shown: Answer | None = None
         self._served = served(host, port, f"posture_opt: {problem.name}")
         self._server = self._served.viser
@@ -72,12 +69,9 @@ class Explorer:
         self._target = np.array(spread.position if stated is None else stated)
         self._scene.place_handle(self._target)
         self._panel.place(self._target)
-        if first is None:
-            self._scene.show_own(spread)
-            self._scene.fade()
-            self._scene.handle.visible = False
-        else:
-            self._scene.show(first)
+        self._scene.show_own(spread)
+        self._scene.fade()
+        self._scene.handle.visible = not has_stations(problem)
         self._answers = Answers(self._answered)
         self._request = Request(problem)
         self._answers.ask(self._request)
@@ -229,7 +223,17 @@ class Explorer:
                 return
             answer = replace(answer, whole=answer.whole and not late)  # stations take too long to be left out
             self._shown, self._solution = answer, answer.solution
+        self._place_freely(answer)
         self.show(answer)
+
+    def _place_freely(self, answer: Answer) -> None:
+        """The handle where the tool point is, as long as the task asks for no place."""
+        found = answer.solution
+        if found is not None and not found.points and position_of(answer.request.problem) is None:
+            with self._guard:
+                self._target = np.array(found.spread.position)
+            self._scene.place_handle(self._target)
+            self._panel.place(self._target)
 
     def show(self, answer: Answer) -> None:
         """Show an answer, in the scene and in numbers."""
@@ -269,14 +273,9 @@ def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PO
         browser: whether a browser is opened.
 
     Raises:
-        InputError, NoSolutionError: as `Explorer`.
+        InputError: as `Explorer`.
     """
     page = Explorer(problem, host, port)
     if browser:
         webbrowser.open_new_tab(page.url)
     return page
-
-
-def _somewhere(problem: Problem) -> Spread:
-    """The spread in the middle of all joints: what is seen until the stations have their postures."""
-    return propagate(problem, np.mean(drawn_between(problem.robot), axis=0))

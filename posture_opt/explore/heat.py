@@ -12,7 +12,7 @@ from posture_opt.problem.problem import Problem
 from posture_opt.selection.maps.target_map import map_targets
 from posture_opt.selection.select_posture import select_posture
 
-_COUNT = 11  # targets along each side
+_FIRST, _COUNT = 5, 11  # targets along each side: of a first look, and of the map
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,33 @@ class Heat:
         )
 
 
-def heat_of(problem: Problem, progress: Progress) -> Heat:
+def passes_of(problem: Problem) -> tuple[int, ...]:
+    """How many targets along each side maps have that follow each other, a first look before the whole one."""
+    return (_COUNT,) if _has_features(problem) else (_FIRST, _COUNT)
+
+
+def heat_of(problem: Problem, count: int, progress: Progress) -> Heat:
     """The spread over the targets about the one of a task; of features over the placements of their workpiece.
+
+    Args:
+        problem: what is asked.
+        count: targets along each side.
+        progress: called with (done, total) steps.
 
     Raises:
         InputError: features whose workpiece is not free along two axes; what `map_targets` refuses.
         NoSolutionError: nothing is feasible anywhere.
     """
-    if problem.task is not None and problem.task.features:
+    if _has_features(problem):
         return _of_placements(problem)
-    found = map_targets(problem, counts=(_COUNT, _COUNT), progress=progress)
+    found = map_targets(problem, counts=(count, count), progress=progress)
     u, v, w = found.grid.values
     origin = found.grid.origin + w[0] * found.grid.axes[2]
     return Heat(origin, found.grid.axes[:2], (u, v), found.sigma.reshape(len(w), len(v), len(u))[0], "target")
+
+
+def _has_features(problem: Problem) -> bool:
+    return problem.task is not None and bool(problem.task.features)
 
 
 def _of_placements(problem: Problem) -> Heat:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
 
+_FIRST = "Searching … The first time that an arm is opened, its functions are compiled, which takes some seconds."
 _WAITING = "No posture found yet; the full search goes on …"
 _NAMED = 2  # sources of a group whose errors cancel
 _BARS = 6  # of the error budget
@@ -52,7 +53,7 @@ class Panel:
     def __init__(self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions) -> None:
         gui, self._actions = server.gui, actions
         gui.set_panel_label(problem.name)
-        self._state = gui.add_html(_line("searching …"))
+        self._state = gui.add_html(_line(_FIRST))
         self._numbers = gui.add_html("")
         self._place: Any = gui.add_vector3("Target [mm]", (0.0, 0.0, 0.0), step=_STEP_MM, hint="in the world frame")
         self.stations: Stations | None = None
@@ -71,7 +72,7 @@ class Panel:
         with gui.add_folder("Joints", expand_by_default=False):
             self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
             back = gui.add_button("Back to the best posture")
-        self.map: LiveMap = LiveMap(server, actions.asked)
+        self.map: LiveMap = LiveMap(server, actions.asked, self._put)
         with gui.add_folder("Measurements", expand_by_default=False):
             self.measured: Measured = Measured(server, actions.asked, geometry.extent, actions.turned)
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
@@ -101,6 +102,11 @@ class Panel:
         problem.on_click(write("writing …", lambda _: self._actions.save()))
         report.on_click(write("writing the report …", lambda _: self._actions.report()))
         picture.on_click(write("taking the picture …", self._actions.picture))
+
+    def _put(self, position: Array) -> None:
+        """The target at a place [m]."""
+        self.place(position)
+        self._moved()
 
     def _moved(self) -> None:
         self._actions.moved(np.array(self._place.value) / 1e3)

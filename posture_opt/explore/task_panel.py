@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from posture_opt.explore.settings import Setting, settings_of
 from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
-from posture_opt.problem.schema import nodes_at
 
 if TYPE_CHECKING:
     import viser
@@ -62,10 +61,10 @@ def _others(gui: viser.GuiApi, problem: Problem) -> list[tuple[str, Any]]:
     task = problem.task
     if task is None:
         return []
-    known = next((node["enum"] for node in nodes_at(("task", "criterion"), problem.to_dict()) if "enum" in node), ())
+    known = get_args(type(task).model_fields["criterion"].annotation)
     found: list[tuple[str, Any]] = []
     if task.criterion in known:
-        found.append(("task__criterion", gui.add_dropdown("Criterion", tuple(known), initial_value=task.criterion)))
+        found.append(("task__criterion", gui.add_dropdown("Criterion", known, initial_value=task.criterion)))
     x, y, z = (float(v) for v in task.direction)
     field = gui.add_vector3("Direction", (x, y, z), step=_DIRECTION_STEP, hint="of the task, in the world frame")
     return [*found, ("task__direction", field)]
