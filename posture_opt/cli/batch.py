@@ -40,11 +40,16 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
         raise click.UsageError(f"{twice} is named twice: name different problem files.")
     problems = {name: _read(name) for name in files}
     read = {name: p for name, p in problems.items() if not isinstance(p, InputError)}
-    asked = {"seed": common.seed, "problems": [[name, digest_of(problem)] for name, problem in read.items()]}
+    pages = common.out is not None and common.plots
+    asked = {
+        "seed": common.seed,
+        "pages": pages,
+        "problems": [[name, digest_of(problem)] for name, problem in read.items()],
+    }
     with output(common):
         work = working(common, scheduler, checkpoint, command="batch", **asked)
         with work as workers, progress_bar(common, "problems") as progress:
-            found = po.select_postures(problems, seed=common.seed, executor=workers, progress=progress)
+            found = po.select_postures(problems, seed=common.seed, pages=pages, executor=workers, progress=progress)
         save_result(common, found)
     show_result(common, found)
     print_rate(common, len(found.answers), "problem", found.seconds)

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import math
 import time
+from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
 from posture_opt.limits import MOST_PROBLEM_FILES
 from posture_opt.numerics import Json, Progress, finite_or_none
 from posture_opt.output import finite
+from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.workers import Executor, opened
 from posture_opt.workers.record_pattern import Either, recorded
 
+if TYPE_CHECKING:
+    from posture_opt.selection.answer.solution import Solution
+
+MOST_PAGES = 20
+"""Answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB."""
 _DEFECT_EXIT_CODE = 1  # exit code of what is no one's input
 
 
@@ -31,12 +38,15 @@ class BatchAnswer:
         code: the exit code that it has alone: 0, or why there is no answer.
         reasons: in words, where there is none.
         document: of its answer, as ``solution.json`` has it; the nearest posture where the problem has no solution.
+        page: its own report as HTML, where pages were asked for; ``picture`` the arm as a small PNG in base64.
     """
 
     name: str
     code: int
     reasons: tuple[str, ...]
     document: Mapping[str, Any] | None
+    page: str = ""
+    picture: str = ""
 
     @property
     def status(self) -> str:
@@ -112,6 +122,7 @@ def select_postures(
     problems: Mapping[str, ProblemData | PostureOptError],
     *,
     seed: int | None = None,
+    pages: bool = False,
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -121,6 +132,7 @@ def select_postures(
     Args:
         problems: by the names that they are to have; in place of one that could not be read, the error.
         seed: of the random starts; default: each problem's.
+        pages: whether the first ``MOST_PAGES`` answers bring their own reports, each with a picture: some seconds each.
         workers: processes that share the problems; no answer depends on it.
         executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
         progress: called with (done, total) problems.
@@ -147,11 +159,16 @@ def select_postures(
     found = {name: _failed(error) for name, error in problems.items() if isinstance(error, PostureOptError)}
     names = list(readable)
     with opened(workers, executor) as pool:
-        for k, row in pool.run(solved, seed, list(readable.values())):
+        items = [(problem, pages and k < MOST_PAGES) for k, problem in enumerate(readable.values())]
+        for k, row in pool.run(solved, seed, items):
             found[names[k]] = row
             if progress is not None:
                 progress(len(found), len(problems))
-    answers = tuple(BatchAnswer(name, code, tuple(why), one) for name in problems for code, why, one in [found[name]])
+    answers = tuple(
+        BatchAnswer(name, code, tuple(why), one, *(page or ()))
+        for name in problems
+        for code, why, one, page in [found[name]]
+    )
     return PostureBatch(readable[names[0]], answers, time.perf_counter() - began)
 
 
@@ -162,26 +179,44 @@ _KNOWN = {
     "worst_station": Either(str, None),
     "success_probability": Either(float, None),
 }
-_ANSWER = Either((frozenset({0}), [str], _KNOWN), (frozenset({1, 2, 3, 4}), [str], Either(None, _UNKNOWN)))
+_PAGE = Either(None, (str, str))
+_ANSWER = Either(
+    (frozenset({0}), [str], _KNOWN, _PAGE), (frozenset({1, 2, 3, 4}), [str], Either(None, _UNKNOWN), _PAGE)
+)
 """The pattern of what `solved` returns: of a document what is read of it."""
 
 
-@recorded(lambda seed, problem: _ANSWER)
-def solved(seed: int | None, problem: ProblemData) -> list[Any]:
-    """Exit code, reasons and document of one problem: a part of the work.
+@recorded(lambda seed, item: _ANSWER)
+def solved(seed: int | None, item: tuple[ProblemData, bool]) -> list[Any]:
+    """Exit code, reasons, document, and page with picture or None, of one problem: a part of the work.
 
     A defect is its own problem's too: of a thousand problems the others keep their answers.
+
+    Args:
+        seed: of the random starts; None: the problem's.
+        item: the problem, and whether a page is made.
     """
+    problem, paged = item
     try:
-        return [0, [], finite(select_posture(problem, seed=seed).to_json())]
+        solution = select_posture(problem, seed=seed)
+        return [0, [], finite(solution.to_json()), _page_of(solution) if paged else None]
     except NoSolutionError as error:
-        document = None if error.solution is None else finite(error.solution.to_json())
-        return [error.exit_code, str(error).splitlines(), document]
+        near = error.solution
+        if near is None:
+            return _failed(error)
+        page = _page_of(near) if paged else None
+        return [error.exit_code, str(error).splitlines(), finite(near.to_json()), page]
     except PostureOptError as error:
         return _failed(error)
     except Exception as error:
-        return [_DEFECT_EXIT_CODE, [f"{type(error).__name__}: {error} (a defect of this program)"], None]
+        return [_DEFECT_EXIT_CODE, [f"{type(error).__name__}: {error} (a defect of this program)"], None, None]
+
+
+def _page_of(solution: Solution) -> list[str]:
+    """The report of a solution as a page, and its picture in base64."""
+    page, picture = registered("presenter", solution).illustrated_page()
+    return [page, b64encode(picture).decode("ascii")]
 
 
 def _failed(error: PostureOptError) -> list[Any]:
-    return [error.exit_code, str(error).splitlines(), None]
+    return [error.exit_code, str(error).splitlines(), None, None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,7 @@ def files(tmp_path: Path) -> dict[str, Path]:
 def test_a_bad_file_has_its_row_and_the_others_their_answers(files: dict[str, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["batch", "insert_planar_2r", files["far"], files["bad"], "drill_planar_2r"]
-    result = invoke(*words, "--out", out)
+    result = invoke(*words, "--out", out, "--no-plots")
     assert result.exit_code == 2
     assert "2 of 4 problems solved; 1 with bad input, 1 without a solution." in result.stdout
     assert "joints" in result.stdout
@@ -69,7 +70,6 @@ def test_a_bad_file_has_its_row_and_the_others_their_answers(files: dict[str, Pa
     document = json.loads((out / "answers.json").read_text(encoding="utf-8"))
     assert document["code"] == 2
     assert document["answers"][1]["solution"]["reasons"]
-    assert {"answers.png", "report.html"} <= {path.name for path in out.iterdir()}
 
 
 def test_the_exit_code_is_that_of_what_to_mend_first(files: dict[str, Path]) -> None:
@@ -110,3 +110,18 @@ def test_a_row_has_the_largest_spread_of_a_path_and_says_where() -> None:
 def test_no_problem_is_no_batch() -> None:
     with pytest.raises(InputError, match="no problem is named"):
         po.select_postures({})
+
+
+@pytest.mark.long
+def test_the_page_shows_each_arm_and_leads_to_its_own_report(files: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    pages = {"report_1_insert_planar_2r.html", "report_2_far.html"}
+    invoke("batch", "insert_planar_2r", files["far"], files["bad"], "--out", out)
+    assert {"answers.png", "report.html", *pages} <= {path.name for path in out.iterdir()}
+    overview = (out / "report.html").read_text(encoding="utf-8")
+    assert set(re.findall(r'<td class="word"><a href="(.*?)">', overview)) == pages
+    assert overview.count('<li><a href="report_') == len(pages)
+    for page in pages:  # each is a whole report with the arm inside
+        assert "data:image/png;base64," in (out / page).read_text(encoding="utf-8")
+    invoke("batch", "insert_planar_2r", "--out", out, "--no-plots")
+    assert not pages & {path.name for path in out.iterdir()}

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from posture_opt.selection.posture_batch import PostureBatch
 
+_MAX_LINEAR_RATIO = 30.0  # of the largest answer to the smallest: on a linear axis small ones would be one dot
 _MAX_NAMED_PROBLEMS = 25  # problems that have room for their names
 
 
@@ -21,8 +22,8 @@ _MAX_NAMED_PROBLEMS = 25  # problems that have room for their names
 def plot_posture_batch(found: PostureBatch) -> Figure:
     """Largest standard deviation of each problem that has a solution [µm or mm], the smallest at the top.
 
-    Of several features or a path it is that of the worst one. Names are shown where there is room for them; problems
-    without a solution are in the report only.
+    Of several features or a path it is that of the worst one. Names are shown where there is room for them, and the
+    axis is logarithmic where answers differ by orders of magnitude; problems without a solution are in the report only.
     """
     answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
     unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
@@ -33,6 +34,10 @@ def plot_posture_batch(found: PostureBatch) -> Figure:
         axes.set_yticks(range(len(answers)), [answer.name for answer in answers])
     else:
         axes.set_ylabel("problems, in order")
-    axes.set_xlim(left=0)
+    sizes = [answer.sigma_max for answer in answers if answer.sigma_max > 0]
+    if sizes and max(sizes) > _MAX_LINEAR_RATIO * min(sizes):
+        axes.set_xscale("log")
+    else:
+        axes.set_xlim(left=0)
     axes.set_xlabel(f"standard deviation that counts for the task [{unit}]")
     return figure

@@ -66,7 +66,8 @@ class Page:
             report=self.report,
             blocks=[(f"part-{k}", block) for k, block in enumerate(self.report.blocks, 1)],
             opened=self._opened,
-            images={name: b64encode(data).decode("ascii") for name, data in self.images.items()},
+            images={name: _encoded(data) for name, data in self.images.items()},
+            encoded=_encoded,
             keys=self._keys,
             shown=self._shown,
             library="" if self.view is None else plotly_js(),
@@ -93,6 +94,11 @@ class Page:
         titles = [block.title for block in self.report.blocks]
         briefed = [title for title in titles if self.brief is None or title in self.brief]
         return frozenset(briefed if len(briefed) >= _MIN_OPEN_BLOCKS else (*briefed, *titles[:_MIN_OPEN_BLOCKS]))
+
+
+def _encoded(data: bytes) -> str:
+    """A file as a page holds it inside."""
+    return b64encode(data).decode("ascii")
 
 
 def _kind(item: str | Facts | Table) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from itertools import count
 from pathlib import Path
@@ -16,7 +17,8 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask, Progress
 from posture_opt.report.page.library import plotly_js
 from posture_opt.report.page.page import Page, View
-from posture_opt.report.page.save import Files, report_files, save_files, summary_html
+from posture_opt.report.page.save import CAPTIONS, Files, report_files, save_files, summary_html
+from posture_opt.report.page.style import THUMBNAIL_DPI, image
 from posture_opt.report.text.blocks import Report, Summary
 from posture_opt.report.text.screen import on_a_screen
 from posture_opt.report.text.text import render, render_summary, terminal_width
@@ -89,6 +91,11 @@ class Presenter(SummaryPresenter[R]):
     def problem(self) -> ProblemData:
         """What was asked; its file is at the end of the page."""
         return problem_of(self.result)
+
+    @property
+    def problem_file(self) -> str:
+        """What stands at the end of the page: the text of the problem file; empty where there is no one file."""
+        return self.problem.to_yaml()
 
     @abstractmethod
     def report(self) -> Report:
@@ -172,10 +179,20 @@ class Presenter(SummaryPresenter[R]):
         there = {name: figure for name, figure in drawn.items() if figure is not None}
         return {**report_files(self.document, document, page, there, made), **self.files()}
 
+    def illustrated_page(self) -> tuple[str, bytes]:
+        """The page with the picture of the arm alone, and that picture small, as PNG; empty where nothing is drawn."""
+        drawings = self.drawings()
+        name = "arm" if "arm" in drawings else next(iter(drawings), "")
+        drawn = drawings[name]() if name else None
+        if drawn is None:
+            return self._page(False).html(), b""
+        page = replace(self._page(False), images={name: image(drawn, "png")}, captions=CAPTIONS)
+        return page.html(), image(drawn, "png", THUMBNAIL_DPI)
+
     def _page(self, pictures: bool) -> Page:
         """The page without its figures: with the interactive view where there is one and what draws it is installed."""
         report = self.report()
         viewed = pictures and type(self).view is not Presenter.view
         view = self.view() if viewed and plotly_js() else None
         brief = frozenset(block.title for block in (self.brief() or report).blocks if block.short.items)
-        return Page(report, view=view, hint=viewed and view is None, brief=brief, problem_file=self.problem.to_yaml())
+        return Page(report, view=view, hint=viewed and view is None, brief=brief, problem_file=self.problem_file)

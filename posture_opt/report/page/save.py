@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from posture_opt.manifest import Manifest
 from posture_opt.numerics import Json
 from posture_opt.output import json_text, write_folder
 from posture_opt.report.page.page import Page
@@ -79,6 +81,19 @@ OWN_FILES = ALWAYS | frozenset(
 """
 
 
+_OWN_PAGE = re.compile(r"report_\d+_[\w-]*\.html", re.ASCII)
+
+
+def page_name(number: int, title: str) -> str:
+    """File name of the page of one of many answers.
+
+    Example:
+        >>> page_name(3, "cells/left arm.yaml")
+        'report_3_left_arm.html'
+    """
+    return f"report_{number}_{re.sub(r'[^A-Za-z0-9-]+', '_', Path(title).stem)[:60]}.html"
+
+
 def summary_html(summary: Summary) -> str:
     """A summary as a small table: a caption and a row a fact, texts escaped."""
     rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in summary.facts)
@@ -114,4 +129,5 @@ def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
     Raises:
         InputError: the folder cannot be written to, or has a file of such a name that is not of this program.
     """
-    return write_folder(folder, files, replaces=OWN_FILES)
+    pages = {name for name in Manifest.of(folder).names if _OWN_PAGE.fullmatch(name)}
+    return write_folder(folder, files, replaces=OWN_FILES | pages)

@@ -28,6 +28,7 @@ MODEL_DASHES: Look = {
 """Of named models, for whoever sees no colours."""
 
 DPI = 150
+THUMBNAIL_DPI = 50
 WIDTH = 8.0
 """Of every figure [inch]: a page scales them all alike, so that their type comes out in one size."""
 FONT = 9.0
@@ -163,12 +164,12 @@ def legend_entries(figure: Figure) -> dict[str, Any]:
     return found
 
 
-def image(figure: Figure, kind: str) -> bytes:
+def image(figure: Figure, kind: str, dpi: int = DPI) -> bytes:
     """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes.
 
     Dates and versions are left out of the metadata, so that files can be compared between runs.
     """
     metadata = {"Date": None, "Creator": "posture_opt"} if kind == "svg" else {"Software": "posture_opt"}
     with in_style(), BytesIO() as file:
-        figure.savefig(file, format=kind, dpi=DPI, metadata=metadata)
+        figure.savefig(file, format=kind, dpi=dpi, metadata=metadata)
         return file.getvalue()

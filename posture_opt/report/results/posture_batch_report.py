@@ -5,6 +5,8 @@ The order is that of the given problems, so that rows can be compared between tw
 
 from __future__ import annotations
 
+from base64 import b64decode
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,8 +15,8 @@ import numpy as np
 from posture_opt.csv_text import csv_line
 from posture_opt.report.figures.posture_batch import plot_posture_batch
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.page.save import Files
-from posture_opt.report.text.blocks import Block, Report, Summary, Table
+from posture_opt.report.page.save import Files, page_name
+from posture_opt.report.text.blocks import Block, Linked, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, length_unit, short_probability
 from posture_opt.units import number
 
@@ -29,6 +31,11 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
 
     document = "answers"
     delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
+
+    @property
+    def problem_file(self) -> str:
+        """None: each answer has its own, on its own page."""
+        return ""
 
     def summary(self) -> Summary:
         """How many are solved, and the answers of least and largest standard deviation."""
@@ -45,7 +52,7 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         found = self.result
         ends = [f"{which} standard deviation: {length(one.sigma_max)}, {one.name}." for which, one in extremes(found)]
         title = f"Postures for {count(len(found.answers), 'problem')}"
-        whole = answers_table(found.answers)
+        whole = replace(answers_table(found.answers), links=self._links)
         blocks = [Block("Answers", (whole,), figure="answers", brief=(whole.cut(_MAX_BRIEF_ROWS),))]
         failed = [answer for answer in found.answers if answer.code]
         if failed:
@@ -75,10 +82,23 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         }
 
     def files(self) -> Files:
-        """``answers.csv``: the columns, with quotes where a text has a comma, a quote or a line break."""
+        """``answers.csv``: the columns, with quotes where a text has a comma, a quote or a line break; own pages."""
         columns = self.columns()
         rows = [columns, *zip(*columns.values(), strict=True)]
-        return {"answers.csv": "".join(csv_line(map(_cell, row)) + "\n" for row in rows).encode()}
+        pages = {
+            link.file: answer.page.encode()
+            for answer, link in zip(self.result.answers, self._links, strict=True)
+            if link.file
+        }
+        return {"answers.csv": "".join(csv_line(map(_cell, row)) + "\n" for row in rows).encode(), **pages}
+
+    @property
+    def _links(self) -> tuple[Linked, ...]:
+        """The page of each answer that has one."""
+        return tuple(
+            Linked(page_name(k, answer.name), b64decode(answer.picture)) if answer.page else Linked()
+            for k, answer in enumerate(self.result.answers, 1)
+        )
 
 
 def solved_sentence(found: PostureBatch) -> str:

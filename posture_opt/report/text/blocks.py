@@ -14,11 +14,25 @@ class Facts:
 
 
 @dataclass(frozen=True)
+class Linked:
+    """What a row of a table leads to on a page.
+
+    Args:
+        file: a page next to this one; empty where there is none.
+        picture: PNG of what it is about; empty where there is none.
+    """
+
+    file: str = ""
+    picture: bytes = b""
+
+
+@dataclass(frozen=True)
 class Table:
     """Cells as text; the first ``text_columns`` of them are words, the others numbers.
 
     ``views`` are the keys of what the interactive view of a page shows for each row, ``column_views`` for each column;
-    empty where it shows nothing. A table that is cut to a screen keeps the ``least`` first rows, and its ``worst`` one.
+    empty where it shows nothing; ``links`` what each row leads to. A table that is cut to a screen keeps the ``least``
+    first rows, and its ``worst`` one.
     """
 
     headers: tuple[str, ...]
@@ -26,6 +40,7 @@ class Table:
     text_columns: int = 1
     views: tuple[str, ...] = ()
     column_views: tuple[str, ...] = ()
+    links: tuple[Linked, ...] = ()
     least: int = 3
     worst: int | None = None
 
@@ -35,8 +50,9 @@ class Table:
         if self.worst is not None and kept and self.worst >= len(kept):
             kept[-1] = self.worst
         views = tuple(self.views[i] for i in kept) if self.views else ()
+        links = tuple(self.links[i] for i in kept) if self.links else ()
         worst = kept.index(self.worst) if self.worst in kept else None
-        return replace(self, rows=tuple(self.rows[i] for i in kept), views=views, worst=worst)
+        return replace(self, rows=tuple(self.rows[i] for i in kept), views=views, links=links, worst=worst)
 
     def transposed(self) -> Table:
         """Rows as columns, for a table that is too wide."""
