@@ -112,6 +112,20 @@ def test_subsets_are_those_of_least_loss_and_their_fits_those_of_least_squares()
         assert np.sum((r - A @ smaller.coefficients) ** 2) == pytest.approx(losses[gone], rel=1e-7)
 
 
+def test_what_left_out_rows_alone_show_explains_no_others(two_errors: LinearisedData) -> None:
+    """A parameter of the left-out rows alone, in the others a mixture of all, and rounding in the shape of errors."""
+    rng = np.random.default_rng(12)
+    rows = np.arange(0, 160, 3)
+    own = np.repeat(np.isin(np.arange(160), rows), 2)
+    r = two_errors.r + 50 * own * rng.normal(size=len(own))
+    shown = own * r + two_errors.G @ rng.normal(size=two_errors.G.shape[1]) * 1e-7 + 1e-9 * ~own * r
+    with_it, without = (replace(two_errors, r=r, G=G) for G in (np.column_stack([two_errors.G, shown]), two_errors.G))
+    one, other = (pursue_candidates(dictionary(linearised), 2, rows).chosen for linearised in (with_it, without))
+    assert [str(c.what) for c in one] == [str(c.what) for c in other]
+    subset = nested_subsets([], with_it.G, r, ~own)[0]
+    assert np.sum((r - with_it.G @ subset.coefficients)[~own] ** 2) == pytest.approx(left(two_errors.G[~own], r[~own]))
+
+
 def test_held_out_errors_are_those_of_a_fit_to_the_other_rows(two_errors: LinearisedData) -> None:
     residuals = two_errors.sensitivities.residuals
     (folding,) = Folding.usual(residuals.data)[:1]

@@ -80,15 +80,26 @@ class ProjectedBaseline:
         return np.asarray(Z - self.Q @ (self.Q.T @ Z))
 
 
-def orthonormal_basis(columns: Array) -> Array:
-    """Orthonormal basis (m, rank) of columns (m, k) of any scales.
+def orthonormal_basis(columns: Array, learn: Mask | None = None) -> Array:
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales, of what they are in the rows ``learn`` (m,).
 
-    Columns are scaled to length one first: the rank does not depend on units.
+    See `unit_columns`: the rank depends neither on units nor on rounding.
+    """
+    scaled = unit_columns(columns, learn)[0]
+    U, s, _ = np.linalg.svd(scaled[:, np.any(scaled, axis=0)], full_matrices=False)
+    return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
+
+
+def unit_columns(columns: Array, learn: Mask | None = None) -> tuple[Array, Array]:
+    """Columns (m, k) over their lengths in all rows, zero but in the rows ``learn`` (m,), and 1 / length (k,).
+
+    Scaled to length one in the rows that teach alone, a direction that these do not know, as to a point that none of
+    them touches, would be the rounding of other parameters, which can explain whatever it is made of.
     """
     norms = np.linalg.norm(columns, axis=0)
-    kept = columns[:, norms > 0] / norms[norms > 0]
-    U, s, _ = np.linalg.svd(kept, full_matrices=False)
-    return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
+    scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
+    scaled = columns * scale
+    return (scaled if learn is None else np.where(learn[:, None], scaled, 0.0)), scale
 
 
 def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
+from posture_opt.diagnosis.scores.score_tests import orthonormal_basis, unit_columns
 from posture_opt.diagnosis.search.atom_states import AtomStates, Taken
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
@@ -147,8 +147,8 @@ def _projected_residuals(linearised: LinearisedData, chosen: Sequence[Candidate]
     Returns:
         Q (m, p), zero in the rows left out, and e (m,).
     """
-    columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1) * learn[:, None]
-    Q = np.where(learn[:, None], orthonormal_basis(columns), 0.0)
+    columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1)
+    Q = np.where(learn[:, None], orthonormal_basis(columns, learn), 0.0)
     e = linearised.r * learn
     return Q, e - Q @ (Q.T @ e)
 
@@ -176,25 +176,23 @@ class Subset:
     coefficients: Array
 
 
-def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Subset]:
+def nested_subsets(columns: Sequence[Array], known: Array, r: Array, learn: Mask | None = None) -> list[Subset]:
     """Subsets of every size of members, each without the one whose loss costs least: backward elimination.
 
     The inverse of the normal matrix is downdated at every removal, so that all subsets cost about one inversion.
 
     Args:
         columns: each (m, k) of one member; known: (m, g) what is always fitted to r (m,).
+        learn: (m,) the rows that teach; all if None.
 
     Returns:
         From the empty set to that of all members.
     """
     sizes = [Z.shape[1] for Z in columns]
-    A = np.concatenate([known, *columns], axis=1)
-    norms = np.linalg.norm(A, axis=0)
-    scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
-    A = A * scale
+    A, scale = unit_columns(np.concatenate([known, *columns], axis=1), learn)
     edges = np.cumsum([known.shape[1], *sizes])
     places = [np.arange(a, b) for a, b in pairwise(edges)]
-    C = np.linalg.inv(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]))
+    C: Array = np.linalg.inv(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]))
     theta = C @ (A.T @ r)
     kept, found = list(range(len(columns))), list[Subset]()
     while True:

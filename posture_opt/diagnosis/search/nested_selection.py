@@ -142,10 +142,10 @@ def _fold_path(
     """The nested sets of what a fold chose, and the squared errors (sizes, rows) of the rows that it left out."""
     linearised = dictionary.linearised
     residuals = linearised.sensitivities.residuals
-    theirs = (left_out[:, None] * residuals.block + np.arange(residuals.block)).ravel()
-    learn = np.setdiff1d(np.arange(len(linearised.r)), theirs)
     G, r = linearised.G, linearised.r
-    subsets = nested_subsets([c.Z[learn] for c in chosen], G[learn], r[learn])
+    learn = np.ones(len(r), dtype=bool)
+    learn[residual_indices(left_out, residuals.block)] = False
+    subsets = nested_subsets([c.Z for c in chosen], G, r, learn)
     judged = residual_indices(judged_rows(residuals, left_out), residuals.block)
     A = np.concatenate([G[judged], *(c.Z[judged] for c in chosen)], axis=1)
     losses = np.zeros((most + 1, len(left_out)))

@@ -9,7 +9,7 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
-from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis, unit_columns
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, finer_phases
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError, Effect
@@ -92,19 +92,17 @@ def sharpen_lines(linearised: LinearisedData, members: Sequence[Candidate], lear
         return found
     A = np.concatenate([linearised.G, *(s.Z for s in found)], axis=1)
     edges = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in found)])
-    theta = _least_squares_solution(A[learn], linearised.r[learn])
+    theta = _least_squares_solution(A, linearised.r, learn)
     D = np.concatenate([_line_slope(linearised, found[i], theta[edges[i] : edges[i + 1]]) for i in lines], axis=1)
-    steps = _least_squares_solution(np.concatenate([A, D], axis=1)[learn], linearised.r[learn])[A.shape[1] :]
+    steps = _least_squares_solution(np.concatenate([A, D], axis=1), linearised.r, learn)[A.shape[1] :]
     for i, step in zip(lines, steps, strict=True):
         found[i] = _moved_line(linearised, found[i], float(step))
     return found
 
 
-def _least_squares_solution(A: Array, r: Array) -> Array:
-    """Least squares solution (k,) for columns A (m, k) of any scales, by normal equations with a small ridge."""
-    norms = np.linalg.norm(A, axis=0)
-    scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
-    A = A * scale
+def _least_squares_solution(A: Array, r: Array, learn: Mask) -> Array:
+    """Least squares solution (k,) for columns A (m, k) of any scales in some rows, by a small ridge."""
+    A, scale = unit_columns(A, learn)
     return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]), A.T @ r))
 
 
