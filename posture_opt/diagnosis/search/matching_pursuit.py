@@ -192,7 +192,7 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array, learn: Mask
     A, scale = unit_columns(np.concatenate([known, *columns], axis=1), learn)
     edges = np.cumsum([known.shape[1], *sizes])
     places = [np.arange(a, b) for a, b in pairwise(edges)]
-    C: Array = np.linalg.inv(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1]))
+    C: Array = np.asarray(np.linalg.inv(A.T @ A + _RIDGE_SHARE * np.eye(A.shape[1])), dtype=float)
     theta = C @ (A.T @ r)
     kept, found = list(range(len(columns))), list[Subset]()
     while True:
