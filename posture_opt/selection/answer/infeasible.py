@@ -33,6 +33,7 @@ from posture_opt.selection.search.search_statistics import SearchStatistics
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
 _STARTS_NEAR_KNOWN = 3  # beside postures that are near already
+_STARTS_OF_ALL = 4  # where everything may give: each start leads to a compromise
 _STARTS_PER_ORDER = 6  # for a requirement that gives: those that lack least, and those that lack least of the others
 SEARCH = "search"
 """Name of the reason where nothing is known but that the search found nothing."""
@@ -233,9 +234,8 @@ class Infeasibility:
 
     def ways(self) -> list[Way]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
-        names = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if self._may_give(name)]
-        if TARGET in names and not self._in_reach:
-            names = [TARGET]
+        every = [name for name in (TARGET, AXIS, LIMITS, *self.elastic.further) if self._may_give(name)]
+        names = [TARGET] if TARGET in every and not self._in_reach else every
         alone: dict[str, Compromise] = {}
         in_cell = [name for name in names if name in self.elastic.in_cell]
         for name in reversed([name for name in names if name not in in_cell]):
@@ -247,8 +247,8 @@ class Infeasibility:
         if alone:
             return [((name,), way) for name, way in alone.items()]
         further = [name for name in names if name in self.elastic.further]
-        for together in (further, names):  # what was added to the task, before the task itself
-            way = self._least(together)
+        for together in (further, every):  # what was added to the task, before the task itself
+            way = self._least(together) if together else None
             if way is not None:
                 return [(self._giving(way), way)]
         return []
@@ -296,7 +296,8 @@ class Infeasibility:
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
         most = _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER
         chosen = self._pool[np.column_stack([order[:most] for order in orders]).ravel()]  # in turn of either
-        return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
+        starts = np.vstack([*near, chosen])[: _STARTS_OF_ALL if {TARGET, LIMITS} <= {*given} else None]
+        return self.elastic.least(self.target.parameters, given, starts)
 
     def _cost(self, counted: Array) -> Array:
         """(N,) what the postures of the pool lack in the requirements that are ``counted`` (r,), in units of each."""
@@ -343,6 +344,8 @@ class Infeasibility:
 
         A position alone is missed by none of so many postures that are led there, unless it is out of reach.
         """
+        if self.problem.reach.excludes(self.target.lower, self.target.upper):
+            return False
         misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
         return bool(np.nanmin(misses) < _REACH_TOLERANCE * self.problem.reach.radius)
 

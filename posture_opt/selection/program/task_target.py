@@ -16,6 +16,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Scalar
+from posture_opt.model.reach_bound import Shell
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.tasks import Task
@@ -27,6 +28,8 @@ _DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of qua
 _SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed
 _SWEEPS = 200  # over three coordinates: the exact steps converge geometrically
 _MOST_SKEW = 0.05  # rad; beyond it, corrections do not correct an arm but make another one
+
+_SHELL_SLACK = 0.01  # of the stretched arm: effects and corrections move the tool point by less
 
 PLANE_TOLERANCE = 1e-6
 """Distance [m] from its plane at which a target counts as outside of it."""
@@ -49,6 +52,7 @@ class Reach:
         radius: largest distance between tool points seen [m], a length scale.
         plane_slack: distance [m] from its plane at which a target counts as outside of it.
         axis_slack: error of the tool axis [rad] that counts as none for an arm that cannot turn it at will.
+        shell: what the tool point stays within, by the lengths of the links.
 
     What an arm does by its corrections alone, a planar one that a calibration found to be slightly skew, it does not
     do at will: such motion counts as none.
@@ -63,6 +67,7 @@ class Reach:
     radius: float
     plane_slack: float
     axis_slack: float
+    shell: Shell
 
     @classmethod
     def of(cls, arm: Arm, tool_axis: tuple[float, float, float]) -> Reach:
@@ -96,7 +101,7 @@ class Reach:
         freedom = max(int(np.linalg.matrix_rank(A, tol=max(_DEPENDENT, lean))) for A in turns)
         able, size = bool(orients and rank > 0), max(radius, 1e-3)
         plane_slack = PLANE_TOLERANCE + lean * size + min(robot.lift, size)
-        return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, AXIS_SLACK + lean)
+        return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, AXIS_SLACK + lean, Shell.of(robot))
 
     @cached_property
     def normals(self) -> Array:
@@ -131,6 +136,11 @@ class Reach:
     def misses(self, lower: Array, upper: Array) -> bool:
         """Whether no point of the box (3,), (3,) [m] lies in the plane (or line) of the tool point."""
         return bool(np.linalg.norm(self.outside(lower, upper)) > self.plane_slack)
+
+    def excludes(self, lower: Array, upper: Array) -> bool:
+        """Whether the lengths of the links, or its plane, keep the tool point from the box (3,), (3,) [m]."""
+        slack = _SHELL_SLACK * self.shell.most
+        return self.misses(lower, upper) or self.shell.misses(lower, upper, slack)
 
 
 def _range(columns: Array, lean: float = 0.0, least: float = 0.0) -> Array:

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.collision.obstacles import Obstacle
-from posture_opt.collision.scene import Scene, row_name
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, Scene, row_name
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 
@@ -73,6 +73,9 @@ class GivingScene:
         """What each row has to spare [m], with the slacks in it."""
         if self.problem.scene is None:
             return ()
+        if not self.scene.obstacles:  # of the arm to itself: the rows are there already
+            given = (row for row in self.problem.nlp.rows if row.requirement == SELF_CLEARANCE_ROW)
+            return tuple(CellRow(row.name, row.expression - row.lower + self.clearance) for row in given)
         beyond = {
             row_name(o.name): ca.fmax(self.less[k] - self._most(o), 0) for k, o in enumerate(self.scene.obstacles)
         }

@@ -161,7 +161,7 @@ def multistart(
         every: follow each search to its end: for alternatives and for statistics.
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
-    if engine.optimisation_problem.reach.misses(target.lower, target.upper):
+    if engine.optimisation_problem.reach.excludes(target.lower, target.upper):
         return found
     asked = engine.optimisation_problem
     for more in RETRY_FACTORS if asked.task.subject_to or asked.scene is not None else RETRY_FACTORS[:1]:
