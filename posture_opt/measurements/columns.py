@@ -15,19 +15,17 @@ from posture_opt.limits import MOST_CELLS
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS
+from posture_opt.measurements.kinds.position import COORDINATES
 from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RowBlock
 from posture_opt.numerics import Array, Codes
 from posture_opt.texts import text_fault
 
-AXES = ("x", "y", "z")
+AXES = COORDINATES
 """Columns of the measured tool point."""
 _NAMES_OF_KINDS = tuple(name for kind in KINDS for name in (kind.label, kind.second_label) if name)
 LABELS = ("pose", "goal", "target", "robot", "instrument", *_NAMES_OF_KINDS)
 """Columns whose cells name groups of rows."""
-
-READ_BY_KINDS = {*AXES, *_NAMES_OF_KINDS, *(name for kind in KINDS for name in kind.columns)}
-"""Columns that rows of one kind have and those of another leave empty, where a file mixes them."""
 LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
     "payload": (0.0, "a payload is not negative", "write 0 or more"),
     "temperature": (-273.15, "a temperature is not below absolute zero", "is the unit of the column right?"),
@@ -107,6 +105,7 @@ def read_cells(
         InputError: more cells than are accepted.
     """
     cells, known, marks, count = Cells(), list(columns), None, 0
+    own = columns_of_kinds(spec or DataSpec())
     for block in blocks:
         count += len(block.lines) * len(known)
         if count > MOST_CELLS.most:
@@ -116,7 +115,7 @@ def read_cells(
         cells.lines.append(np.asarray(block.lines, dtype=np.intp))
         for column in known:
             texts = block.cells[column.index]
-            sparse = mixed and column.name in READ_BY_KINDS
+            sparse = mixed and column.name in own
             if column.kind == "label":
                 names = cells.texts.setdefault(column.name, {})
                 codes = _label_codes(texts, block.lines, column, names, faults, sparse)
@@ -125,6 +124,11 @@ def read_cells(
             values = _column_numbers(texts, block.lines, column, marks, faults, sparse) * column.factor + column.offset
             cells.numbers.setdefault(column.name, []).append(values)
     return cells
+
+
+def columns_of_kinds(spec: DataSpec) -> set[str]:
+    """Columns that rows of one kind have and those of another leave empty, where a file mixes them."""
+    return {*_NAMES_OF_KINDS, *(name for kind in KINDS for name in kind.columns_in(spec))}
 
 
 def check_inputs(cells: Cells, faults: Faults) -> None:

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.measurements.camera_section import CameraSpec, MarkersSpec
-from posture_opt.measurements.kinds import AnchorSpec, PlaneSpec
+from posture_opt.measurements.kinds import AnchorSpec, PairSpec, PlaneSpec
 from posture_opt.spec import Spec
 from posture_opt.units import Length
 
@@ -34,6 +34,9 @@ class DataSpec(Spec):
     )
     cameras: dict[str, CameraSpec] = Field({}, description="camera: where it is mounted, and its intrinsics")
     markers: dict[str, MarkersSpec] = Field({}, description="board: where it is mounted, and its points")
+    pairs: dict[str, PairSpec] = Field(
+        {}, description="second arm, whose tool touches: its problem file; columns ARM.JOINT are its joints"
+    )
     columns: dict[str, ColumnHeader] = Field(
         {},
         description="known column: column header in the file, or number of the column from 1",

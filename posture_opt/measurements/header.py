@@ -11,7 +11,7 @@ from posture_opt.errors import BadValueError, Issue, listed, nearest, one_of
 from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.kinds import KINDS, Kind
+from posture_opt.measurements.kinds import KINDS, Position
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
 from posture_opt.measurements.orientation_columns import QUATERNION, angle_columns, incomplete_orientation
 from posture_opt.robot.robot import Robot
@@ -38,33 +38,28 @@ _MAX_LISTED_COLUMNS = 20
 """Columns of a foreign file that a message lists."""
 
 
-def column_dimensions(robot: Robot) -> dict[str, str]:
+def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
     """Every column that has a unit, with its dimension: joints, coordinates, orientations, inputs of effects."""
     joints = {joint.name: "angle" if joint.type == "revolute" else "length" for joint in robot.joints}
     return {
-        **dict.fromkeys(AXES, "length"),
+        **Position.columns_in(spec),
         **dict.fromkeys(angle_columns(robot), "angle"),
-        **{name: dimension for kind in KINDS for name, dimension in kind.columns.items()},
+        **{name: dimension for kind in KINDS for name, dimension in kind.columns_in(spec).items()},
         **_INPUT_DIMENSIONS,
         **joints,
     }
 
 
-def column_kinds(robot: Robot) -> dict[str, CellKind]:
+def column_kinds(robot: Robot, spec: DataSpec | None = None) -> dict[str, CellKind]:
     """Every column that a file of this robot may have, with how its cells are read."""
-    kinds: dict[str, CellKind] = dict.fromkeys((*column_dimensions(robot), *QUATERNION), "number")
+    kinds: dict[str, CellKind] = dict.fromkeys((*column_dimensions(robot, spec or DataSpec()), *QUATERNION), "number")
     kinds |= dict.fromkeys(LABELS, "label")
     return kinds | {f"{name}.approach": "side" for name in robot.joint_names}
 
 
-def columns_of(kind: type[Kind]) -> set[str]:
-    """The columns that data of a kind have and positions have not."""
-    return {*kind.columns, *(name for name in (kind.label, kind.second_label) if name)}
-
-
 def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
     """Columns that the section ``data`` speaks of and that no file of this robot has; keys relative to the section."""
-    known = column_kinds(robot)
+    known = column_kinds(robot, spec)
     return [
         Issue("no file of this robot has such a column", (key, name), name, one_of(name, known, "known"))
         for key, given in (("columns", spec.columns), ("units", spec.units))
@@ -172,13 +167,14 @@ def read_header(
         faults: of the file.
         spec: may map headers of the instrument, and state units.
     """
-    header = _read_columns(titles, robot, line, faults, spec or DataSpec())
+    spec = spec or DataSpec()
+    header = _read_columns(titles, robot, line, faults, spec)
     there = {*header.found, *header.probable_names}
-    _note_missing(header, there, robot)
+    _note_missing(header, there, robot, spec)
     if _is_of_another_robot(header, robot, line, faults):
         return header.found, ()
-    header.report_faults(line, faults, column_kinds(robot))
-    _contradiction_faults(header, there, robot, line, faults)
+    header.report_faults(line, faults, column_kinds(robot, spec))
+    _contradiction_faults(header, there, robot, line, faults, spec)
     return header.found, tuple(header.left_out)
 
 
@@ -195,7 +191,7 @@ def known_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
 
 def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults, spec: DataSpec) -> Header:
     """The header, sorted into known columns and faults; doubled names and wrong units join ``faults`` at once."""
-    sized, kinds = column_dimensions(robot), column_kinds(robot)
+    sized, kinds = column_dimensions(robot, spec), column_kinds(robot, spec)
     _name_clashes(robot, faults)
     header = Header()
     others: list[str] = []
@@ -347,7 +343,7 @@ def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults
     return True
 
 
-def _note_missing(header: Header, there: set[str], robot: Robot) -> None:
+def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec) -> None:
     """Note joints without a column, and that nothing was measured, in ``header.missing``.
 
     Args:
@@ -360,16 +356,18 @@ def _note_missing(header: Header, there: set[str], robot: Robot) -> None:
         if joint.name not in there or (joint.name in guessed | (header.probable_names if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
-    if not measured and not any(columns_of(kind) & there for kind in KINDS):
+    if not measured and not any(kind.required(spec, ()) & there for kind in KINDS):
         *others, last = (kind.example for kind in KINDS)
         header.missing[""] = f"{', '.join(others)}, or {last}"
     header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.probable_names}
 
 
-def _contradiction_faults(header: Header, there: set[str], robot: Robot, line: int, faults: Faults) -> None:
+def _contradiction_faults(
+    header: Header, there: set[str], robot: Robot, line: int, faults: Faults, spec: DataSpec
+) -> None:
     """Faults of columns that exclude each other: points that are touched and measured, half an orientation."""
     measured = [axis for axis in AXES if axis in there]
-    kinds = [(kind, sorted(columns_of(kind) & {*header.found})) for kind in KINDS]
+    kinds = [(kind, sorted(kind.required(spec, ()) & {*header.found})) for kind in KINDS]
     others = [(kind, columns) for kind, columns in kinds if columns]
     if "instrument" in there:
         return
@@ -379,6 +377,6 @@ def _contradiction_faults(header: Header, there: set[str], robot: Robot, line: i
         hint = f"{both[0]} takes the place of x, y, z where no instrument measures; leave out one of the two"
         faults.add(message, others[0][1][0], hint=hint, line=line)
     for kind, columns in others if len(others) == 1 else ():
-        for name in sorted(columns_of(kind) - {*columns, *there}):
+        for name in sorted(kind.required(spec, ()) - {*columns, *there}):
             faults.add(f"{columns[0]} is given without {name}", name, hint=f"add {kind.example}", line=line)
     incomplete_orientation(there, robot, line, faults)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.errors import listed
-from posture_opt.measurements.columns import AXES, Cells
+from posture_opt.measurements.columns import AXES, Cells, columns_of_kinds
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, Member, Mixed
+from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, Member, Mixed, Position
 from posture_opt.measurements.kinds.mixed import SLOTS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
@@ -40,14 +40,14 @@ def mixed_rows(data: Measurements, cells: Cells, known: DataSpec, base_free: boo
     """
     named = cells.code("instrument")
     assert named is not None, "a file without the column is not mixed"
-    found = [_rows_of(name, np.flatnonzero(named[0] == k), cells, faults) for k, name in enumerate(named[1])]
+    found = [_rows_of(name, np.flatnonzero(named[0] == k), cells, known, faults) for k, name in enumerate(named[1])]
     parts = [one for one in found if one is not None]
     if len(parts) < len(found):
         return data
     members, first = [], 0
     for one in parts:
         kind = one.listed.of(known, one.places, one.seconds)
-        if base_free and not kind.label and not kind.columns:  # a tracker, whose frame is unknown then
+        if base_free and isinstance(kind, Position):  # a tracker, whose frame is unknown then
             kind = FramedPosition()
         members.append(Member(one.name, kind, first, one.places, one.seconds))
         first += len(one.places)
@@ -58,11 +58,12 @@ def mixed_rows(data: Measurements, cells: Cells, known: DataSpec, base_free: boo
 def _in_numbers(data: Measurements, parts: list[_Rows], kind: Mixed) -> Measurements:
     """One row a number: its instrument and place, and the whole reading beside it."""
     n = len(data)
-    reading, point = np.zeros((n, SLOTS)), np.zeros(n, dtype=np.intp)
+    width = max(one.reading.shape[1] for one in parts)
+    reading, point = np.zeros((n, width)), np.zeros(n, dtype=np.intp)
     second, part = np.zeros(n, dtype=np.intp), np.zeros((n, SLOTS), dtype=np.intp) - 1
     first = 1
     for k, (one, member) in enumerate(zip(parts, kind.members, strict=True)):
-        reading[one.rows], point[one.rows] = one.reading, member.first + one.place
+        reading[one.rows, : one.reading.shape[1]], point[one.rows] = one.reading, member.first + one.place
         if member.seconds:
             second[one.rows], first = first + one.second, first + len(member.seconds)
         axes = member.kind.axes(one.measured)
@@ -75,10 +76,11 @@ def _in_numbers(data: Measurements, parts: list[_Rows], kind: Mixed) -> Measurem
     )  # fmt: skip
 
 
-def _rows_of(name: str, rows: Codes, cells: Cells, faults: Faults) -> _Rows | None:
+def _rows_of(name: str, rows: Codes, cells: Cells, known: DataSpec, faults: Faults) -> _Rows | None:
     """What an instrument read; None with a fault where its rows are of no kind, or of several."""
-    filled = {column for column in (*cells.numbers, *cells.codes) if _filled(cells, column, rows).any()}
-    fits = [kind for kind in KINDS if _required(kind, filled) <= filled and _required(kind, filled)]
+    there = columns_of_kinds(known) & {*cells.numbers, *cells.codes}
+    filled = {column for column in there if _filled(cells, column, rows).any()}
+    fits = [kind for kind in KINDS if (own := kind.required(known, filled)) and own <= filled]
     line = int(cells.line[rows[0]])
     if len(fits) != 1:
         what = f"columns of {listed(kind.noun for kind in fits)}" if fits else "the columns of no kind"
@@ -86,11 +88,11 @@ def _rows_of(name: str, rows: Codes, cells: Cells, faults: Faults) -> _Rows | No
         faults.add(f"the rows of the instrument '{name}' fill {what}", "instrument", name, hint, line)
         return None
     kind = fits[0]
-    for column in sorted(_required(kind, filled)):
+    for column in sorted(kind.required(known, filled)):
         for row in rows[~_filled(cells, column, rows)]:
             faults.add("the cell is empty", column, hint=f"'{name}' reads it in other rows", line=int(cells.line[row]))
-    numbers = list(kind.columns) or ([] if kind.label else list(AXES))
-    reading = np.zeros((len(rows), SLOTS))
+    numbers = kind.columns_in(known)
+    reading = np.zeros((len(rows), len(numbers)))
     for k, column in enumerate(numbers):
         if column in filled:
             reading[:, k] = np.nan_to_num(_number(cells, column)[rows])
@@ -98,12 +100,6 @@ def _rows_of(name: str, rows: Codes, cells: Cells, faults: Faults) -> _Rows | No
     seconds, second = _names(cells, kind.second_label, rows) if kind.second_label else ((), place)
     measured = np.array([axis in filled for axis in AXES])
     return _Rows(name, rows, kind, measured, reading, places, place, seconds, second)
-
-
-def _required(kind: type[Kind], filled: set[str]) -> set[str]:
-    """The columns that rows of a kind fill; of a position, any of the coordinates."""
-    own = {*kind.columns, *(name for name in (kind.label, kind.second_label) if name)}
-    return own or {axis for axis in AXES if axis in filled}
 
 
 def _number(cells: Cells, column: str) -> Array:
@@ -114,9 +110,7 @@ def _number(cells: Cells, column: str) -> Array:
 
 
 def _filled(cells: Cells, column: str, rows: Codes) -> Mask:
-    """(n,) whether the cells of a column are not empty; columns that any kind of row may have count as empty."""
-    if column not in {*AXES, *(c for kind in KINDS for c in (*kind.columns, kind.label, kind.second_label))}:
-        return np.zeros(len(rows), dtype=bool)
+    """(n,) whether the cells of a column of some kind are not empty."""
     if column in cells.numbers:
         return np.isfinite(_number(cells, column)[rows])
     code = cells.code(column)
@@ -145,12 +139,13 @@ def unmixed(data: Measurements) -> tuple[Measurements, dict[str, list[object]]]:
     for k, member in enumerate(data.kind.members):
         own, kind = np.flatnonzero(owner == k), member.kind
         read = np.unique(data.part[data.part // SLOTS == k] % SLOTS)
-        numbers = dict(kind.columns) or ({} if kind.label else {AXES[slot]: "length" for slot in read})
-        for slot, (name, dimension) in enumerate(numbers.items()):
+        for slot, (name, dimension) in enumerate(kind.read_columns.items()):
+            if name in AXES and slot not in read:
+                continue
             title = f"{name} [{DIMENSIONS[dimension][0]}]"
             cells = columns.setdefault(title, [np.nan] * rows)
             for i in own:
-                cells[i] = float(whole.reading[i, AXES.index(name) if name in AXES else slot])  # type: ignore[index]
+                cells[i] = float(whole.reading[i, slot])  # type: ignore[index]
         for label, codes, names, start in (
             (kind.label, whole.point, member.places, member.first),
             (kind.second_label, whole.second, member.seconds, seconds),

@@ -13,7 +13,7 @@ from posture_opt.limits import MOST_PLACES, MOST_ROBOTS
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.header import column_kinds, columns_of, read_header
+from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.mixing import mixed_rows
@@ -66,7 +66,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
         >>> read_measurements(table, load_problem("insert_planar_2r")).position.tolist()
         [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]
     """
-    table = open_table(source, column_kinds(problem.robot), problem.data)
+    table = open_table(source, column_kinds(problem.robot, problem.data), problem.data)
     faults = table.faults
     columns, left_out = read_header(table.titles, problem.robot, table.line, faults, problem.data)
     cells = read_cells(table.blocks, columns.values(), faults, problem.data)
@@ -174,10 +174,12 @@ def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults:
     """The rows with what they show of the pose, where that is neither a position nor a touched point."""
     if "instrument" in cells.codes:
         return _mixed(data, cells, problem, faults)
-    kind = next((k for k in KINDS if columns_of(k) and all(_is_read(name, cells) for name in columns_of(k))), None)
+    required = {k: k.required(problem.data, ()) for k in KINDS}
+    kind = next((k for k, own in required.items() if own and all(_is_read(name, cells) for name in own)), None)
     if kind is None or data.position is not None or kind.kind == data.kind.kind:
         return data
-    reading = np.column_stack([np.zeros((len(data), 0)), *(_present_column(cells.number(c)) for c in kind.columns)])
+    numbers = [_present_column(cells.number(column)) for column in kind.columns_in(problem.data)]
+    reading = np.column_stack([np.zeros((len(data), 0)), *numbers])
     try:
         instrument = kind.of(problem.data, data.point_names, data.second_names)
         return _prepared(replace(data, reading=reading, instrument=instrument), problem)
@@ -342,5 +344,5 @@ def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
     ] + [
         f"data.{data.kind.settings} names '{name}', which no row has; {did_you_mean(name, names)}"
         for name in data.kind.stated
-        if name not in names
+        if data.kind.label and name not in names
     ]

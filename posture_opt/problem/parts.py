@@ -27,6 +27,7 @@ from posture_opt.problem.path_file import with_path
 from posture_opt.problem.plain_data import Section
 from posture_opt.problem.readable import Readable
 from posture_opt.problem.schema import ProblemSpec, read_sections
+from posture_opt.problem.second_arms import with_second_arms
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Repeatability, Robot
@@ -66,9 +67,11 @@ def read_parts(
         task = _collect(issues, lambda: with_path(read.task, folder))
         task = task.for_robot(arms[1].robot) if task is not None and arms else task
         data = _collect(issues, lambda: with_camera_files(read.data, folder)) or read.data
+        files = data
+        data = _collect(issues, lambda: with_second_arms(files, folder, read_parts)) or data
         cell = _collect(issues, lambda: read.cell and read.cell.in_folder(folder))
         spec = spec.model_copy(update={"task": task, "data": data, "cell": cell})
-        issues += [issue.at("data") for issue in data_issues(read.data, arms[1].robot)] if arms else []
+        issues += [issue.at("data") for issue in data_issues(spec.data, arms[1].robot)] if arms else []
     if spec is not None and arms is not None:
         read, arm, sound = spec, arms[1], not found and not issues
         sources = _collect(issues, lambda: _sources(read, arm, folder, texts, sound))

@@ -10,18 +10,21 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from posture_opt.measurements.kinds import KINDS, Kind, Seen
+from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.kinds import KINDS, Kind, PairSpec, Seen
 from posture_opt.measurements.kinds.kind import stacked
 from tests.helpers.instruments import JOINTS, TrueArm, distance_table, level_table, plane_table
 
 ROWS, PLACES = 12, 3
+SAID = DataSpec(pairs={"right": PairSpec(problem="right.yaml").with_arm(po.load_problem("drill_ur5e").arm, {})})
+"""What a file may say of places."""
 UP = np.array([0.6, 0.0, 0.8])
 
 
 def seen_by(kind: Kind, position: np.ndarray, R: np.ndarray, values: np.ndarray) -> Seen:
     """Rows of three places with readings of about a metre."""
     place = np.arange(ROWS) % PLACES
-    reading = np.full((ROWS, 3), 0.9)  # as a length [m] or an angle [rad]
+    reading = np.full((ROWS, 6), 0.9) + 0.02 * np.arange(6.0 * ROWS).reshape(ROWS, 6) % 0.7  # [m] or [rad]
     return Seen(list(position.T), [list(R[:, :, j].T) for j in range(3)], reading, place, values[place])
 
 
@@ -29,9 +32,9 @@ def a_kind(listed: type[Kind], rng: np.random.Generator) -> tuple[Kind, np.ndarr
     """A kind prepared for random rows, their points (N, 3), rotations (N, 3, 3), and unknowns (P, u)."""
     names = tuple("abc")
     position, R = rng.uniform(-1, 1, (ROWS, 3)), np.linalg.qr(rng.normal(size=(ROWS, 3, 3)))[0]
-    kind = replace(listed(), names=names)
+    kind = replace(listed.of(SAID, names), names=names)
     kind = kind.prepared(seen_by(kind, position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool), UP)
-    return kind, position, R, rng.uniform(-0.2, 0.2, (PLACES, 6))
+    return kind, position, R, rng.uniform(-0.2, 0.2, (PLACES, kind.width))
 
 
 def small_turn(w: np.ndarray) -> np.ndarray:

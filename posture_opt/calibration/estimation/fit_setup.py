@@ -176,7 +176,7 @@ def prior_tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Arra
     part = {"m": LENGTH_TOLERANCE_M, "rad": ANGLE_TOLERANCE_RAD}
     return np.array(
         [
-            part.get(p.unit, FREE_TOLERANCE) if p.group == "geometry" or i in stated else FREE_TOLERANCE
+            part.get(p.unit, FREE_TOLERANCE) if p.made or i in stated else FREE_TOLERANCE
             for i, p in enumerate(parameters)
         ]
     )
@@ -191,7 +191,7 @@ def full_prior(
         scale: (k,) tolerances; stated: indices with a stated σ, whose covariance is ``covariance``.
     """
     sigma = np.where([offset_of_tool(p) for p in parameters], tool_sigma(robot), scale)
-    rest = [i for i, p in enumerate(parameters) if (p.group == "geometry" or offset_of_tool(p)) and i not in stated]
+    rest = [i for i, p in enumerate(parameters) if (p.made or offset_of_tool(p)) and i not in stated]
     both = np.zeros((len(stated) + len(rest),) * 2)
     both[: len(stated), : len(stated)] = covariance
     both[len(stated) :, len(stated) :] = np.diag(sigma[rest] ** 2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.fitted_geometry import is_fitted
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
@@ -18,7 +18,6 @@ from posture_opt.units import DIMENSIONS
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
-PARALLEL_AXES_RAD = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
 _AXES = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 
@@ -30,7 +29,7 @@ class Parameter:
     Args:
         name: ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``,
             ``plane[NAME].offset``.
-        group: ``geometry``, ``base``, ``tool``, ``effect`` or ``place``.
+        group: ``geometry``, ``base``, ``tool``, ``effect``, ``place``, or ``second_arm``: the geometry of another one.
         nominal: the value in the file [rad or m]; the unknown is the deviation from it.
         source: the parameter of the arm that it deviates; empty for places.
         code: target of a tool offset, or place; -1 where the parameter acts in all rows.
@@ -46,6 +45,11 @@ class Parameter:
     code: int = -1
     axis: int = 0
     sigma: float = 0.0
+
+    @property
+    def made(self) -> bool:
+        """Whether it is of the geometry of an arm, which was made to a drawing."""
+        return self.group in ("geometry", "second_arm")
 
 
 def tool_unknown(robot: Robot, data: Measurements) -> bool:
@@ -68,7 +72,7 @@ def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool 
     for name, index in at.items():
         prefix, _, last = name.rpartition(".")
         group = prefix if prefix in ("base", "tool") else "geometry"
-        if group == "geometry" and not _is_fitted(robot, prefix, last):
+        if group == "geometry" and not is_fitted(robot, name):
             continue
         if data.kind.fixed_to_base and (group == "base" or index <= robot.driven[0]):
             continue
@@ -109,21 +113,19 @@ def place_parameters(data: Measurements) -> tuple[Parameter, ...]:
     """The unknowns of all places: touched points, planes, anchors; none where positions were measured."""
     kind = data.kind
     return tuple(
-        Parameter(kind.parameter(place, name), "place", unit, 0.0, "", k, i, kind.prior_sigma(place, name))
+        Parameter(
+            kind.parameter(place, name),
+            kind.group(place, name),
+            unit,
+            kind.nominal(place, name),
+            "",
+            k,
+            i,
+            kind.prior_sigma(place, name),
+        )
         for k, place in enumerate(data.place_names)
         for i, (name, unit) in zip(kind.slots(place), kind.unknowns(place), strict=True)
     )
-
-
-def _is_fitted(robot: Robot, joint: str, last: str) -> bool:
-    """Whether a parameter ``joint.last`` of the geometry is a candidate: not where another one does the same."""
-    parameters = robot.parameters
-    index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
-    if last == "beta":
-        alpha = parameters[f"{joint}.alpha"].nominal
-        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL_AXES_RAD)
-    # The joint value of a URDF joint moves the tool as its origin does.
-    return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
 
 
 def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:

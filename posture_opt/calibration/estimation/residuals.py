@@ -260,7 +260,7 @@ class Residuals:
         """(P, u) what is unknown of places among the deviations ``x``: coordinates of touched points [m], planes, …"""
         found = np.zeros((len(self.data.place_names) or 1, self.data.kind.width))
         for parameter, value in zip(self.parameters, x, strict=True):
-            if parameter.group == "place":
+            if not parameter.source and parameter.code >= 0:
                 found[parameter.code, parameter.axis] = parameter.nominal + value
         return found
 
@@ -338,7 +338,7 @@ class Residuals:
         Errors count relative to the size where they show none: an arm of half the size misses its planes by half,
         and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``.
         """
-        L = np.array([p.nominal * (p.group == "geometry" and p.unit == "m") for p in self.parameters])
+        L = np.array([p.nominal * (p.made and p.unit == "m") for p in self.parameters])
         known = self.data.kind.fixes_size or self._touched_distances or self.data.lever is not None or not L.any()
         return np.zeros(len(L)) if known else L / float(L @ L)
 

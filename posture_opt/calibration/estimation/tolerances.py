@@ -39,7 +39,7 @@ def assumed_sigmas(residuals: Residuals, stated: Sequence[int]) -> Array:
     if not residuals.data.kind.leaves_geometry_open:
         return found
     for i, p in enumerate(residuals.parameters):
-        if p.group == "geometry" and i not in stated:
+        if p.made and i not in stated:
             found[i] = _sigma(p)
     return found
 

@@ -5,11 +5,15 @@ from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, Seen
 from posture_opt.measurements.kinds.level import Level
 from posture_opt.measurements.kinds.mixed import Member, Mixed
+from posture_opt.measurements.kinds.pair import PairContact
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
 from posture_opt.measurements.kinds.position import FramedPosition, Position
+from posture_opt.measurements.kinds.second_arm import PairSpec
 
-KINDS: tuple[type[Kind], ...] = (Position, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level)
+KINDS: tuple[type[Kind], ...] = (
+    Position, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level, PairContact,
+)  # fmt: skip
 """All kinds; the columns of a file say which of them it holds."""
 
 __all__ = [
@@ -22,6 +26,8 @@ __all__ = [
     "MarkerPixels",
     "Member",
     "Mixed",
+    "PairContact",
+    "PairSpec",
     "PlaneContact",
     "PlaneSpec",
     "PointContact",

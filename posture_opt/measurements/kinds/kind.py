@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -108,6 +108,21 @@ class Kind:
         """
         return cls(getattr(data, cls.settings), names) if cls.settings else cls()
 
+    @classmethod
+    def columns_in(cls, data: object) -> Mapping[str, str]:
+        """Its columns of numbers by the section ``data`` of a problem -> dimension; none: it is not in the file."""
+        return cls.columns
+
+    @classmethod
+    def required(cls, data: object, there: Container[str]) -> frozenset[str]:
+        """The columns without which a row is not of this kind; ``there`` are those of the file."""
+        return frozenset({*cls.columns_in(data), *(name for name in (cls.label, cls.second_label) if name)})
+
+    @property
+    def read_columns(self) -> Mapping[str, str]:
+        """The columns of numbers of these data -> dimension."""
+        return self.columns
+
     @property
     def fixes_size(self) -> bool:
         """Whether these data, with what is stated of their places, contain a length."""
@@ -149,6 +164,14 @@ class Kind:
     def second_place(self, seconds: Codes) -> Codes:
         """(N,) the second place of each row, by the codes of the second column of names."""
         raise NotImplementedError(f"a row of {self.kind} belongs to one place")
+
+    def group(self, place: str, name: str) -> str:
+        """Which parameters an unknown of a place belongs to: what is found anew in every file, or a second arm."""
+        return "place"
+
+    def nominal(self, place: str, name: str) -> float:
+        """The value of an unknown of a place that its deviation counts from."""
+        return 0.0
 
     def prior_sigma(self, place: str, name: str) -> float:
         """What the file states of an unknown of a place beforehand; 0 where it says nothing."""

@@ -59,13 +59,13 @@ class Mixed(Kind):
     """
 
     kind: ClassVar[str] = "mixed"
-    width: ClassVar[int] = 21
     error_words: ClassVar[str] = "error of a reading"
     number_words: ClassVar[str] = "reading"
     axis_names: ClassVar[tuple[str, ...]] = ("of a reading",)
 
     members: tuple[Member, ...] = ()
     fixed: bool = True
+    width: int = 6  # type: ignore[misc]
     noun: str = "readings"  # type: ignore[misc]
     fixed_to_base: bool = True  # type: ignore[misc]
     blind_spot: str = ""  # type: ignore[misc]
@@ -77,6 +77,7 @@ class Mixed(Kind):
         blind = all(member.kind.blind_spot for member in members)
         return cls(
             names=tuple(key for member in members for key in member.keys), members=tuple(members), fixed=fixed,
+            width=max(member.kind.width for member in members),
             noun=enumerated(dict.fromkeys(member.kind.noun for member in members)), fixed_to_base=fixed,
             blind_spot="; ".join(dict.fromkeys(m.kind.blind_spot for m in members)) if blind else "",
             remedy=next((m.kind.remedy for m in members if m.kind.remedy), ""),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
+from posture_opt.measurements.kinds.free_frame import FRAME_UNKNOWNS, FreeFrame, described_pose
 from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector, stacked
-from posture_opt.measurements.rotations import roll_pitch_yaw, turned_by
 from posture_opt.numerics import Array, Codes, Json, Mask
+
+COORDINATES = ("x", "y", "z")
+"""Columns of the measured tool point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +25,21 @@ class Position(Kind):
     fixed_to_base: ClassVar[bool] = False
     leaves_geometry_open: ClassVar[bool] = False
     example: ClassVar[str] = "x [mm], y [mm], z [mm]"
+
+    @classmethod
+    def columns_in(cls, data: object) -> Mapping[str, str]:
+        """The coordinates."""
+        return dict.fromkeys(COORDINATES, "length")
+
+    @classmethod
+    def required(cls, data: object, there: Container[str]) -> frozenset[str]:
+        """Those of the coordinates that are there: an arm may not move along all."""
+        return frozenset(name for name in COORDINATES if name in there)
+
+    @property
+    def read_columns(self) -> Mapping[str, str]:
+        """The coordinates."""
+        return dict.fromkeys(COORDINATES, "length")
 
     def axes(self, measured: Mask) -> Codes:
         """The coordinates that were measured."""
@@ -37,44 +56,43 @@ class Position(Kind):
 
 @dataclass(frozen=True, eq=False)
 class FramedPosition(Kind):
-    """``p = t₀ + d + R₀ Rz Ry Rx m``: positions m that a tracker measures in a frame of its own, beside other readings.
+    """``p = T m``: positions m that a tracker measures in a frame T of its own, beside other readings.
 
-    The frame (R₀, t₀) is the one that brings m to the nominal tool points; d and the turns are small unknowns. Errors
-    are in the axes of the world.
+    Errors are in the axes of the world.
 
     Args:
-        frame: (4, 4) T_world_tracker that suits the nominal arm.
+        frame: T_world_tracker, about the one that suits the nominal arm.
     """
 
     kind: ClassVar[str] = "position"
     noun: ClassVar[str] = "positions"
 
-    frame: Array = field(default_factory=lambda: np.eye(4))
+    frame: FreeFrame = field(default_factory=FreeFrame)
+
+    @property
+    def read_columns(self) -> Mapping[str, str]:
+        """The coordinates."""
+        return dict.fromkeys(COORDINATES, "length")
 
     def axes(self, measured: Mask) -> Codes:
         """All three coordinates."""
         return np.arange(3)
 
     def prepared(self, seen: Seen, moving: Mask, up: Array) -> FramedPosition:
-        """The frame that suits the nominal arm best. Source: Umeyama (1991), without scale."""
-        p, m = stacked(seen.position, len(seen.place)), seen.reading[:, :3]
-        U, _, Vt = np.linalg.svd((p - p.mean(axis=0)).T @ (m - m.mean(axis=0)))
-        T = np.eye(4)
-        T[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        T[:3, 3] = p.mean(axis=0) - T[:3, :3] @ m.mean(axis=0)
-        return replace(self, frame=T)
+        """The frame that suits the nominal arm best."""
+        return replace(self, frame=FreeFrame.fitted(stacked(seen.position, len(seen.place)), seen.reading[:, :3]))
 
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
         """The pose of the frame, about the reference."""
-        return (("x", "m"), ("y", "m"), ("z", "m"), ("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"))
+        return FRAME_UNKNOWNS
 
     def start(self, seen: Seen, places: int) -> Array:
         """Zeros: the reference suits the nominal arm."""
-        return np.zeros((places, 6))
+        return np.zeros((places, len(FRAME_UNKNOWNS)))
 
     def error(self, seen: Seen) -> Slots:
         """``p − T m``."""
-        there = self._turned(seen) + self.frame[:3, 3] + seen.values[:, :3]
+        there = self.frame.placed(seen.values, seen.reading[:, :3])
         return tuple(seen.position[a] - there[:, a] for a in range(3))
 
     def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
@@ -82,18 +100,9 @@ class FramedPosition(Kind):
         return tuple(shift)
 
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
-        """``−e_axis`` for a shift, the change of ``−R m`` for a turn."""
-        if axis < 3:
-            return tuple(-1.0 if a == axis else 0.0 for a in range(3))
-        moved = self._turned(seen, axis - 3)
-        return tuple(-moved[:, a] for a in range(3))
+        """``−∂(T m)``."""
+        return tuple(-moved for moved in self.frame.slope(seen.values, seen.reading[:, :3], axis))
 
     def described(self, place: str, values: Array) -> dict[str, Json]:
         """Pose of the tracker's frame in the world [m, rad]."""
-        found: dict[str, Json] = dict(zip("xyz", map(float, self.frame[:3, 3] + values[:3]), strict=True))
-        return found | roll_pitch_yaw(self.frame[:3, :3] @ turned_by(values[None, 3:6])[0])
-
-    def _turned(self, seen: Seen, by: int | None = None) -> Array:
-        """(N, 3) R₀ Rz Ry Rx m, or its derivative by one of the turns."""
-        turned = np.einsum("nij,nj->ni", turned_by(seen.values[:, 3:6], by), seen.reading[:, :3])
-        return np.asarray(turned @ self.frame[:3, :3].T)
+        return described_pose(self.frame.pose(values))

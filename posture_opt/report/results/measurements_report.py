@@ -69,7 +69,7 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
     if data.position is not None:
         yield from ((f"{axis} [m]", data.position[:, k]) for k, axis in enumerate("xyz") if data.measured_axes[k])
     if data.reading is not None and data.part is None:
-        columns = data.kind.columns.items()
+        columns = data.kind.read_columns.items()
         yield from ((f"{name} [{DIMENSIONS[d][0]}]", data.reading[:, k]) for k, (name, d) in enumerate(columns))
     if data.rotation is not None:
         yield from ((name, data.rotation[:, k]) for k, name in enumerate(("qw", "qx", "qy", "qz")))

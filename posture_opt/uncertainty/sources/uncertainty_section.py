@@ -41,6 +41,7 @@ class MeasurementSpec(Spec):
     distance: Length | None = Field(None, ge=0, description="of each measured distance")
     pixel: Pixels | None = Field(None, ge=0, description="of each image coordinate of a marker")
     level: Angle | None = Field(None, ge=0, description="of each angle of a level on the tool")
+    pair: Length | None = Field(None, ge=0, description="of each coordinate of a touch of two arms")
     degrees_of_freedom: int | None = Field(
         None, ge=1, description="of an estimate of it (GUM, G.3), as from repeats; left out where it is known"
     )
