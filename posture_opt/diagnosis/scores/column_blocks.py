@@ -68,7 +68,8 @@ class ColumnBlocks:
             first, last = own[0], own[-1]
             if first is None or last is None:
                 parts = columns[at : at + len(own)]
-                found.append(np.stack([Z.T for Z in parts], dtype=np.float32, casting="same_kind"))
+                # In the order of memory that products walk through: they would copy all of it each time.
+                found.append(np.ascontiguousarray([Z.T for Z in parts], dtype=np.float32))
             elif last.index - first.index + 1 == len(own):
                 found.append(first.block[first.index : last.index + 1])
             else:

@@ -13,6 +13,9 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes
 
+_SMALL_RANK_SHARE = 8  # of the rows of a kernel, from which on its factor costs less than itself
+_KERNEL_TOLERANCE = 1e-12  # of a kernel's diagonal, which its factor may leave
+
 
 def side_place(joint: str) -> str:
     """The side of approach of a joint, as `Adequacy.place` names it."""
@@ -137,6 +140,8 @@ def _structure_test(
 
     Moran's (1950) statistic with Gaussian weights; the null of the largest comes from the same flipped data sets.
     """
+    from scipy.sparse import csr_array
+
     N = len(data)
     rows = (
         np.arange(N)
@@ -144,14 +149,15 @@ def _structure_test(
         else np.sort(np.random.default_rng(0).choice(N, levels.MAX_KERNEL_ROWS, replace=False))
     )
     series = baseline.flipped[: N * block].reshape(N, block, -1)[rows]
+    # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
+    alike = [codes[:, None] == codes[None, :] for codes in (groups[rows], data.pose[rows])]
+    pairs = np.nonzero(alike[0] | alike[1])
+    flat = series.reshape(len(rows), -1)
     names, values = [], []
-    for name, K in _smooth_kernels(data, points, rows):
-        np.fill_diagonal(K, 0.0)
-        # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
-        for codes in (groups[rows], data.pose[rows]):
-            K[codes[:, None] == codes[None, :]] = 0.0
-        smooth = np.tensordot(K, series, axes=(1, 0))
-        values.append(np.einsum("nbf,nbf->f", series, smooth))
+    for name, kernel in _smooth_kernels(data, points, rows):
+        whole = np.sum(kernel.smoothed(flat), axis=0)
+        own = np.einsum("nf,nf->f", flat, csr_array((kernel.at(*pairs), pairs), shape=(len(rows),) * 2) @ flat)
+        values.append((whole - own).reshape(block, -1).sum(axis=0))
         names.append(name)
     table = np.stack(values)
     centre, spread = table[:, 1:].mean(axis=1), table[:, 1:].std(axis=1)
@@ -161,33 +167,65 @@ def _structure_test(
     return p_value_of_maximum(most, float(z[best, 0])), names[best]
 
 
-def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:
-    """Kernels (R, R) by name: joint values, sides of arrival, tool points and inputs of the rows, 1 on the diagonal."""
-    q = data.q[rows]
+@dataclass(frozen=True, eq=False)
+class SmoothKernel:
+    """``K_ij = s_i s_j exp(−½ |x_i − x_j|²)`` of R rows.
+
+    Args:
+        x: (R, d) in units of the kernel's width.
+        sign: (R,) of s.
+    """
+
+    x: Array
+    sign: Array
+
+    def at(self, i: Codes, j: Codes) -> Array:
+        """(p,) its entries at rows i (p,) and columns j (p,)."""
+        return np.asarray(self.sign[i] * self.sign[j] * np.exp(-0.5 * np.sum((self.x[i] - self.x[j]) ** 2, axis=-1)))
+
+    def smoothed(self, series: Array) -> Array:
+        """Rows whose sums of columns are the quadratic forms ``eᵀ K e`` of series (R, f)."""
+        factor = self._factor()
+        if factor is not None:
+            return np.asarray((factor.T @ series) ** 2)
+        rows = np.arange(len(self.x))
+        return np.asarray(series * (self.at(rows[:, None], rows) @ series))
+
+    def _factor(self) -> Array | None:
+        """(R, r) of ``K = C Cᵀ`` by a pivoted Cholesky factorisation; None where r is no small part of R.
+
+        Along one axis a smooth kernel has some tens of directions; in space it has hundreds.
+        """
+        most = len(self.x) // _SMALL_RANK_SHARE if self.x.shape[1] == 1 else 0
+        C, left = np.zeros((len(self.x), most)), self.sign**2
+        rows = np.arange(len(self.x))
+        for k in range(most):
+            pivot = int(np.argmax(left))
+            if left[pivot] < _KERNEL_TOLERANCE:
+                return C[:, :k]
+            C[:, k] = (self.at(rows, np.array([pivot])) - C[:, :k] @ C[pivot, :k]) / np.sqrt(left[pivot])
+            left -= C[:, k] ** 2
+        return None
+
+
+def _smooth_kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, SmoothKernel]]:
+    """Kernels of the rows by name: joint values, sides of arrival, tool points and inputs."""
+    q, even = data.q[rows], np.ones(len(rows))
     for j, name in enumerate(data.joint_names):
         span = float(np.ptp(q[:, j]))
         if span < 1e-6:
             continue
         for scale in levels.JOINT_KERNEL_WIDTHS:
-            near = _gaussian_kernel(q[:, j : j + 1] / (scale * span))
-            yield name, near
-        side = np.sign(data.approach[rows, j])
+            yield name, SmoothKernel(q[:, j : j + 1] / (scale * span), even)
+        side = np.sign(data.approach[rows, j]).astype(float)
         if len(np.unique(side)) > 1:
-            yield (
-                side_place(name),
-                np.outer(side, side) * _gaussian_kernel(q[:, j : j + 1] / (levels.JOINT_KERNEL_WIDTHS[0] * span)),
-            )
+            yield side_place(name), SmoothKernel(q[:, j : j + 1] / (levels.JOINT_KERNEL_WIDTHS[0] * span), side)
     size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
     for scale in levels.FIELD_KERNEL_WIDTHS:
-        yield "tool point", _gaussian_kernel(points[rows] / max(scale * size, 1e-9))
+        yield "tool point", SmoothKernel(points[rows] / max(scale * size, 1e-9), even)
     for name in ("time", "payload", "temperature"):
         values = getattr(data, name)
         values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
         if values is not None and np.ptp(values[rows]) > 0:
-            yield name, _gaussian_kernel(values[rows][:, None] / (levels.INPUT_KERNEL_WIDTH * np.ptp(values[rows])))
-
-
-def _gaussian_kernel(x: Array) -> Array:
-    """``exp(−½ |x_i − x_j|²)`` (R, R) of points (R, d) in units of the kernel's width."""
-    square = np.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=2)
-    return np.asarray(np.exp(-0.5 * square))
+            span = levels.INPUT_KERNEL_WIDTH * np.ptp(values[rows])
+            yield name, SmoothKernel(values[rows][:, None] / span, even)

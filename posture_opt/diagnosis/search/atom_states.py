@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.score_tests import beyond_limits, stacked_sizes
-from posture_opt.diagnosis.search.dictionary import Atoms
-from posture_opt.diagnosis.search.projected_scores import explained_squares
+from posture_opt.diagnosis.search.atoms import Atoms
+from posture_opt.diagnosis.search.projected_scores import explained_squares, row_products
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -75,8 +76,9 @@ class AtomStates:
         products = self.atoms.products(q.reshape(len(q), -1))
         inner = np.moveaxis(products.reshape(*products.shape[:2], *explained.shape), 2, 0)
         inner = inner * self.scale[places][:, :, :, None]
-        self.gram[places] -= inner @ np.swapaxes(inner, 2, 3)
-        self.score[places] -= (inner @ explained[:, None, :, None])[:, :, :, 0]
+        at = slice(None) if len(places) == len(self.gram) else places
+        self.gram[at] -= row_products(inner)
+        self.score[at] -= sum(inner[..., c] * explained[:, None, None, c] for c in range(width))
         for step in steps:
             self.closed[step.place, self.atoms.excluded(step.candidate)] = True
 
@@ -86,7 +88,8 @@ class AtomStates:
         Args:
             places: of f pursuits; rss, freedom: (f,) what they leave, and its degrees of freedom.
         """
-        gram, score = self.gram[places], self.score[places]
+        at = slice(None) if len(places) == len(self.gram) else places
+        gram, score = self.gram[at], self.score[at]
         flat = explained_squares(gram.reshape(-1, *gram.shape[2:]), score.reshape(-1, score.shape[2]))
         gain, count = (part.reshape(score.shape[:2]) for part in flat)
         rss, freedom = rss[:, None], freedom[:, None]
@@ -113,7 +116,12 @@ class AtomStates:
         return out
 
     def leading(self, drops: Array, least: float) -> list[Candidate]:
-        """The few best candidates that are local maxima of the drop (n,), at ``least`` or better."""
-        before, behind = np.r_[-np.inf, drops[:-1]], np.r_[drops[1:], -np.inf]
-        peaks = np.flatnonzero((drops >= least) & (drops >= before) & (drops >= behind))
-        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP_PER_KIND]]
+        """The few best candidates of each kind that are local maxima of the drop (n,), at ``least`` or better."""
+        found = list[Candidate]()
+        for first, end in pairwise(self.atoms.edges):
+            own = drops[first:end]
+            before, behind = np.r_[-np.inf, own[:-1]], np.r_[own[1:], -np.inf]
+            peaks = np.flatnonzero((own >= least) & (own >= before) & (own >= behind))
+            best = peaks[np.argsort(-own[peaks])][:_RUNNERS_UP_PER_KIND]
+            found += [self.atoms.candidate(first + int(i)) for i in best]
+        return found

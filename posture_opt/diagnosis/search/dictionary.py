@@ -1,12 +1,7 @@
-"""The dictionary of a search: the columns of every candidate, its atoms, and the lines of all joints among them.
-
-Atoms return their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
-that a matching pursuit asks.
-"""
+"""The dictionary of a search: the columns of every candidate, its atoms, and the lines of all joints among them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,56 +10,18 @@ from itertools import islice
 import numpy as np
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.diagnosis.scores.candidates import Candidate, Lines
+from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks
-from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
+from posture_opt.diagnosis.search.atoms import Atoms, JoinedAtoms
+from posture_opt.diagnosis.search.line_atoms import LineAtoms
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.projected_scores import projected_gains
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
-from posture_opt.model.effects import CyclicError, Effect
+from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes, Mask
 
 _SHAPES_AT_ONCE = 16  # shapes of one effect that are compared at a time
-_STEPS_TO_HALF_WAY = 4  # steps to either side from a line of the grid to half way to the next
-
-
-class Atoms(ABC):
-    """n candidates of k columns each.
-
-    A dictionary may hold thousands of candidates of the same width k; nothing asks for all their columns at once.
-    """
-
-    prices: Array
-    """(n,) what the criterion charges for each in addition to its parameters."""
-    limits: Array
-    """(n, 2) the least and the largest size of its parameters [SI]; infinite for most."""
-    most: Array
-    """(n,) sum of squares that each can explain at the most; infinite for most."""
-
-    @abstractmethod
-    def grams(self, rows: Codes | None = None) -> Array:
-        """(n, k, k) inner products of the columns, of all rows or of some."""
-
-    @abstractmethod
-    def products(self, vectors: Array) -> Array:
-        """(n, k, p) inner products of the columns with vectors (m, p)."""
-
-    @abstractmethod
-    def candidate(self, index: int) -> Candidate:
-        """One of the candidates."""
-
-    @abstractmethod
-    def excluded(self, chosen: Candidate) -> Codes:
-        """Indices of those that no model holds together with a chosen candidate."""
-
-    @abstractmethod
-    def finest(self, index: int, Q: Array, e: Array, learn: Mask) -> Candidate:
-        """The candidate between this one and its neighbours on the grid that explains most.
-
-        Args:
-            Q: (m, p) basis of what was chosen, and e (m,) what it leaves, both zero but in the rows ``learn`` (m,).
-        """
 
 
 class WrittenAtoms(Atoms):
@@ -72,7 +29,7 @@ class WrittenAtoms(Atoms):
 
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
         self.members: tuple[Candidate, ...] = tuple(candidates)
-        self.width: int = candidates[0].Z.shape[1]
+        self.width = candidates[0].Z.shape[1]
         self._sensitivities = sensitivities
         self.block: int = sensitivities.residuals.block
         self._columns = ColumnBlocks.of([c.Z for c in candidates], [c.place for c in candidates])
@@ -125,73 +82,6 @@ class WrittenAtoms(Atoms):
         return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
 
 
-class LineAtoms(Atoms):
-    """Cyclic errors of one joint at every frequency that its values resolve.
-
-    The columns of a line are ``c_n sin(k (q_n − q_0))`` and the cosine, c_n what one unit of the joint does to row n.
-
-    Their inner products are Fourier sums over the joint values: all K frequencies cost about as much as one column
-    each.
-    """
-
-    def __init__(self, linearised: LinearisedData, lines: Lines) -> None:
-        self.lines: Lines = lines
-        self._sensitivities = linearised.sensitivities
-        data = self._sensitivities.residuals.data
-        joint = data.joint_names.index(lines.form.joint)
-        self.lever: Array = self._sensitivities.joints[joint]
-        self.q: Array = data.q[:, joint] - lines.form.centre
-        self.sums: FourierSums = FourierSums.of(self.q, lines.cycles)
-        price = price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities))
-        self.prices: Array = np.full(len(lines.cycles), price)
-        self.limits: Array = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
-        self.most: Array = np.full(len(lines.cycles), np.inf)
-        self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
-
-    def grams(self, rows: Codes | None = None) -> Array:
-        """Inner products (K, 2, 2) of sine and cosine at every frequency, by `weighted_squares`."""
-        q, lever = (v if rows is None else v[rows] for v in (self.q, self.lever))
-        weights = np.einsum("nb,nb->n", lever, lever)[:, None]
-        ss, sc, cc = weighted_squares(q, self.lines.cycles, weights)
-        return np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2)
-
-    def products(self, vectors: Array) -> Array:
-        """Inner products (K, 2, p) with vectors (m, p), by fast Fourier sums."""
-        N, block = self.lever.shape
-        along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1))
-        return np.stack(self.sums(along), axis=1)
-
-    def candidate(self, index: int) -> Candidate:
-        """The line at a frequency of the grid."""
-        return self.lines.candidate(self.lines.cycles[index], self._sensitivities)
-
-    def excluded(self, chosen: Candidate) -> Codes:
-        """Indices of lines of the same joint that are too near to a chosen one to be another."""
-        if not isinstance(chosen.what, CyclicError) or chosen.what.joint != self.lines.form.joint:
-            return np.zeros(0, dtype=np.intp)
-        apart = np.abs(self.lines.cycles - chosen.what.cycles)
-        return np.flatnonzero(apart <= self.lines.least_distance)
-
-    def finest(self, index: int, Q: Array, e: Array, learn: Mask) -> Candidate:
-        """The best line up to half way to the neighbours on the grid, and then to those of a finer one."""
-        N, block = self.lever.shape
-        lever = self.lever * learn[: N * block].reshape(N, block)
-        weights = np.einsum("nb,nb->n", lever, lever)
-        along = np.column_stack([np.einsum("nb,nbp->np", lever, Q[: N * block].reshape(N, block, -1)), self._of(e)])
-        cycles = float(self.lines.cycles[index])
-        for step in (self._step / (2 * _STEPS_TO_HALF_WAY), self._step / (2 * _STEPS_TO_HALF_WAY) ** 2):
-            near = cycles + step * np.arange(-_STEPS_TO_HALF_WAY, _STEPS_TO_HALF_WAY + 1)
-            waves = np.stack([wave(self.q[:, None] * near) for wave in (np.sin, np.cos)], axis=2)
-            gram = np.einsum("nik,nil->ikl", waves * weights[:, None, None], waves, optimize=True)
-            inner = np.tensordot(waves, along, axes=(0, 0))
-            cycles = float(near[int(np.argmax(projected_gains(gram, inner[:, :, :-1], inner[:, :, -1])))])
-        return self.lines.candidate(cycles, self._sensitivities)
-
-    def _of(self, e: Array) -> Array:
-        """(N,) residuals e (m,) along what one unit of the joint does to each row."""
-        return np.asarray(np.einsum("nb,nb->n", self.lever, e[: self.lever.size].reshape(self.lever.shape)))
-
-
 @dataclass(frozen=True, eq=False)
 class Dictionary:
     """The candidates of a search over linearised data, lines of joints included.
@@ -213,3 +103,11 @@ class Dictionary:
         if not self.candidates:
             return ()
         return (*written, *(LineAtoms(self.linearised, own) for own in self.linearised.lines))
+
+    @cached_property
+    def by_width(self) -> tuple[Atoms, ...]:
+        """The atoms, those of one width joined."""
+        kinds: dict[int, list[Atoms]] = {}
+        for atoms in self.atoms:
+            kinds.setdefault(atoms.width, []).append(atoms)
+        return tuple(own[0] if len(own) == 1 else JoinedAtoms(own) for own in kinds.values())

@@ -63,7 +63,7 @@ def _pursue_together(dictionary: Dictionary, most: int, held_out: Sequence[Codes
     """Pursuits side by side: the columns, which are by far the most numbers, are walked through once a step."""
     linearised = dictionary.linearised
     pursuits = [_Pursuit(linearised, place, rows) for place, rows in enumerate(held_out)]
-    states = [AtomStates(atoms, held_out) for atoms in dictionary.atoms]
+    states = [AtomStates(atoms, held_out) for atoms in dictionary.by_width]
     for one, state in product(pursuits, states):
         state.begin(one.place, one.Q, one.e)
     while going := [one for one in pursuits if one.goes_on and len(one.chosen) < most]:
