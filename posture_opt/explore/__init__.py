@@ -11,7 +11,7 @@
     panel.py ───── Panel        numbers and joints; task_panel.py, obstacles_panel.py what may be asked differently
     stations.py    Stations     features and paths: chosen, played back, their workpiece dragged
     live_map.py    LiveMap      the spread over the bench, as heat.py computes it
-    measured.py    Measured     measurements with their errors, causes switched on and off
+    measured.py    Measured     measurements with their errors, causes switched on and off; measured_marks.py draws them
     taken_away.py  TakenAway    what is written: problem, report, picture; and the command line
     server.py ──── a viser server; gate.py who may open it
 

@@ -19,6 +19,7 @@ from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import served, stop
 from posture_opt.explore.taken_away import TakenAway, millimetres, position_of
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
@@ -42,12 +43,16 @@ class Explorer:
         problem: with a task.
         host, port: where the page is served; the next free port is taken.
         folder: where "Save problem" writes to.
+        data: measurements whose errors are shown.
 
     Raises:
         InputError: no task, viser is missing, or the page cannot be served.
     """
 
-    def __init__(self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None):
+    def __init__(
+        self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None,
+        data: Measurements | None = None,
+    ) -> None:  # fmt: skip
         spread = propagate(problem, posture_near(problem, position_of(problem)))
         geometry = ArmGeometry.of_spread(spread)
         self._stated = self._problem = problem
@@ -61,7 +66,7 @@ class Explorer:
         self._server = self._served.viser
         arm = ArmSolids(spread.tool_point.robot)
         self._cell = problem.scene
-        self._panel = Panel(self._server, problem, geometry, self._actions())
+        self._panel = Panel(self._server, problem, geometry, self._actions(), data is not None)
         obstacle_moved = self._panel.obstacles.move
         self._scene = LiveScene(self._server, geometry, arm, self._dragged, obstacle_moved)
         self._scene.cell.show(self._cell)
@@ -75,6 +80,8 @@ class Explorer:
         self._answers = Answers(self._answered)
         self._request = Request(problem)
         self._answers.ask(self._request)
+        if data is not None:
+            self._panel.measured.show(data)
 
     @property
     def url(self) -> str:
@@ -263,7 +270,10 @@ class Explorer:
             self._scene.fade(None if answer.nearest is None else answer.nearest.spread.position)
 
 
-def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True) -> Explorer:
+def explore(
+    problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT, browser: bool = True,
+    data: Measurements | None = None,
+) -> Explorer:  # fmt: skip
     """A live page of a problem: drag the target, and the best posture follows.
 
     Args:
@@ -271,11 +281,12 @@ def explore(problem: Problem, *, host: str = "127.0.0.1", port: int = DEFAULT_PO
         host: an address of this machine.
         port: the next free one is taken.
         browser: whether a browser is opened.
+        data: measurements whose errors are shown.
 
     Raises:
         InputError: as `Explorer`.
     """
-    page = Explorer(problem, host, port)
+    page = Explorer(problem, host, port, data=data)
     if browser:
         webbrowser.open_new_tab(page.url)
     return page

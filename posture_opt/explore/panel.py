@@ -48,9 +48,12 @@ class Panel:
         problem: as stated.
         geometry: of the arm.
         actions: what the controls call.
+        measured: whether there are measurements at first.
     """
 
-    def __init__(self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions) -> None:
+    def __init__(
+        self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions, measured: bool
+    ) -> None:
         gui, self._actions = server.gui, actions
         gui.set_panel_label(problem.name)
         self._state = gui.add_html(_line(_FIRST))
@@ -73,7 +76,7 @@ class Panel:
             self._joints = [_slider(gui, joint) for joint in problem.robot.joints]
             back = gui.add_button("Back to the best posture")
         self.map: LiveMap = LiveMap(server, actions.asked, self._put)
-        with gui.add_folder("Measurements", expand_by_default=False):
+        with gui.add_folder("Measurements", expand_by_default=measured):
             self.measured: Measured = Measured(server, actions.asked, geometry.extent, actions.turned)
         self._text: Any = gui.add_text("Command", "", multiline=True, hint="gives this answer on the command line")
         self._add_taken_away(gui)

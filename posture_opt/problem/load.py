@@ -8,19 +8,23 @@ from pathlib import Path
 
 from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, nearest
 from posture_opt.files import builtin_names as builtin_names
-from posture_opt.files import is_there, nearest_file
+from posture_opt.files import is_file, is_there, nearest_file
 from posture_opt.files import problems_folder as problems_folder
 from posture_opt.problem.plain_data import Plain, plain
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 from posture_opt.texts import one_line
 
+_DELIVERED = "extended.yaml", "calibrated.yaml"
+"""The files of a result that describe the arm: of a diagnosis, of a calibration."""
 _DEFAULT_PROBLEM = "insert_planar_2r"
 _MAX_SUGGESTIONS = 4  # names that begin like what was written
 
 
 def load_problem(path: str | PathLike[str]) -> Problem:
     """The problem in a YAML file, or, where there is none of that name, the built-in problem: ``insert_planar_2r``.
+
+    Of a folder that a diagnosis or a calibration was saved in, the arm that it delivered.
 
     >>> load_problem("insert_planar_2r").task.kind
     'insert'
@@ -38,6 +42,7 @@ def load_problem(path: str | PathLike[str]) -> Problem:
             file = problems_folder() / f"{name}.yaml"
         elif near := _near_builtin(name):
             raise InputError(Issue(f"no such file: {name}", hint=near))
+    file = next((file / delivered for delivered in _DELIVERED if is_file(file / delivered)), file)
     return build_problem(read_yaml(file), file.parent, one_line(file.stem))
 
 

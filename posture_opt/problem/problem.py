@@ -40,6 +40,7 @@ from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.live_page import LivePage
 
 _ROBOT_SECTIONS = ("name", "robot", "uncertainty", "effects", "data")
@@ -232,18 +233,18 @@ class Problem(ProblemData):
         document = {**self.document, "effects": [entry for entry, keep in entries if keep]}
         return replace(self, effects=moving_effects(self.effects), sources=self.stated, document=document)
 
-    def explore(self, port: int = 8080, browser: bool = False) -> LivePage:
+    def explore(self, port: int = 8080, browser: bool = False, data: Measurements | None = None) -> LivePage:
         """A live page on which the best posture follows the target; it returns at once, its ``close`` ends it.
 
         Args:
             port: the next free one is taken.
             browser: whether a browser is opened.
+            data: measurements whose errors are shown.
 
         Raises:
             InputError: no task, or viser is missing (``pip install 'posture_opt[explore]'``).
-            NoSolutionError: there is no posture to begin with.
         """
-        page: LivePage = registered("explorer", self)(port=port, browser=browser)
+        page: LivePage = registered("explorer", self)(port=port, browser=browser, data=data)
         return page
 
     def to_dict(self) -> Section:

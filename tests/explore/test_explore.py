@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Request
@@ -28,6 +29,7 @@ from posture_opt.explore.heat import heat_of, passes_of
 from posture_opt.explore.live_map import picture
 from posture_opt.explore.settings import settings_of
 from posture_opt.explore.taken_away import png
+from posture_opt.files import problems_folder
 
 pytest.importorskip("viser", reason="viser is not installed")
 PLANAR = "insert_planar_2r_fixed_hole"
@@ -145,6 +147,7 @@ def test_a_target_of_numbers_only(page: Any) -> None:
     [
         (["--host", "192.0.2.1"], "no page can be served at '192.0.2.1'"),
         ([], "Name a --problem or a --robot"),
+        (["none.csv"], "no such file: none.csv"),
     ],
 )
 def test_what_is_refused(options: list[str], says: str, capsys: Any) -> None:
@@ -348,6 +351,36 @@ def test_measurements_have_the_errors_that_the_model_leaves(tmp_path: Path) -> N
         measured._show_row()
         until(lambda: page._shown is not None and page._shown.own is not None)
         assert page._shown.own.q == pytest.approx(q[6], abs=1e-8)
+
+
+@pytest.mark.long
+def test_errors_that_are_no_vectors_are_points_in_colours() -> None:
+    """Touches of planes: the error of every row across its plane, as `stated_errors` finds it; its RMS in words."""
+    problem = po.load_problem("ur10_touched_plates")
+    data = po.read_measurements(problems_folder() / "ur10_touched_plates.csv", problem)
+    with problem.explore(port=18195, data=data) as page:
+        measured = page._panel.measured
+        until(lambda: measured._row_words.content != "")
+        errors, kept = stated_errors(problem, data)
+        np.testing.assert_allclose(measured._errors[0], -errors, atol=1e-12)
+        assert f"RMS error across the plane {1e3 * np.sqrt(np.mean(errors[kept, 0] ** 2)):.3g} mm" in (
+            measured._words.content
+        )
+        assert f"Row 1: error across the plane {1e3 * abs(errors[0, 0]):.3g} mm." in measured._row_words.content
+        shown = page._server.scene._handle_from_node_name["/measured/errors"]
+        assert len(shown.points) == np.count_nonzero(kept)
+        bright = shown.colors.astype(int).sum(axis=1)
+        assert np.argmax(bright) == np.argmax(-errors[kept, 0])  # the colours run from the least to the greatest
+        assert measured._colour.value == "error"
+
+
+def test_the_folder_of_a_result_is_the_arm_that_it_delivered(tmp_path: Path) -> None:
+    """That of a diagnosis before that of a calibration; a folder without either is no problem file."""
+    with pytest.raises(po.errors.InputError, match="this is a folder"):
+        po.load_problem(tmp_path)
+    for name, kind in (("calibrated", "insert_panda"), ("extended", PLANAR)):
+        (tmp_path / f"{name}.yaml").write_bytes((problems_folder() / f"{kind}.yaml").read_bytes())
+        assert po.load_problem(tmp_path).to_dict() == po.load_problem(kind).to_dict()
 
 
 def test_a_map_has_its_last_row_at_the_top_and_holes_where_nothing_is_feasible() -> None:
