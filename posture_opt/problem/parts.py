@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from posture_opt.collision.obstacles.mesh import Mesh
 from posture_opt.errors import InputError, Issue, listed
 from posture_opt.measurements.header import data_issues
 from posture_opt.model.arm import Arm
@@ -32,6 +33,7 @@ from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Repeatability, Robot
 from posture_opt.robot.urdf import pitched_rolls
+from posture_opt.selection.tasks import Task
 from posture_opt.texts import checked
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources
@@ -65,6 +67,7 @@ def read_parts(
         read = spec
         arms = _arms(read, folder, issues)
         task = _collect(issues, lambda: with_path(read.task, folder))
+        task = _collect(issues, lambda: _with_workpiece(task, folder))
         task = task.for_robot(arms[1].robot) if task is not None and arms else task
         data = _collect(issues, lambda: with_camera_files(read.data, folder)) or read.data
         files = data
@@ -86,6 +89,29 @@ def read_parts(
     assert arms is not None
     assert sources is not None
     return spec, arms, sources
+
+
+def _with_workpiece(task: Task | None, folder: Path) -> Task | None:
+    """The task with the file of its workpiece read.
+
+    Raises:
+        InputError: it cannot be used, by its key.
+    """
+    if task is None or task.workpiece is None:
+        return task
+    part = task.workpiece
+    return task.model_copy(update={"workpiece": _at("task", lambda: _at("workpiece", lambda: part.in_folder(folder)))})
+
+
+def fixed_part(task: Task | None) -> Mesh | None:
+    """The workpiece as an obstacle, where it has a shape and a fixed place."""
+    part = None if task is None else task.workpiece
+    return part.solid(part.lower) if part is not None and part.fixed else None
+
+
+def part_notes(task: Task | None) -> tuple[str, ...]:
+    """How the shape of the workpiece is checked, where it has one."""
+    return () if task is None or task.workpiece is None else task.workpiece.notes
 
 
 def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, Arm] | None:

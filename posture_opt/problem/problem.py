@@ -24,7 +24,7 @@ from posture_opt.problem.fitting import (
     sources_text,
     with_workpiece,
 )
-from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
+from posture_opt.problem.parts import fixed_part, input_notes, parse_spec, part_notes, problem_notes, read_parts
 from posture_opt.problem.path_file import with_path
 from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.replacing import kept_of_task, replaced_data
@@ -142,7 +142,7 @@ class Problem(ProblemData):
         arm = arm_with(self.robot, self.effects, other.task)
         uncertainty = with_workpiece(self.document.get("uncertainty"), other.document.get("uncertainty"))
         return replace(
-            self, arm=arm, task=other.task, workpiece_sources=other.workpiece_sources,
+            self, arm=arm, task=other.task, workpiece_sources=other.workpiece_sources, part=other.part,
             document={**self.document, "task": task, **({"uncertainty": uncertainty} if uncertainty else {})},
             notes=(*(note for note in self.notes if note not in input_notes(self.arm)), *input_notes(arm)),
             overridden=self.overridden | {("task",)},
@@ -288,6 +288,10 @@ class Problem(ProblemData):
             if given := obstacle.get("file"):
                 obstacle["file"] = f"{stem}_obstacle{k + 1}{Path(given).suffix}"
                 further[obstacle["file"]] = self._content(given)
+        part = (document.get("task") or {}).get("workpiece") or {}
+        if given := part.get("file"):
+            part["file"] = f"{stem}_workpiece{Path(given).suffix}"
+            further[part["file"]] = self._content(given)
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
 
     def _content(self, name: str) -> bytes:
@@ -325,9 +329,11 @@ def build_problem(document: Document, folder: Path, name: str, *, attached: Mapp
         notes=(
             *problem_notes(arm, spec.uncertainty, sources, spec.effects),
             *(spec.cell.notes if spec.cell is not None else ()),
+            *part_notes(spec.task),
         ),
         document=document.data,
         origin=document,
         attached=texts,
         cell=spec.cell,
+        part=fixed_part(spec.task),
     )

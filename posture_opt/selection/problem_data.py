@@ -9,10 +9,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.obstacles.mesh import Mesh
 from posture_opt.collision.scene import Scene
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import CatalogueEntry, Effect
+from posture_opt.numerics import Array
 from posture_opt.result import Summarised
 from posture_opt.robot.corrections import corrections_of
 from posture_opt.robot.robot import Robot
@@ -43,6 +45,7 @@ class ProblemData(Summarised, ABC):
         within_measured: whether postures are chosen where the effects were measured that hold nowhere else.
         notes: sentences for the report on what was assumed or overridden.
         without_mounting: whether an assumed mounting plane is dropped, as the task cannot be done above it.
+        part: the workpiece as an obstacle, where it is fixed or was put; None without a shape, or a place yet.
     """
 
     name: str
@@ -60,6 +63,7 @@ class ProblemData(Summarised, ABC):
     notes: tuple[str, ...] = ()
     workpiece_sources: Sources = field(default_factory=Sources)
     without_mounting: bool = False
+    part: Mesh | None = None
 
     @cached_property
     def task_sources(self) -> Sources:
@@ -73,8 +77,17 @@ class ProblemData(Summarised, ABC):
 
     @cached_property
     def scene(self) -> Scene:
-        """What the arm may collide with: obstacles, and itself."""
-        return Scene.of(self.robot, self.cell, without_mounting=self.without_mounting)
+        """What the arm may collide with: obstacles, a workpiece whose shape and place are known, and itself."""
+        cell = self.cell
+        if self.part is not None:
+            cell = cell or CellSpec()
+            cell = cell.model_copy(update={"obstacles": (*cell.obstacles, self.part)})
+        return Scene.of(self.robot, cell, without_mounting=self.without_mounting)
+
+    def with_workpiece_at(self, w: Array) -> Self:
+        """The same problem with the shape of its workpiece, if it has one, at w (4,): x, y, z [m] and yaw [rad]."""
+        given = None if self.task is None else self.task.workpiece
+        return self if given is None or given.file is None else replace(self, part=given.solid(w.tolist()))
 
     @property
     def above_assumed_mounting(self) -> bool:

@@ -20,6 +20,11 @@ from posture_opt.numerics import Array
 from posture_opt.robot.meshes import UnreadMeshError
 from posture_opt.robot.urdf_chain import xyz_rpy
 
+MeshUnit = Literal["m", "cm", "mm", "in"]
+"""Unit of the lengths in a mesh file."""
+BoxCount = Annotated[int, Field(ge=1, le=64)]
+"""So many boxes enclose a mesh at the most."""
+DEFAULT_BOXES = 12
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 _MAX_DRAWN_FACES = 6000
 """Faces of a drawing; of a finer mesh neighbouring corners are drawn as one."""
@@ -35,8 +40,8 @@ class Mesh(PlacedObstacle):
 
     kind: Literal["mesh"]
     file: str = Field(description="STL, OBJ, PLY or OFF file, from the folder of the problem file")
-    unit: Literal["m", "cm", "mm", "in"] = Field(description="of the lengths in the file, which it does not say itself")
-    boxes: Annotated[int, Field(ge=1, le=64)] = Field(12, description="at most so many boxes enclose it")
+    unit: MeshUnit = Field(description="of the lengths in the file, which it does not say itself")
+    boxes: BoxCount = Field(DEFAULT_BOXES, description="at most so many boxes enclose it")
     _less: Size = PrivateAttr(0.0)
 
     def in_folder(self, folder: Path) -> Mesh:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from posture_opt.errors import listed
 from posture_opt.report.text.units_text import length, stated_length
 from posture_opt.robot.shape import TOOL
+from posture_opt.selection.tasks.workpiece import WORKPIECE
 
 if TYPE_CHECKING:
     from posture_opt.collision.nearest import Clearance
@@ -62,6 +63,22 @@ def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, .
     if not note:
         return (), ()
     return ((note,), ()) if scene.mounting is not None and scene.mounting.dropped else ((), (note,))
+
+
+def workpiece_lead(found: Solution) -> tuple[str, ...]:
+    """That the arm meets the workpiece where it was put, or comes nearer than it may; nothing where it does not."""
+    problem = found.problem
+    if problem.part is None or found.clearance is None or found.clearance.cell is None:
+        return ()
+    nearest, margin = found.clearance.cell, problem.scene.margin
+    if nearest.between[1] != WORKPIECE or nearest.distance > margin:
+        return ()
+    joint = nearest.between[0]
+    how = f"comes within {length(nearest.distance)} of" if nearest.distance > 0 else "hits"
+    return (
+        f"There {joint} {how} the workpiece: the placement was chosen without looking at its shape. Narrow x, y, z or "
+        "yaw, or fix them: of a fixed workpiece the arm keeps clear.",
+    )
 
 
 def mounting_notes(answers: Mapping[str, Solution]) -> tuple[str, ...]:

@@ -278,8 +278,9 @@ class PathSelector(DerivedAgain):
         )  # fmt: skip
         status: Status = "infeasible" if reasons else "optimal" if motion.optimal else "feasible"
         seconds, none = time.perf_counter() - began, np.zeros((0, motion.Q.shape[1]))
+        placed_problem = self.problem.with_workpiece_at(self.w)
         points = tuple(
-            Solution(self.problem, problem, target, status, q, _counted(count, seconds, problem), none, notes,
+            Solution(placed_problem, problem, target, status, q, _counted(count, seconds, problem), none, notes,
                      tuple(reasons))
             for target, q, count in zip(search.found.targets, motion.Q, followed.candidates, strict=True)
         )  # fmt: skip

@@ -122,6 +122,8 @@ class FeaturesFailure:
     def _placed(self, w: Sequence[Quantity]) -> tuple[Change, ...]:
         """The workpiece at one placement."""
         text: dict[str, Json] = {name: part.text for name, part in zip(COORDINATES, w, strict=True)}
+        if self.task.workpiece is not None:
+            text |= self.task.workpiece.shape_keys
         x, y, z = (part.text.split()[0] for part in w[:3])
         box = self.stations.placement
         there = np.array([part.value for part in w])
@@ -154,7 +156,10 @@ def joined_features(
     statistics = placement.statistics
     assert statistics is not None
     first = replace(solved[0].statistics, seconds=statistics.seconds)
+    placed = problem.with_workpiece_at(placement.w)
+    if placed is not problem:
+        solved = [replace(one, problem=replace(one.problem, part=placed.part)) for one in solved]
     return replace(
-        solved[0], problem=problem, statistics=first, points=tuple(solved), names=tuple(names), placement=placement,
+        solved[0], problem=placed, statistics=first, points=tuple(solved), names=tuple(names), placement=placement,
         **stated,
     )  # fmt: skip

@@ -6,10 +6,13 @@ The placement is ``T_world_workpiece = Trans(x, y, z) Rz(yaw)``: a part lies on 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
+from posture_opt.collision.obstacles.mesh import DEFAULT_BOXES, BoxCount, Mesh, MeshUnit
 from posture_opt.errors import BadValueError
 from posture_opt.limits import MOST_FEATURES
 from posture_opt.selection.tasks.direction import Direction
@@ -20,6 +23,9 @@ Combine = Literal["worst", "mean", "success"]
 """The largest spread of the features, their mean, or the probability that all of them succeed."""
 
 Point = tuple[float, float, float]
+
+WORKPIECE = "workpiece"
+"""Name of the part in reports and pictures."""
 
 
 def _span(dimension: str) -> Any:
@@ -66,6 +72,64 @@ class Workpiece(Spec):
     y: LengthSpan = Field((0.0, 0.0), description="as `x`")
     z: LengthSpan = Field((0.0, 0.0), description="as `x`")
     yaw: AngleSpan = Field((0.0, 0.0), description="its turn about the vertical: a value, or `[least, most]`")
+    file: str | None = Field(
+        None,
+        description="STL, OBJ, PLY or OFF file of the part in its frame: drawn, and kept clear of where it is fixed",
+    )
+    unit: MeshUnit | None = Field(None, description="of the lengths in the file")
+    boxes: BoxCount = Field(DEFAULT_BOXES, description="at most so many boxes enclose it")
+
+    @model_validator(mode="after")
+    def _with_unit(self) -> Workpiece:
+        """The workpiece as it is, where its file has a unit.
+
+        Raises:
+            BadValueError: a file without a unit, or a unit without a file.
+        """
+        if self.file is not None and self.unit is None:
+            raise BadValueError("the unit of the lengths in the file is missing", "add unit: mm")
+        if self.file is None and self.unit is not None:
+            raise BadValueError("unit says how the lengths in a file are written, and there is no file", "add file: …")
+        return self
+
+    def in_folder(self, folder: Path) -> Workpiece:
+        """The same workpiece with the whole path of its file, which is read.
+
+        Raises:
+            InputError: as of an obstacle of kind mesh.
+        """
+        if self.file is None:
+            return self
+        return self.model_copy(update={"file": self._mesh(self.lower).in_folder(folder).file})
+
+    @property
+    def fixed(self) -> bool:
+        """Whether its place is stated, and not found."""
+        return self.lower == self.upper
+
+    @property
+    def shape_keys(self) -> dict[str, str | int | None]:
+        """The keys of its shape, as a file has them; none without a shape."""
+        return {} if self.file is None else {"file": self.file, "unit": self.unit, "boxes": self.boxes}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How its shape is checked, in a sentence; nothing without one."""
+        solid = self.solid(self.lower)
+        if solid is None:
+            return ()
+        where = "" if self.fixed else "; its placement is chosen without looking at it, and checked after that"
+        return (f"{solid.note}{where}",)
+
+    def solid(self, w: Sequence[float]) -> Mesh | None:
+        """The part as an obstacle where it stands at w = (x, y, z [m], yaw [rad]); None where it has no file."""
+        return None if self.file is None else self._mesh(w)
+
+    def _mesh(self, w: Sequence[float]) -> Mesh:
+        """The part at a placement (4,)."""
+        x, y, z, yaw = map(float, w)
+        keys = {"name": WORKPIECE, "kind": "mesh", **self.shape_keys}
+        return Mesh.model_validate(keys).model_copy(update={"xyz": (x, y, z), "rpy": (0.0, 0.0, yaw)})
 
     @property
     def lower(self) -> tuple[float, float, float, float]:
