@@ -23,6 +23,7 @@ _MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated a
 _DISAGREEING_MOTION = (
     0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
 )
+_MET_EXACTLY = 1e-15  # of the reach: rounding; no readings are met so closely
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
@@ -179,8 +180,15 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
 
     Raises:
         InputError: they are another robot's, or joints have other signs.
+        InsufficientDataError: touches that are met to rounding, as where the tool point stands still in all of them.
     """
     motion, left = _rms_motion(residuals), rms_length(errors)
+    if residuals.data.position is None and left < _MET_EXACTLY * reach(residuals.robot):
+        message = (
+            "these rows are met exactly, to the last digit: they hold no reading that the arm could miss, or the tool "
+            "point that fits them stands still; state tool and base, or measure where more joints move"
+        )
+        raise InsufficientDataError(message)
     if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
         residuals.robot
     ):

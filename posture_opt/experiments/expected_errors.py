@@ -184,7 +184,7 @@ class Unknowns:
         Zeros where they do not determine all that candidates can.
         """
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
-        if len(s) < self.seen.shape[1] or s[-1] <= _RANK_TOLERANCE * s[0]:
+        if not 0 < self.seen.shape[1] <= len(s) or s[-1] <= _RANK_TOLERANCE * s[0]:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
         return observability_indices(np.asarray(s, dtype=float), self.given.rows + len(J))
 

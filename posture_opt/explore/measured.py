@@ -68,7 +68,7 @@ class Measured:
     def read(self, name: str, content: bytes) -> None:
         """The measurements of a file that a browser sent, by the checks of any other file."""
         with TemporaryDirectory() as folder:
-            file = Path(folder) / f"measurements{Path(name).suffix[:5]}"
+            file = Path(folder) / "measurements.csv"  # a name that a browser sent is not one for this machine
             file.write_bytes(content)
             try:
                 data = read_measurements(file, self._asked())

@@ -145,3 +145,15 @@ def test_touched_points_do_not_tell_how_the_sizes_of_robots_vary() -> None:
     robots = replace(data, robot=np.repeat([0, 1, 2], 10), robot_names=("A", "B", "C"))
     with pytest.raises(InsufficientDataError, match="how sizes vary from one to the next: state a known distance"):
         po.calibrate_batch(problem, robots)
+
+
+@pytest.mark.long
+def test_touches_that_a_tool_point_at_rest_meets_exactly_are_refused() -> None:
+    """One joint stands still, and a free tool fits all touches by lying on the axis of the other one."""
+    shipped = po.load_problem("insert_planar_2r_measured").to_dict()
+    free = {**shipped, "robot": {**shipped["robot"], "base": "free", "tool": "free"}}
+    problem = po.problem_from_dict({**free, "uncertainty": {"measurement": {"plane": "0.1 mm"}}})
+    q2 = np.random.default_rng(3).uniform(-150, 150, 20)
+    table = {"joint1 [deg]": [30.0] * 20, "joint2 [deg]": q2.tolist(), "plane": [f"p{k % 3}" for k in range(20)]}
+    with pytest.raises(InsufficientDataError, match="met exactly, to the last digit"):
+        calibrate(problem, po.read_measurements(table, problem), folds=2)

@@ -421,7 +421,9 @@ class PostureSelector:
 def task_of(problem: ProblemData) -> Task:
     """The task, or an InputError where there is none."""
     if problem.task is None:
-        raise InputError(Issue("the problem states no task", ("task",), hint="add task: {kind: insert}"))
+        raise InputError(
+            Issue("the problem states no task", ("task",), hint="add task: {kind: insert}, or name one: --task insert")
+        )
     return problem.task
 
 
