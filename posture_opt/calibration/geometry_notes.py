@@ -9,6 +9,7 @@ import numpy as np
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_setup import FitSetup
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.estimation.tolerances import TOLERANCES, sorts_of_parts
 from posture_opt.errors import listed
 
 _SIZE_NOTE = "{} alone do not determine the size of the arm: {}; {}"
@@ -43,8 +44,8 @@ def tolerance_notes(residuals: Residuals, known: FitSetup) -> tuple[str, ...]:
     if not len(own):
         return ()
     parameters = [residuals.parameters[i] for i in own]
-    widths = zip(parameters, known.assumed[own], strict=True)
-    text = ", ".join(dict.fromkeys(f"{1e3 * sigma:.2g} m{p.unit}" for p, sigma in widths))
+    widths = zip(parameters, sorts_of_parts(residuals, own), known.assumed[own], strict=True)
+    text = ", ".join(dict.fromkeys(f"{TOLERANCES[sort].noun} {1e3 * sigma:.2g} m{p.unit}" for p, sort, sigma in widths))
     names = [residuals.parameters[i].name for i in own if not known.fixed[i]]
     stay = (_STAY_NOTE.format(listed(names, _MAX_NAMED)),) if names else ()
     return (_TOLERANCE_NOTE.format(text), *stay)
