@@ -113,6 +113,7 @@ def walk(factors: Sequence[Factor], values: Sequence[Scalar], begin: Walk | None
     """
     columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if begin is None else [*begin.columns]
     origin: Vector = (0.0, 0.0, 0.0) if begin is None else begin.position
+    symbolic = any(isinstance(x, ca.SX) for x in (*values, *origin, *(x for column in columns for x in column)))
     screws = []
     for factor, value in zip(factors, values, strict=True):
         axis = columns[factor.axis]
@@ -123,8 +124,11 @@ def walk(factors: Sequence[Factor], values: Sequence[Scalar], begin: Walk | None
             i, j = (factor.axis + 1) % 3, (factor.axis + 2) % 3
             c, s = cos_sin(value)
             ci, cj = columns[i], columns[j]
-            columns[i] = add(scale(c, ci), scale(s, cj))
-            columns[j] = add(scale(c, cj), scale(-s, ci))
+            if symbolic:
+                columns[i], columns[j] = add(scale(c, ci), scale(s, cj)), add(scale(c, cj), scale(-s, ci))
+            else:  # the same, without looking at the type of each number
+                columns[i] = (c * ci[0] + s * cj[0], c * ci[1] + s * cj[1], c * ci[2] + s * cj[2])
+                columns[j] = (c * cj[0] - s * ci[0], c * cj[1] - s * ci[1], c * cj[2] - s * ci[2])
     return Walk((columns[0], columns[1], columns[2]), origin, tuple(screws))
 
 

@@ -89,10 +89,12 @@ def _mixed_moments(
     ``m`` (3,) [m] and ``C`` (3, 3) [m²] are of the point behind the segment, in the frame there.
     """
     symbolic = any(isinstance(value, ca.SX) for value in (*values, *m))
-    centre, width = (_node_shifts(segment, nodes, symbolic) for nodes in (segment.centre, segment.width))
-    mean, d, wide = _conditional_walk(factors, values, own, centre, m, C if segment.width is segment.centre else None)
+    same = segment.width is segment.centre
+    mean, d, wide = _conditional_walk(
+        factors, values, own, _node_shifts(segment, segment.centre, symbolic), m, C if same else None
+    )
     if wide is None:
-        wide = _conditional_walk(factors, values, own, width, m, C)[2]
+        wide = _conditional_walk(factors, values, own, _node_shifts(segment, segment.width, symbolic), m, C)[2]
     assert wide is not None
     w = segment.centre.weights
     offset = [_node_average(w, x) for x in d]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -68,6 +69,7 @@ def degree_three(r: int) -> Nodes:
     return Nodes(np.vstack([axes, -axes]), np.full(2 * r, 1 / (2 * r)))
 
 
+@lru_cache(maxsize=64)
 def degree_five(r: int, *, other: bool = False) -> Nodes:
     """Degree 5 in r variables with positive weights: 3 nodes for one, 7 for two, 15 for three, then about ``4 r²``.
 
