@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from posture_opt.measurements.linked_rows import linked_rows
+from posture_opt.measurements.repeats import linked_rows
 
 RNG = np.random.default_rng(3)
 POINTS = {

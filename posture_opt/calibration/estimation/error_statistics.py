@@ -9,8 +9,8 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.limits import MOST_FOLDS
-from posture_opt.measurements.linked_rows import linked_rows
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import linked_rows
 from posture_opt.numerics import Array, Codes, Json, rms
 
 By = Literal["pose", "block", "place"]

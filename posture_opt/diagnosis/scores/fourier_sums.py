@@ -78,7 +78,7 @@ class FourierSums:
 
 def _fast_length(least: int) -> int:
     """The least length ``2^a 3^b 5^c`` of a fast transform that is no shorter than ``least``."""
-    odd = (3**b * 5**c for b in range(20) for c in range(14))
+    odd: list[int] = [3**b * 5**c for b in range(20) for c in range(14)]
     return min(n << max((-(-least // n) - 1).bit_length(), 0) for n in odd)
 
 
