@@ -25,7 +25,7 @@ from posture_opt.diagnosis.causes.causes import (
     geometry_finding,
     noise_finding,
 )
-from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm, outlasts_session
+from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm, nearer_to, outlasts_session
 from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
@@ -305,8 +305,7 @@ def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
     nested, size = found.names.nested.each[0], found.names.size
 
     def judge(fit: Fit, gone: Sequence[Effect]) -> HeldOut:
-        left = {(effect.kind, effect.target) for effect in gone}
-        rest = nested.without(lambda e: not outlasts_session(e, with_time) or (e.kind, e.target) in left)
+        rest = nested.without(lambda e: not outlasts_session(e, with_time) or nearer_to(e, gone, fit.effects))
         return rest.held_out(found.geometry, size, noise_shape(fit, found.noise))
 
     model, deviations = found.predictive.fit, found.deviations

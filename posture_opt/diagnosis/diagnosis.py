@@ -286,7 +286,7 @@ class Diagnosis(Result):
         document["inspect"] = self.effects[i].inspect(self.problem.robot)
         place = self.effects[i].place
         if place is not None and self.effects[i].determined:
-            alone, beyond = (rms(v) for v in tool_shifts(self.model, place))
+            alone, beyond = (rms(v) for v in tool_shifts(self.model, self.effects[i]))
             document["tool_shift_rms"] = {"alone": alone, "beyond_geometry": beyond}
         if place is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +13,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import case_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.diagnosis.causes.determined_sizes import determines, is_determined
+from posture_opt.diagnosis.causes.determined_sizes import determined_parts, is_determined, places_of_parts
 from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.sessions import Gain
@@ -51,7 +51,8 @@ class Finding:
         confounded_with: causes that could replace it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
         determined: whether the data determine the size, whatever else is chosen beside it; else it is stated nowhere.
-        place: of an effect among those of the model.
+        place: of an effect among those of the model; ``stated_parts`` those of its parts that the cause is of.
+        open_part: the rest of that effect: lines that the data do not determine beside others; it is stated nowhere.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
         beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
         plausible_range: the sizes that such a cause can have on this arm; None where none is known to be impossible.
@@ -67,6 +68,8 @@ class Finding:
     interval: tuple[float, float] | None = None
     determined: bool = True
     place: int | None = None
+    stated_parts: tuple[int, ...] = (0,)
+    open_part: Effect | None = None
     stated: Effect | None = None
     beforehand: bool = False
     plausible_range: PlausibleRange | None = None
@@ -135,6 +138,7 @@ class Finding:
             "would_need": self.would_need or None,
             **({} if self.plausible_range is None else {"plausible_range": self.plausible_range.to_json()}),
             **({"rotating_parts": [part.to_json() for part in self.parts]} if self.parts else {}),
+            **({} if self.open_part is None else {"undetermined_lines": list(self.open_part.spectral_lines)}),
         }
 
 
@@ -149,15 +153,19 @@ def effect_findings(found: SearchResult, predictive: PredictiveModel, model: Fit
     findings = []
     for place, i in enumerate(i for i, s in enumerate(found.chosen) if s.named):
         gain = Gain.of(left.whole, left.without[place], groups)
+        effect, sure = model.effects[place], determined_parts(model, place)
+        parts = sure or tuple(range(len(effect.size_parts)))
         finding = Finding(
-            model.effects[place],
-            _estimates_of(model, place),
+            effect.of_parts(parts),
+            _estimates_of(model, place, parts),
             found.p_values[i],
             gain.value,
             tuple(r.what for r in found.rivals[i]),
             (gain.low, gain.high),
-            determined=determines(model, place),
+            determined=bool(sure),
             place=place,
+            stated_parts=parts,
+            open_part=effect.without_parts(parts),
             stated=_stated_effect(model, place),
         )
         findings.append(finding)
@@ -177,10 +185,14 @@ def _named_values(effect: Effect) -> dict[str, float]:
     return dict(zip(names, effect.values, strict=True))
 
 
-def _estimates_of(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
-    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
-    effect, part, own = model.effects[place], model.slices[place], _stated_effect(model, place)
-    known = {} if own is None else _named_values(own)
+def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[str, tuple[float, float, str]]:
+    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it.
+
+    Args:
+        parts: those of the effect that are stated.
+    """
+    effect, own = model.effects[place].of_parts(parts), _stated_effect(model, place)
+    known, part = {} if own is None else _named_values(own), places_of_parts(model, place, parts)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
     estimate = {n: (known.get(n, 0.0) + float(v), float(s), _si_unit(dimension)) for (n, dimension), v, s in rows}
     for name in effect.shape:
@@ -192,14 +204,16 @@ def _estimates_of(model: Fit, place: int) -> dict[str, tuple[float, float, str]]
     return estimate
 
 
-def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
-    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate.
+def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
+    """(N,) how far a cause moves the tool point in each row [m], and the part of it that geometry cannot imitate.
 
     Args:
-        place: of the effect among those of the model.
+        finding: of an effect of the model.
     """
+    assert finding.place is not None
     residuals = model.residuals
-    moved = model.effect_columns(place) @ model.x[model.slices[place]]
+    own = places_of_parts(model, finding.place, finding.stated_parts)
+    moved = model.jacobian[:, own] @ model.x[own]
     G = (model.jacobian @ model.directions)[:, model.geometry]
     norms = np.linalg.norm(G, axis=0)
     U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)

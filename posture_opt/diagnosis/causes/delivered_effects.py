@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.causes.determined_sizes import undetermined
+from posture_opt.diagnosis.causes.determined_sizes import determined_parts, determines_all, places_of_parts
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.model.effects import Effect
@@ -32,8 +32,8 @@ class Delivery:
         vague: the places of those whose size the data do not determine: fitted for them to be absent, too.
         dropped: the places of the others: compared with the calibrated arm, or without those above, held-out rows are
             predicted no worse without them.
-        together: those of ``kept`` that are sure beside the rest of this very arm only: what they do together predicts
-            held-out rows, and beside other effects that explain as much each would have another size.
+        together: those of ``kept`` that are sure, or some lines of which are, beside the rest of this very arm only:
+            what they do together predicts held-out rows; beside other effects each would have another size.
     """
 
     fit: Fit
@@ -80,19 +80,56 @@ def deliver_arm(
     """
     stays = [i for i, effect in enumerate(model.effects) if outlasts_session(effect, with_time)]
     session = tuple(i for i in range(len(model.effects)) if i not in stays)
-    vague = tuple(i for i in undetermined(model) if i in stays)
-    stays = [i for i in stays if i not in vague]
+    sure = {i: _sure_parts(model, i) for i in stays}
+    vague = tuple(i for i in stays if not sure[i])
+    stays = [i for i in stays if sure[i]]
+    rests = (model.effects[i].without_parts(sure[i]) for i in stays)
+    gone = [*(model.effects[i] for i in (*session, *vague)), *(rest for rest in rests if rest is not None)]
     fit, errors, kept = model, held["extended"], stays
-    if session or vague:
-        needed = PredictiveModel.of(calibration, [model.effects[i] for i in stays], parts, determined=True)
+    if gone:
+        effects = [model.effects[i].of_parts(sure[i]) for i in stays]
+        needed = PredictiveModel.of(calibration, effects, parts, determined=True)
         fit, kept = needed.fit, [stays[k] for k in needed.kept]
-        errors = judge(fit, [model.effects[i] for i in (*session, *vague)])
+        errors = judge(fit, gone)
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["calibrated"], []
     if kept:
-        fit = with_choice_errors(fit, deviations[:, model.places_of(kept)])
-    together = tuple(kept[i] for i in undetermined(fit))
+        fit = with_choice_errors(fit, _of_kept(model, deviations, fit, {i: sure[i] for i in kept}))
+    together = tuple(i for k, i in enumerate(kept) if len(determined_parts(fit, k)) < len(fit.effects[k].size_parts))
     return Delivery(fit, errors, tuple(kept), session, vague, tuple(i for i in stays if i not in kept), together)
+
+
+def _sure_parts(model: Fit, place: int) -> tuple[int, ...]:
+    """The parts of an effect that are delivered: all, if its size as a whole is determined, else the sure ones."""
+    if determines_all(model, place):
+        return tuple(range(len(model.effects[place].size_parts)))
+    return determined_parts(model, place)
+
+
+def _of_kept(model: Fit, deviations: Array, fit: Fit, parts: Mapping[int, Sequence[int]]) -> Array:
+    """Deviations (K, k) of the parameters of a fit that has some parts of effects of a model, from those of the model.
+
+    The cycles of a line that is all that is left of several were not fitted there: they have none.
+
+    Args:
+        parts: place of an effect in the model -> those of its parts that the fit has.
+    """
+    found = np.zeros((len(deviations), len(fit.x)))
+    geometry = model.places_of([])
+    found[:, : len(geometry)] = deviations[:, geometry]
+    for place, i in enumerate(parts):
+        own = fit.slices[place]
+        found[:, own] = deviations[:, places_of_parts(model, i, parts[i])]
+        if place in fit.shapes and i in model.shapes:
+            found[:, fit.shapes[place]] = deviations[:, model.shapes[i]]
+    return found
+
+
+def nearer_to(effect: Effect, gone: Sequence[Effect], kept: Sequence[Effect]) -> bool:
+    """Whether an effect that a fold chose is one of those that are gone; a line, of the lines next to it."""
+    among = [[o for o in some if (o.kind, o.target) == (effect.kind, effect.target)] for some in (gone, kept)]
+    far = [[abs(k - own) for o in some for k in o.spectral_lines for own in effect.spectral_lines] for some in among]
+    return bool(among[0]) and (not among[1] or min(far[0], default=0.0) <= min(far[1], default=0.0))
 
 
 def outlasts_session(effect: Effect, with_time: bool = False) -> bool:

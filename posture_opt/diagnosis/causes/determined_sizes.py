@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
@@ -44,16 +46,38 @@ def is_determined(values: Array, covariance: Array, columns: Array | None = None
     return float(z @ gram @ z) > trace / freedom * float(chdtri(freedom, levels.SIZE_LEVEL))
 
 
-def determines(model: Fit, place: int) -> bool:
-    """Whether the data of a fit determine the size of one of its effects, given the geometry and the other effects.
+def determined_parts(model: Fit, place: int) -> tuple[int, ...]:
+    """Which parts of an effect have a size that the data of a fit determine, given geometry and all other parts.
 
-    The standard errors are those with shapes fitted too: a size that trades with its shape is not determined either.
+    A slow line that trades with the geometry leaves fast ones of the same joint as sure as they are. Where no part is
+    sure by itself, as of lines next to each other, all of them are if their sum is. The standard errors are those with
+    shapes fitted too: a size that trades with its shape is not determined either.
 
     Args:
         place: of the effect among those of the model.
     """
+    own, B = model.slices[place], model.effect_columns(place)
+    x, C = model.x[own], model.covariance[own, own]
+    parts = model.effects[place].size_parts
+    sure = tuple(i for i, p in enumerate(parts) if is_determined(x[p], C[p, p], B[:, p]))
+    return tuple(range(len(parts))) if not sure and determines_all(model, place) else sure
+
+
+def determines_all(model: Fit, place: int) -> bool:
+    """Whether the data of a fit determine the size of an effect as a whole, all its parts together."""
     part = model.slices[place]
     return is_determined(model.x[part], model.covariance[part, part], model.effect_columns(place))
+
+
+def places_of_parts(model: Fit, place: int, parts: Sequence[int]) -> list[int]:
+    """Where in the parameters (k,) of a fit those of some parts of an effect are."""
+    first, every = model.slices[place].start, model.effects[place].size_parts
+    return [first + k for i in parts for k in range(every[i].start, every[i].stop)]
+
+
+def determines(model: Fit, place: int) -> bool:
+    """Whether the data of a fit determine the size of one of its effects, or of parts of it."""
+    return bool(determined_parts(model, place))
 
 
 def undetermined(model: Fit) -> list[int]:

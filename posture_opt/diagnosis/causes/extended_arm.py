@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from posture_opt.calibration.estimation.fit_request import nearest_semidefinite,
 from posture_opt.calibration.estimation.residuals import Residuals, gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, covariance_at_shapes
+from posture_opt.diagnosis.causes.determined_sizes import determined_parts, places_of_parts
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
@@ -52,22 +53,31 @@ def extended_arm(
     return FittedArm(
         label="extended",
         deviations=deviations,
-        known=_extended_sources(problem, fitted, delivered).plus(scatter.errors),
+        known=_extended_sources(problem, fitted, delivery).plus(scatter.errors),
         scatter=scatter.without_effects,
-        effects=_effects_of(delivery),
+        effects=tuple(effect for effect, _ in _written_effects(delivery)),
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
         header=_file_header(calibration, model, delivery, findings, statistics, scatter.note),
     )
 
 
-def _effects_of(delivery: Delivery) -> tuple[Effect, ...]:
-    """The effects of the file, those marked that hold together with the rest of it only."""
+def _written_effects(delivery: Delivery) -> Iterator[tuple[Effect, list[int]]]:
+    """The effects of the file, each with the places of its parameters among those of the fit.
+
+    Marked is what holds together with the rest of the file only; lines that are sure have an entry of their own then.
+    """
     fit = delivery.fit
-    return tuple(
-        _over_data(effect, fit.residuals).model_copy(update={"size_undetermined": place in delivery.together or None})
-        for place, effect in zip(delivery.kept, fit.effects, strict=True)
-    )
+    for i, place in enumerate(delivery.kept):
+        effect = _over_data(fit.effects[i], fit.residuals)
+        every = tuple(range(len(effect.size_parts)))
+        sure = every
+        if place in delivery.together:
+            sure = parts if (parts := determined_parts(fit, i)) != every else ()
+        for parts, marked in ((sure, None), (tuple(k for k in every if k not in sure), True)):
+            if parts:
+                written = effect.of_parts(parts).model_copy(update={"size_undetermined": marked})
+                yield written, places_of_parts(fit, i, parts)
 
 
 def _over_data(effect: Effect, residuals: Residuals) -> Effect:
@@ -94,26 +104,28 @@ def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calib
     return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
 
 
-def _extended_sources(problem: ProblemData, calibration: Calibration, model: Fit) -> Sources:
+def _extended_sources(problem: ProblemData, calibration: Calibration, delivery: Delivery) -> Sources:
     """What is uncertain of geometry and effects, ``[[C_gg, C_ge], [C_eg, C_ee]]``.
 
     Shapes of effects are held (`covariance_at_shapes`), as a file states them without error.
     """
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
-    names = tuple(name for effect in model.effects for name in effect.parameter_names)
+    written = list(_written_effects(delivery))
+    names = tuple(name for effect, _ in written for name in effect.parameter_names)
+    sizes = [place for _, own in written for place in own]
     geometry = persistent_sources(
         problem.robot, problem.sources, list(places), calibration.covariance[np.ix_(own, own)]
     ).without(names)
-    together = covariance_at_shapes(model)
+    together = covariance_at_shapes(delivery.fit)
     k, e = len(geometry.names), len(names)
-    cross = together[:, model.sizes]
+    cross = together[:, sizes]
     covariance = np.zeros((k + e, k + e))
     covariance[:k, :k] = geometry.covariance
     for row, name in enumerate(geometry.names):
         if name in places:
             covariance[row, k:] = covariance[k:, row] = cross[places[name]]
-    covariance[k:, k:] = together[np.ix_(model.sizes, model.sizes)]
+    covariance[k:, k:] = together[np.ix_(sizes, sizes)]
     return Sources((*geometry.names, *names), nearest_semidefinite(covariance)) if k + e else Sources()
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.diagnosis.causes.determined_sizes import places_of_parts
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.numerics import Array
@@ -35,11 +36,12 @@ class FittedEffects:
         timed = model.residuals.data.time is not None
         if place is None:
             return FittedSizes(finding.estimate, timed=timed)
-        part = model.slices[place]
-        turns = self._turns(place)
-        turned, C = turns @ model.x[part], model.covariance[part, part]
+        part = places_of_parts(model, place, finding.stated_parts)
+        own = [k - model.slices[place].start for k in part]
+        turns = self._turns(place)[:, own]
+        turned, C = turns @ model.x[part], model.covariance[np.ix_(part, part)]
         if not turns.any():  # of links and base the angle between axes, whose parts vary one by one
-            turns = self._tilts(place)
+            turns = self._tilts(place)[:, :, own]
             turned = np.linalg.norm(turns @ model.x[part], axis=0)
         return FittedSizes(
             finding.estimate, C, timed, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),

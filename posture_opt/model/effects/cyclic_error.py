@@ -76,6 +76,23 @@ class CyclicError(Harmonic):
         return (*self.parameters, *((f"{part} {i}", "angle") for i in more for part in ("sin", "cos")))
 
     @property
+    def size_parts(self) -> tuple[slice, ...]:
+        """Sine and cosine of each line: a line that data leave open says nothing of the others."""
+        return tuple(slice(2 * i, 2 * i + 2) for i in range(len(self.lines)))
+
+    def of_parts(self, parts: Sequence[int]) -> CyclicError:
+        """The error of some of its lines alone."""
+        if len(parts) == len(self.lines):
+            return self
+        first, *further = (self.lines[i] for i in parts)
+        fewer = self.model_copy(update={"cycles": first, "further": tuple(further), "estimate": {}})
+        values = self.values
+        own = [values[2 * i + k] for i in parts for k in (0, 1)]
+        found = fewer.with_estimate(own) if self.estimate else fewer
+        assert isinstance(found, CyclicError)
+        return found
+
+    @property
     def lines(self) -> tuple[float, ...]:
         """Cycles per revolution of all lines."""
         return (self.cycles, *self.further)

@@ -151,8 +151,8 @@ def curve_of(
     """
     model, residuals = found.model, found.model.residuals
     shape = (len(residuals.data), residuals.block)
-    several = len(finding.cause.spectral_lines) > 1
-    own = slice(2 * line, 2 * line + 2) if several else slice(None)
+    several = len(model.effects[place].spectral_lines) > 1
+    own = model.effects[place].size_parts[finding.stated_parts[line]]
     modelled = (model.effect_columns(place)[:, own] @ model.x[model.slices[place]][own]).reshape(shape)
     partial = modelled - model.whitened.reshape(shape)
     effect = finding.effect

@@ -51,13 +51,15 @@ def _largest_shift(found: Diagnosis, finding: Finding) -> str:
         return ""
     if finding.noise is not None and finding.noise.moved_joint:
         return f"σ {mm(largest_scatter(found, finding.noise))} mm"
-    return "" if finding.place is None else f"{mm(float(tool_shifts(found.model, finding.place)[0].max()))} mm"
+    return "" if finding.place is None else f"{mm(float(tool_shifts(found.model, finding)[0].max()))} mm"
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:
     """The size with its standard error; that it is open, or of many parameters, where there is no number."""
     if not finding.determined:
         return "not determined"
+    if finding.open_part is not None:
+        return f"{headline_of(found, finding)}, {count(len(finding.open_part.size_parts), 'line')} open"
     return headline_of(found, finding) or ("many parameters" if finding.kind == "geometry" else "several parameters")
 
 

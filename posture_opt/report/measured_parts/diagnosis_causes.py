@@ -12,6 +12,7 @@ import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.model.effects.base.cause import FittedSizes
+from posture_opt.model.effects.base.multiples import line_words
 from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.causes_table import (
     causes_table,
@@ -89,9 +90,7 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
     """Effects of less gain, one a line: size, largest shift of the tool point, gain [%] and p-value."""
     rows = []
     for finding in findings:
-        place = finding.place
-        assert place is not None
-        most = length(float(tool_shifts(found.model, place)[0].max())) if finding.determined else ""
+        most = length(float(tool_shifts(found.model, finding)[0].max())) if finding.determined else ""
         size = headline_of(found, finding) or ("" if finding.determined else "not determined")
         label = f"{number_of(found, finding)}. {finding.cause.label}"
         rows.append((label, size, most, percent(finding.gain), p_value(finding.p_value)))
@@ -116,10 +115,12 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
         rows.append(("Would need", finding.would_need))
     if not finding.determined:
         rows.append(("Open", "these data do not determine the size: its error is as large"))
+    if finding.open_part is not None:
+        rows.append(("Open", f"these data do not determine its {line_words(finding.open_part.spectral_lines)}"))
     if finding.stated is not None and finding.determined:
         rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
     if place is not None and finding.determined:
-        rows.append(_at_tool(found, place))
+        rows.append(_at_tool(found, finding))
     rows.append(("Look at", finding.inspect(found.problem.robot)))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
     gain = _gain(found, finding)
@@ -142,16 +143,18 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
     if place in found.delivery.dropped:
         return "left out: held-out rows are predicted no worse without it"
     if place in found.delivery.together:
+        if finding.determined:
+            return "its open lines hold together with all else in extended.yaml only, and are marked there"
         return "together with all else in extended.yaml; by itself its number there is no size of this cause"
     return entry.planning_note(place in found.delivery.kept)
 
 
-def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
+def _at_tool(found: Diagnosis, finding: Finding) -> tuple[str, str]:
     """How far an effect moves the tool point in these data, and how much of that no geometry could imitate.
 
     The second part is said where it is below 80 % of the RMS shift: the rest would be taken by a plain calibration.
     """
-    alone, beyond = tool_shifts(found.model, place)
+    alone, beyond = tool_shifts(found.model, finding)
     most, size, own = float(alone.max()), rms(alone), rms(beyond)
     text = f"up to {length(most)} in these data, {length(size, among=[most])} RMS"
     if own < _IMITATED_SHARE * size:
@@ -166,7 +169,8 @@ def _gain(found: Diagnosis, finding: Finding) -> str:
     """
     if finding.noise is not None:
         return _covers(found) if finding.noise.uneven else ""
-    text = f"reduces the RMS by {percent(finding.gain)}, everything else fitted again without it"
+    whole = " with its open lines" if finding.open_part is not None else ""
+    text = f"reduces the RMS by {percent(finding.gain)}{whole}, everything else fitted again without it"
     if finding.interval is not None and finding.interval[0] <= 0:
         text += "; not significant"
     return text

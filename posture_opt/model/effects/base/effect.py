@@ -324,6 +324,20 @@ class Effect(CatalogueEntry):
             _read_parameter(value, known[name])
         return self
 
+    @property
+    def size_parts(self) -> tuple[slice, ...]:
+        """Where among its parameters those of each part are that has a size of its own; of most one part has all."""
+        return (slice(0, len(self.dimensions)),)
+
+    def of_parts(self, parts: Sequence[int]) -> Effect:
+        """The effect of some of its parts alone, its estimate with it."""
+        return self
+
+    def without_parts(self, parts: Sequence[int]) -> Effect | None:
+        """The effect of its other parts; None where there are none."""
+        others = [i for i in range(len(self.size_parts)) if i not in parts]
+        return self.of_parts(others) if others else None
+
     def with_estimate(self, values: Sequence[float]) -> Effect:
         """The same effect with this estimate [SI], in the order of `dimensions`; written with twelve digits."""
         texts = {

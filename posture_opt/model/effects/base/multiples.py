@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from posture_opt.errors import enumerated
 from posture_opt.units import number
 
 _TENTHS_FROM_CYCLES = 100.0
@@ -38,6 +39,12 @@ def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]]
     n = round(ratio)
     sure = 1 < n <= _MAX_HARMONIC and deviation < _SURE_HARMONIC_TOLERANCE
     return n if sure and abs(ratio - n) < deviation else 0
+
+
+def line_words(lines: Sequence[float]) -> str:
+    """Lines of one joint in words: "line at 12.4 cycles per revolution"."""
+    listed = enumerated([cycles_text(k) for k in lines])
+    return f"line{'s' * (len(lines) > 1)} at {listed} cycles per revolution"
 
 
 def cycles_text(cycles: float) -> str:
