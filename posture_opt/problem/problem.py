@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
@@ -29,6 +31,7 @@ from posture_opt.problem.path_file import with_path
 from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
+from posture_opt.problem.second_arms import second_document
 from posture_opt.problem.yaml_source import Document
 from posture_opt.registration import registered
 from posture_opt.robot.urdf_reader import MAX_BYTES
@@ -68,6 +71,7 @@ class Problem(ProblemData):
         origin: the file as it was read; ``overridden`` the keys that no longer say what it says.
         attached: the contents of files that the document names and that exist nowhere else, by their names.
         header: the first lines of the file, as comments.
+        second_arms: name -> the arm that this one touched, where it was found with it; its own file is as it was.
     """
 
     folder: Path
@@ -76,6 +80,7 @@ class Problem(ProblemData):
     overridden: frozenset[KeyPath] = frozenset()
     attached: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
+    second_arms: Mapping[str, Problem] = field(default_factory=dict)
 
     def placed(self, issue: Issue) -> Issue:
         """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
@@ -194,6 +199,7 @@ class Problem(ProblemData):
         found = replace(
             self, name=name, arm=arm_with(plain, effects, self.task), nominal=nominal, effects=effects,
             document=document, header=fit.header, origin=Document(document), overridden=frozenset(),
+            second_arms={name: self._found_second_arm(name, own) for name, own in fit.second_arms.items()},
         )  # fmt: skip
         return found if fit.known is None else found._with_known(fit.known, fit)
 
@@ -277,6 +283,10 @@ class Problem(ProblemData):
             copy_name = f"{stem}_{name}{Path(entry[key]).suffix}"
             further[copy_name] = self._content(entry[key])
             entry[key] = copy_name
+        for name, entry in ((document.get("data") or {}).get("pairs") or {}).items():
+            own = f"{stem}_{name}"
+            further |= self._second_arm(name).files(own)
+            entry["problem"] = f"{own}.yaml"
         for effect in document.get("effects") or ():
             given = effect.get("covariance")
             if given:
@@ -293,6 +303,20 @@ class Problem(ProblemData):
             part["file"] = f"{stem}_workpiece{Path(given).suffix}"
             further[part["file"]] = self._content(given)
         return {f"{stem}.yaml": commented(self.header, document).encode(), **further}
+
+    def _found_second_arm(self, name: str, fit: FittedArm) -> Problem:
+        """The problem of a second arm as it was found with this one; what is stated of its scatter stays."""
+        problem = self._second_arm(name)
+        sigma = np.sqrt(np.diag(problem.stated.scatter))
+        scatter = {n: float(s) for n, s in zip(problem.stated.names, sigma, strict=True) if s > 0}
+        return problem.with_fit(replace(fit, scatter=scatter))
+
+    def _second_arm(self, name: str) -> Problem:
+        """The problem of a second arm: as it was found with this one, or as its file has it."""
+        if name in self.second_arms:
+            return self.second_arms[name]
+        path = located(self.folder, self.document["data"]["pairs"][name]["problem"])
+        return build_problem(second_document(path), path.parent, path.stem)
 
     def _content(self, name: str) -> bytes:
         """The content of a file that the document names."""

@@ -25,6 +25,7 @@ class FittedArm:
         effects: with their estimates, which add to those of the problem; ``noises`` likewise.
         gravity: in the world of the data [m/s²]; ``None`` leaves that of the problem.
         header: what a file of this arm says of itself in its first lines.
+        second_arms: name -> the arm that this one touched, as far as it was found with it.
     """
 
     label: str
@@ -35,6 +36,7 @@ class FittedArm:
     noises: tuple[NoiseEffect, ...] = ()
     gravity: tuple[float, float, float] | None = None
     header: tuple[str, ...] = ()
+    second_arms: Mapping[str, FittedArm] = field(default_factory=dict)
 
     @property
     def covariance_file(self) -> str:

@@ -15,6 +15,7 @@ from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.validation.calibrated_second_arm import second_arms
 from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 
@@ -33,13 +34,15 @@ def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
     scatter = residual_scatter(problem, calibration)
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
-    covariance = covariance_under(calibration, scatter)[np.ix_(own, own)]
+    every = covariance_under(calibration, scatter)
+    covariance, header = every[np.ix_(own, own)], _file_header(calibration, scatter)
     return FittedArm(
         label="calibrated",
         deviations={name: float(calibration.x[i]) for name, i in places.items()},
         known=persistent_sources(problem.robot, problem.sources, list(places), covariance).plus(scatter.errors),
         scatter=scatter.without_effects,
-        header=_file_header(calibration, scatter),
+        header=header,
+        second_arms=second_arms(calibration, calibration.x, every, "calibrated", header[:2]),
     )
 
 

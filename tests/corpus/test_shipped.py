@@ -43,6 +43,8 @@ MEASURED = {
     "planar_2r_measured.csv": ("insert_planar_2r_measured",),
     "ur10_draw_wire.csv": ("ur10_draw_wire",),
     "ur10_camera.csv": ("ur10_camera",),
+    "ur10_mixed.csv": ("ur10_mixed",),
+    "ur10_two_arms.csv": ("ur10_two_arms",),
     "ur10_level.csv": ("ur10_level",),
     "ur10_touched_plates.csv": ("ur10_touched_plates",),
     "ur10_another_day.csv": ("insert_ur10_measured", "insert_ur10_extended"),

@@ -188,7 +188,7 @@ def places_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     Args:
         x: (k,) deviations of ``residuals.parameters`` [rad, m], none of which is of a place.
     """
-    places = place_parameters(residuals.data)
+    places = tuple(p for p in place_parameters(residuals.data) if p.group == "place")
     if not places:
         return residuals, x
     own = residuals.parameters

@@ -21,6 +21,7 @@ from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.validation.calibrated_second_arm import second_arms
 from posture_opt.validation.residual_scatter import residual_scatter
 
 
@@ -50,6 +51,7 @@ def extended_arm(
     deviations = {name: float(delivered.x[i]) for name, i in places.items()}
     base = {name: value for name, value in deviations.items() if name.rpartition(".")[0] == "base"}
     gravity = gravity_of(problem.robot, base)
+    header = _file_header(calibration, model, delivery, findings, statistics, scatter.note)
     return FittedArm(
         label="extended",
         deviations=deviations,
@@ -58,7 +60,8 @@ def extended_arm(
         effects=tuple(effect for effect, _ in _written_effects(delivery)),
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
-        header=_file_header(calibration, model, delivery, findings, statistics, scatter.note),
+        header=header,
+        second_arms=second_arms(calibration, delivered.x, fitted.covariance, "extended", header[:2]),
     )
 
 

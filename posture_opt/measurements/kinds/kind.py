@@ -5,11 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Json, Mask
+
+if TYPE_CHECKING:
+    from posture_opt.measurements.kinds.second_arm import SecondArm
 
 Vector = Sequence[Any] | Array
 """Three coordinates, each a number or (N,)."""
@@ -180,6 +183,11 @@ class Kind:
     def open_notes(self, errors: Mapping[str, float]) -> tuple[str, ...]:
         """Sentences on what stays open of the places, by the standard errors of their unknowns; infinite: not known."""
         return ()
+
+    @property
+    def second_arms(self) -> Mapping[str, SecondArm]:
+        """Name -> the other arms whose joints are in the rows."""
+        return {}
 
     def levers(self, seen: Seen) -> Array | None:
         """(N,) length that one unit of a reading is at the tool, at the nominal arm [m]; None for one of metres."""

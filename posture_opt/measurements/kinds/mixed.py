@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.errors import enumerated
 from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector
+from posture_opt.measurements.kinds.second_arm import SecondArm
 from posture_opt.numerics import Array, Codes, Json, Mask
 
 SLOTS = 3
@@ -87,6 +88,11 @@ class Mixed(Kind):
     def fixes_size(self) -> bool:
         """Whether any of the instruments shows a length."""
         return any(member.kind.fixes_size for member in self.members)
+
+    @property
+    def second_arms(self) -> Mapping[str, SecondArm]:
+        """Those of all instruments."""
+        return {name: arm for member in self.members for name, arm in member.kind.second_arms.items()}
 
     @property
     def place_noun(self) -> str:

@@ -89,6 +89,11 @@ class PairContact(Kind):
         return self.spec.found
 
     @property
+    def second_arms(self) -> Mapping[str, SecondArm]:
+        """The one second arm."""
+        return {next(iter(self.stated)): self.second}
+
+    @property
     def fixes_size(self) -> bool:
         """Whether the second arm has known lengths."""
         return self.spec.held

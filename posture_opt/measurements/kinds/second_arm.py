@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from posture_opt.measurements.kinds.kind import Vector
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.model.chain import Vector, Walk, factor_values, walk
 from posture_opt.model.fitted_geometry import geometry_behind_first_joint
 from posture_opt.numerics import Array, stacked_rows
 from posture_opt.robot.robot import Robot
