@@ -192,7 +192,7 @@ def _apart(kind: PairContact, seen: Seen) -> tuple[list[Array], Array]:
 
 
 @lru_cache(maxsize=4)
-def _shifts(kind: PairContact, seen: Seen) -> list[Vector]:
+def _shifts(kind: PairContact, seen: Seen) -> Sequence[Vector]:
     """Shifts of the second tool point by its parameters, in its own frame."""
     return kind.second.shifts(_joints(kind, seen), _own(kind, seen))
 
