@@ -145,7 +145,7 @@ class Answers:
 
     def _selector_of(self, problem: Problem) -> PostureSelector:
         """The selector of a problem: that of the last one, where they differ by the place of the target alone."""
-        key = _all_but_position(problem)
+        key = all_but_position(problem)
         if self._selector is None or self._selector[0] != key:
             # Compiling takes seconds: it pays for the problem that was opened, not for every position of a slider.
             first = self._selector is None
@@ -173,7 +173,7 @@ def has_stations(problem: Problem) -> bool:
     return problem.task is not None and (bool(problem.task.features) or problem.task.on_path)
 
 
-def _all_but_position(problem: Problem) -> object:
+def all_but_position(problem: Problem) -> object:
     """What a problem states but for where the target is."""
     document = problem.to_dict()
     task = {**(document.get("task") or {})}

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _COLOURS: dict[Role, str] = {
     "base": GREY, "link": LIGHT, "joint": BLUE, "tool": ORANGE, "obstacle": GREY, "floor": LIGHT, "region": ORANGE,
 }  # fmt: skip
+_HANDLE_PIXELS, _HANDLE_LINE_PIXELS = 100.0, 6.0
+"""Of the handles: a finger meets what is 24 pixels wide (WCAG 2.2, 2.5.8); of an arrow 4.5 lines are."""
 OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
 
 
@@ -60,6 +62,14 @@ def add_mesh(
         cast_shadow=False,
         receive_shadow=False,
     )
+
+
+def add_handle(server: viser.ViserServer, name: str, planar: bool, visible: bool = True) -> viser.TransformControlsHandle:
+    """What is dragged: along axes and in planes, of a planar arm in its plane alone; as large in pixels at any zoom."""
+    return server.scene.add_transform_controls(
+        name, scale=_HANDLE_PIXELS, line_width=_HANDLE_LINE_PIXELS, fixed=True, disable_rotations=True,
+        active_axes=(True, True, not planar), depth_test=False, visible=visible,
+    )  # fmt: skip
 
 
 def add_grid(server: viser.ViserServer, name: str, surface: Array, colour: str) -> None:

@@ -68,7 +68,8 @@ class Explorer:
         self._cell = problem.scene
         self._panel = Panel(self._server, problem, geometry, self._actions(), data is not None)
         obstacle_moved = self._panel.obstacles.move
-        self._scene = LiveScene(self._server, geometry, arm, self._dragged, obstacle_moved)
+        around = np.zeros((0, 3)) if data is None else np.atleast_2d(problem.arm.position(data.q))
+        self._scene = LiveScene(self._server, geometry, arm, self._dragged, obstacle_moved, around)
         self._scene.cell.show(self._cell)
         stated = position_of(problem)
         self._target = np.array(spread.position if stated is None else stated)

@@ -17,13 +17,13 @@ _NEAREST = 50  # of which those that are clear of the cell are preferred
 def posture_near(problem: Problem, place: Sequence[float] | None) -> Array:
     """A posture (n,) [rad or m] whose tool point is near a place [m]: of random ones the nearest that is clear.
 
-    Without a place, the middle of all joints.
+    Without a place, near the middle of all that the tool point reaches in front, where x is not negative.
     """
     robot = problem.robot
     low, high = drawn_between(robot)
-    if place is None:
-        return np.asarray((low + high) / 2)
     Q = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
-    away = np.linalg.norm(np.asarray(problem.arm.position(Q)) - np.asarray(place, dtype=float), axis=1)
+    points = np.asarray(problem.arm.position(Q))
+    middle = points[points[:, 0] >= min(0.0, points[:, 0].max())].mean(axis=0) if place is None else np.asarray(place)
+    away = np.linalg.norm(points - middle, axis=1)
     Q = Q[np.argsort(away, kind="stable")[:_NEAREST]]
     return np.asarray(Q[int(np.argmax(problem.scene.least(Q) > 0.0))])

@@ -9,15 +9,13 @@ import numpy as np
 
 from posture_opt.collision.narrowest import Gap
 from posture_opt.collision.scene import Scene
-from posture_opt.explore.drawing import add_lines, add_solid
+from posture_opt.explore.drawing import add_handle, add_lines, add_solid
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import VERMILLION
 from posture_opt.report.scene.arm_geometry import ArmGeometry, obstacles_near
 
 if TYPE_CHECKING:
     import viser
-
-_HANDLE_SHARE = 0.16  # of the arm's extent: the handle that moves an obstacle
 
 
 class LiveCell:
@@ -36,10 +34,7 @@ class LiveCell:
             add_solid(server, "/cell/floor", geometry.floor)
         self._gap: Any = None
         self._label: Any = None
-        self.handle: Any = server.scene.add_transform_controls(
-            "/obstacle", scale=geometry.extent * _HANDLE_SHARE, disable_rotations=True, visible=False,
-            active_axes=(True, True, not geometry.planar), depth_test=False,
-        )  # fmt: skip
+        self.handle: Any = add_handle(server, "/obstacle", geometry.planar, visible=False)
 
         @self.handle.on_update
         async def _(event: Any) -> None:

@@ -12,12 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.explore.drawing import OPACITY, add_grid, add_lines, add_mesh, add_solid, frame_along, rgb, wxyz
+from posture_opt.explore.drawing import (
+    OPACITY,
+    add_grid,
+    add_handle,
+    add_lines,
+    add_mesh,
+    add_solid,
+    frame_along,
+    rgb,
+    wxyz,
+)
 from posture_opt.explore.live_cell import LiveCell
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement
+from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement, extent_of
 from posture_opt.report.scene.arm_solids import ArmSolids
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
@@ -28,7 +38,6 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
 
 _PALE = 0.25  # opacity of the last posture where there is none for the target
-_HANDLE_SHARE = 0.22  # of the arm's extent: the handle that is dragged
 _ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
 _RIM_POINTS = 64
 _DRAWS = 2000  # of the Monte Carlo cloud: takes 2 ms
@@ -58,6 +67,7 @@ class LiveScene:
         geometry: of the first answer; what stands still is drawn from it.
         arm: its solids.
         moved: called while the target is dragged; ``obstacle_moved`` while an obstacle is.
+        around: (k, 3) further points that are to be seen at first [m].
     """
 
     def __init__(
@@ -67,6 +77,7 @@ class LiveScene:
         arm: ArmSolids,
         moved: Moved,
         obstacle_moved: Callable[[Array], None],
+        around: Array,
     ) -> None:
         self._server, self._arm, self._extent = server, arm, geometry.extent
         self._down = np.array([0.0, -1.0, 0.0] if geometry.planar else [0.0, 0.0, -1.0])
@@ -83,7 +94,7 @@ class LiveScene:
         self._reachable = server.scene.add_icosphere(
             "/reachable", _BALL_SHARE * self._extent, rgb(VERMILLION), visible=False, cast_shadow=False
         )
-        self._look(geometry)
+        self._look(geometry.planar, np.concatenate([geometry.points, around]))
 
     def show(self, solution: Solution, layers: Layers = Layers()) -> None:
         """The posture of a solution with its error region, and its target with the play on the same scale."""
@@ -152,7 +163,7 @@ class LiveScene:
         text, place = region.label, region.center + _LABEL_SHARE * self._extent * self._down
         if self._label is None:
             self._label = self._server.scene.add_label(
-                "/answer/label", text, position=tuple(place), anchor="center-left"
+                "/answer/label", text, position=tuple(place), anchor="top-center"
             )
         self._label.text, self._label.position = text, tuple(place)
 
@@ -171,11 +182,7 @@ class LiveScene:
         add_lines(self._server, "/answer/clearance", segments, CLEARANCE_COLOUR, 3.0)
 
     def _handle(self, planar: bool, moved: Moved) -> Any:
-        """What is dragged: along axes and in planes, of a planar arm in its plane alone."""
-        handle = self._server.scene.add_transform_controls(
-            "/target", scale=self._extent * _HANDLE_SHARE, disable_rotations=True,
-            active_axes=(True, True, not planar), depth_test=False,
-        )  # fmt: skip
+        handle = add_handle(self._server, "/target", planar)
 
         @handle.on_update
         async def _(event: Any) -> None:
@@ -183,11 +190,10 @@ class LiveScene:
 
         return handle
 
-    def _look(self, geometry: ArmGeometry) -> None:
-        """The camera from where the whole arm is seen, from above where it moves in a plane."""
-        low, high = geometry.points.min(axis=0), geometry.points.max(axis=0)
-        middle = (low + high) / 2
-        offset = _VIEW_ONTO_PLANE if geometry.planar else _VIEW
-        self._server.scene.set_up_direction("+y" if geometry.planar else "+z")
+    def _look(self, planar: bool, points: Array) -> None:
+        """The camera from where all points (k, 3) [m] are seen, from above where the arm moves in a plane."""
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        self._server.scene.set_up_direction("+y" if planar else "+z")
         self._server.initial_camera.look_at = middle
-        self._server.initial_camera.position = middle + self._extent * offset
+        offset = _VIEW_ONTO_PLANE if planar else _VIEW
+        self._server.initial_camera.position = middle + extent_of(points) * offset

@@ -20,6 +20,7 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.numerics import Array, Mask, rms_length
 from posture_opt.problem.problem import Problem
 from posture_opt.report.parts.parts import sentence
+from posture_opt.report.scene.arm_solids import ArmSolids
 from posture_opt.report.text.units_text import stated
 
 if TYPE_CHECKING:
@@ -100,11 +101,12 @@ class Measured:
 
     def _mark(self) -> None:
         """The causes that are switched on, by their names at their joints."""
-        joints = self._asked().robot.joint_names
+        joints = {joint.name: joint for joint in ArmSolids(self._asked().robot).joints}
         for i, (effect, cause) in enumerate(zip(self._effects, self._causes, strict=True)):
             if effect.get("joint") in joints:
-                node = f"/arm/{joints.index(effect['joint']) + 1}/cause_{i}"
-                self._server.scene.add_label(node, _named(effect), visible=cause.value)
+                joint = joints[effect["joint"]]
+                node, place = f"/arm/{joint.frame}/cause_{i}", tuple(joint.middle)
+                self._server.scene.add_label(node, _named(effect), position=place, visible=cause.value)
 
     def end(self) -> None:
         """Compute nothing more."""

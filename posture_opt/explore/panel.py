@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.explore.actions import Actions
-from posture_opt.explore.answers import Answer, has_stations
+from posture_opt.explore.answers import Answer, all_but_position, has_stations
 from posture_opt.explore.live_map import LiveMap
 from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.measured import Measured
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 _FIRST = "Searching … The first time that an arm is opened, its functions are compiled, which takes some seconds."
 _WAITING = "No posture found yet; the full search goes on …"
+_DRAG = " Drag the arrows at the tool point to try another place."
+_SAME = 5e-4  # of σ: places that differ by less are equally good in three digits
 _NAMED = 2  # sources of a group whose errors cancel
 _BARS = 6  # of the error budget
 _STEP_MM = 0.1
@@ -55,6 +57,7 @@ class Panel:
         self, server: viser.ViserServer, problem: Problem, geometry: ArmGeometry, actions: Actions, measured: bool
     ) -> None:
         gui, self._actions = server.gui, actions
+        self._first: tuple[object, float] | None = None
         gui.set_panel_label(problem.name)
         self._state = gui.add_html(_line(_FIRST))
         self._numbers = gui.add_html("")
@@ -143,11 +146,22 @@ class Panel:
             self._numbers.content = _small(answer.own._repr_html_())
             self._budget.content = _bars(answer.own.budget_groups)
             return
-        self._state.content = _line(_status(answer))
+        self._state.content = _line(_status(answer) + self._beside_first(answer))
         self._numbers.content = _small(answer.solution._repr_html_())
         self._budget.content = _bars(answer.solution.task_spread.budget_groups)
         for (factor, slider), value in zip(self._joints, answer.solution.q, strict=True):
             slider.value = round(float(value) * factor, _DIGITS)
+
+    def _beside_first(self, answer: Answer) -> str:
+        """How the target compares with the first one that was asked of the same arm, errors and cell, in words."""
+        found = answer.solution
+        if found is None or found.points or not self._place.visible:
+            return ""
+        asked = all_but_position(answer.request.problem)
+        if self._first is None or self._first[0] != asked:
+            self._first = asked, found.sigma
+        ratio = found.sigma / self._first[1]
+        return _DRAG if abs(ratio - 1.0) < _SAME else f" {ratio:.3g} times the deviation at the first target."
 
     def _posture(self) -> tuple[float, ...]:
         """(n,) what the joints are set to [rad or m]."""

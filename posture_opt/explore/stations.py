@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.explore.drawing import add_lines
+from posture_opt.explore.drawing import add_handle, add_lines
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _PLAYED_S = 6.0  # [s] that a path without a time law is played in
 _LEAST_STEP_S, _MOST_STEP_S = 0.04, 0.6
 _POINT_SHARE = 0.02  # of the arm's extent: the mark at a station
-_HANDLE_SHARE = 0.25  # of the arm's extent: the handle of the workpiece
 _STEP_DEG = 0.1
 
 
@@ -70,10 +69,7 @@ class Stations:
         """The handle of the workpiece, the slider of its yaw, and the way back to the best placement."""
         self._yaw: Any = gui.add_slider("Yaw of the workpiece [deg]", -180.0, 180.0, _STEP_DEG, 0.0)
         back = gui.add_button("Best placement of the workpiece")
-        self.handle = self._server.scene.add_transform_controls(
-            "/workpiece", scale=_HANDLE_SHARE * self._extent, disable_rotations=True,
-            active_axes=(True, True, not planar), depth_test=False,
-        )  # fmt: skip
+        self.handle = add_handle(self._server, "/workpiece", planar)
 
         async def dragged(event: Any) -> None:
             self.place(np.array(event.target.position, dtype=float), math.radians(self._yaw.value))
