@@ -62,7 +62,7 @@ class _Explained:
 
     Args:
         geometry: the calibrated arm; ``predictive`` with the effects that have a name and that held-out rows need.
-        deviations: (K, k) of its parameters beside the effects that each fold chose.
+        deviations: (S, K, k) of its parameters beside the effects that each fold chose.
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
@@ -208,7 +208,7 @@ def _explain_residuals(
     found, predictive = _needed_effects(calibration, linearised, found)
     model, residuals = predictive.fit, linearised.sensitivities.residuals
     geometry, names = calibration.fit_effects(residuals, []), found.names or found
-    deviations = np.zeros((0, len(model.x)))
+    deviations = np.zeros((1, 0, len(model.x)))
     if model.effects:
         deviations = choice_deviations(model, geometry, names.nested.each[0], names.size)
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))

@@ -25,11 +25,11 @@ SLOW, FAST, FASTER = 4.5, 23.0, 40.0  # cycles per revolution
 
 def open_slow_line(model: Fit, *_: object) -> np.ndarray:
     """What five folds could choose: they differ by thrice its size in the line of 4.5 cycles, and in nothing else."""
-    deviations = np.zeros((5, len(model.x)))
+    deviations = np.zeros((1, 5, len(model.x)))
     (error,) = model.effects
     assert isinstance(error, CyclicError)
     first = model.slices[0].start + 2 * int(np.argmin(np.abs(np.array(error.lines) - SLOW)))
-    deviations[:, first : first + 2] = np.outer([-1.0, 1.0, 0.0, 1.0, -1.0], 3 * np.abs(model.x[first : first + 2]))
+    deviations[0, :, first : first + 2] = np.outer([-1.0, 1.0, 0.0, 1.0, -1.0], 3 * np.abs(model.x[first : first + 2]))
     return deviations
 
 

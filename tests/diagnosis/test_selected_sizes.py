@@ -50,6 +50,13 @@ def test_a_size_that_depends_on_its_neighbour_is_less_sure(tmp_path: Path) -> No
     expected = by_hand(q, measured, folds, [True, True, False, False, True])
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), rtol=0.05)
     assert np.all(np.diag(found) > 9 * scale**2)
+    # One is enough, two predict better: half of the sets that are compared have both.
+    losses = np.repeat([[3.0], [2.0], [1.0]], len(q), axis=1)
+    nested = NestedSelection(linearised, folds, groups, (((), (FIRST,), (FIRST, OTHER)),) * 5, losses)
+    wider = with_choice_errors(model, choice_deviations(model, geometry, nested, 1))
+    found = (wider.covariance - model.covariance)[np.ix_(own, own)]
+    expected = by_hand(q, measured, folds, [True] * 5) / 2
+    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), rtol=0.05)
 
 
 def by_hand(q: np.ndarray, measured: np.ndarray, folds: list[np.ndarray], second: list[bool]) -> np.ndarray:

@@ -107,21 +107,21 @@ def _sure_parts(model: Fit, place: int) -> tuple[int, ...]:
 
 
 def _of_kept(model: Fit, deviations: Array, fit: Fit, parts: Mapping[int, Sequence[int]]) -> Array:
-    """Deviations (K, k) of the parameters of a fit that has some parts of effects of a model, from those of the model.
+    """Deviations (S, K, k) of the parameters of a fit that has some parts of effects of a model, from the model's.
 
     The cycles of a line that is all that is left of several were not fitted there: they have none.
 
     Args:
         parts: place of an effect in the model -> those of its parts that the fit has.
     """
-    found = np.zeros((len(deviations), len(fit.x)))
+    found = np.zeros((*deviations.shape[:-1], len(fit.x)))
     geometry = model.places_of([])
-    found[:, : len(geometry)] = deviations[:, geometry]
+    found[..., : len(geometry)] = deviations[..., geometry]
     for place, i in enumerate(parts):
         own = fit.slices[place]
-        found[:, own] = deviations[:, places_of_parts(model, i, parts[i])]
+        found[..., own] = deviations[..., places_of_parts(model, i, parts[i])]
         if place in fit.shapes and i in model.shapes:
-            found[:, fit.shapes[place]] = deviations[:, model.shapes[i]]
+            found[..., fit.shapes[place]] = deviations[..., model.shapes[i]]
     return found
 
 

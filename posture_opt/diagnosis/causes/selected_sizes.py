@@ -26,43 +26,53 @@ def choice_deviations(model: Fit, calibrated: Fit, nested: NestedSelection, size
     fitted: this one, and the geometry with what the fold chose and those effects of the model that it lacks. Where it
     has an effect of the same kind and target, of other shapes, that one is expressed by the columns of the model's.
 
+    How many effects there are was chosen, too: where more of them predict rows left out better, but not clearly, those
+    that are left out may be there all the same. Sets of that size are as good a choice, and compared alike.
+
     Args:
         model: everything that is stated; calibrated: the fit of the geometry alone.
         nested: the sets of each fold, ``size`` effects of each.
 
     Returns:
-        (K, k) parameters beside what each of K folds chose, minus those of this model [SI]; zero where it chose alike.
+        (S, K, k) parameters beside what each of K folds chose of S sizes, one or two, minus those of this model [SI];
+            zero where it chose alike.
     """
     sizes = np.setdiff1d(np.arange(model.directions.shape[1]), model.geometry)
     own = LinearModel.with_columns(model, model.residuals_and_jacobian[1] @ model.directions[:, sizes])
     steps = model.directions[:, np.concatenate([model.geometry, sizes])]
-    found = np.zeros((len(nested.folds), len(model.x)))
-    for k, fold in enumerate(nested.fitted_sets(calibrated, size, model.effects)):
-        found[k] = _fold_estimate(model, calibrated, *fold) - (model.x + steps @ _refitted(own, fold[0], model))
+    counts = (size, nested.best) if nested.best > size else (size,)
+    found = np.zeros((len(counts), len(nested.folds), len(model.x)))
+    for i, count in enumerate(counts):
+        for k, fold in enumerate(nested.fitted_sets(calibrated, count, model.effects)):
+            here = model.x + steps @ _refitted(own, fold[0], model)
+            found[i, k] = _fold_estimate(model, calibrated, *fold) - here
     return found
 
 
 def with_choice_errors(fit: Fit, deviations: Array) -> Fit:
     """The same estimate, its neighbours unknown as its parameters are: ``C + (t / 1.96)² Σ δ_k δ_kᵀ / (K − 1)``.
 
+    Of sets of several sizes it is the mean of all sizes.
+
     The first part is the error within the model, the second that between models. With t, the 97.5 % quantile of
     Student's distribution of the K − 1 degrees of freedom of so few folds, two standard errors mean what they always
     do. What one model gives to the geometry or to another effect, and another takes from it, stays correlated.
 
     Args:
-        deviations: δ (K, k) of the parameters, from `choice_deviations`.
+        deviations: δ (S, K, k) of the parameters, from `choice_deviations`.
 
     Sources: Buckland, Burnham, Augustin (1997), equation 4, the choices of the folds for the models; JCGM 100:2008,
     annex G.3, for t.
     """
     from scipy.special import stdtrit
 
-    if len(deviations) < _MIN_FOLDS or not np.any(deviations):
+    sizes, folds, _ = deviations.shape
+    if folds < _MIN_FOLDS or not np.any(deviations):
         return fit
-    freedom = len(deviations) - 1
-    steps = deviations @ np.linalg.pinv(fit.directions).T
+    freedom = folds - 1
+    steps = deviations.reshape(sizes * folds, -1) @ np.linalg.pinv(fit.directions).T
     few = float(stdtrit(freedom, 0.975)) / 1.96
-    return replace(fit, C=fit.C + few**2 * steps.T @ steps / freedom)
+    return replace(fit, C=fit.C + few**2 * steps.T @ steps / (sizes * freedom))
 
 
 def _refitted(linear: LinearModel, left_out: Codes, fit: Fit) -> Array:
