@@ -148,6 +148,8 @@ def _unit_factor(unit: str, dimension: str) -> float:
     si, example = DIMENSIONS[dimension]
     if unit == si:
         return 1.0
+    if any(unit == other for other, kind in _COMMON_FACTORS if {kind, dimension} == {"length", "angle"}):
+        raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}")
     if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
         raise BadValueError(f"unknown unit '{unit[:_MAX_UNIT_LENGTH]}'", f"write for example {example}")
     units = registry()

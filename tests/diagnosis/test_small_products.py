@@ -7,8 +7,8 @@ import pytest
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import SmoothKernel
+from posture_opt.diagnosis.scores.projected_scores import explained_squares, row_products
 from posture_opt.diagnosis.scores.score_tests import orthonormal_basis
-from posture_opt.diagnosis.search.projected_scores import explained_squares, row_products
 
 RNG = np.random.default_rng(12)
 

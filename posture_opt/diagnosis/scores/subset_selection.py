@@ -5,11 +5,12 @@ All that a comparison of sets needs are inner products of the candidates' orthon
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.projected_scores import explained_squares
 from posture_opt.diagnosis.scores.score_tests import ProjectedColumns
 from posture_opt.numerics import Array, Codes
 
@@ -20,6 +21,15 @@ _RANK_TOLERANCE, _INVERSE_TOLERANCE = (
     1e-8,
 )  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
 _GAIN_TOLERANCE = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
+
+
+@dataclass(frozen=True, eq=False)
+class Additions:
+    """Candidates beside a chosen set, and the sum of squares (n,) that the set with each of them leaves."""
+
+    chosen: Chosen
+    further: Codes
+    rss: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +87,11 @@ class Pool:
         return float(m * np.log(max(rss, 1e-300) / m) + cost)
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
-        """Every set with one candidate more, with its criterion, the best first.
+        """Every set with one candidate more, with its criterion, the best first."""
+        return self.priced(self.explained(chosen))
+
+    def explained(self, chosen: Chosen) -> Additions:
+        """What every further candidate explains beside a set, whatever it is charged.
 
         The gain of a candidate is ``Σ (vᵀ b)² / λ`` over the eigenvectors v of its Gram matrix given the set, those
         only that are new by `levels.MIN_DISTINCT_SHARE`.
@@ -93,12 +107,16 @@ class Pool:
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
         open_ = np.flatnonzero(~np.isin(self.exclusive, list(taken)))
-        gains, allowed = self._gains(open_, index, cross, left), self.most[open_] if len(self.most) else np.inf
-        found = []
-        for i, gain in zip(open_[gains <= allowed].tolist(), gains[gains <= allowed].tolist(), strict=True):
-            bigger = tuple(sorted((*chosen, i)))
-            found.append((self._criterion(rss - gain, bigger), bigger))
-        return sorted(found)
+        gains = self._gains(open_, index, cross, left)
+        allowed = gains <= (self.most[open_] if len(self.most) else np.inf)
+        return Additions(chosen, open_[allowed], rss - gains[allowed])
+
+    def priced(self, found: Additions) -> list[tuple[float, Chosen]]:
+        """Sets with one candidate more, with their criterion by the penalties of this pool, the best first."""
+        m, cost = self.freedom, sum(float(self.penalty[i]) for i in found.chosen)
+        values = m * np.log(np.maximum(found.rss, 1e-300) / m) + cost + self.penalty[found.further]
+        sets = (tuple(sorted((*found.chosen, i))) for i in found.further.tolist())
+        return sorted(zip(values.tolist(), sets, strict=True))
 
     def _gains(self, candidates: Codes, index: Codes, cross: Array, left: Array) -> Array:
         """What candidates explain given the directions ``index`` (r,) of a set, those of one width together.
@@ -114,10 +132,7 @@ class Pool:
             block = G[own[:, :, None], own[:, None, :]]
             if len(index):
                 block = block - G[own[:, :, None], index] @ np.moveaxis(cross[:, own], 0, 1)
-            values, vectors = np.linalg.eigh(block)
-            part = np.einsum("ikl,ik->il", vectors, left[own])
-            new = values > levels.MIN_DISTINCT_SHARE
-            gains[alike] = np.sum(np.where(new, part**2 / np.maximum(values, levels.MIN_DISTINCT_SHARE), 0.0), axis=1)
+            gains[alike] = explained_squares(block, left[own])[0]
         return gains
 
 
@@ -143,17 +158,25 @@ def exchange_members(pool: Pool, chosen: Chosen) -> Chosen:
         value, chosen = better
 
 
-def close_alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
-    """Candidates that could replace a member at a criterion at most ``within`` worse, the best first.
+def close_alternatives(pools: Sequence[Pool], chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
+    """Candidates that could replace a member at a criterion at most ``within`` worse, those of each pool best first.
+
+    Args:
+        pools: of the same candidates, with other penalties.
 
     Returns:
         (rise of the criterion, index) of each.
     """
     rest = tuple(j for j in chosen if j != member)
-    value = pool.criterion(chosen)
+    beside = pools[0].explained(rest) if pools else None
     found = []
-    for other, bigger in pool.additions(rest):
-        new = next(i for i in bigger if i not in rest)
-        if other <= value + within and new != member:
-            found.append((other - value, new))
+    for pool in pools:
+        assert beside is not None
+        value = pool.criterion(chosen)
+        for other, bigger in pool.priced(beside):
+            if other > value + within:
+                break
+            new = next(i for i in bigger if i not in rest)
+            if new != member:
+                found.append((other - value, new))
     return found

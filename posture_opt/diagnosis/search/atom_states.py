@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.projected_scores import explained_squares, row_products
 from posture_opt.diagnosis.scores.score_tests import beyond_limits, stacked_sizes
 from posture_opt.diagnosis.search.atoms import Atoms
-from posture_opt.diagnosis.search.projected_scores import explained_squares, row_products
 from posture_opt.diagnosis.search.selection_criterion import price_of_parameters
 from posture_opt.numerics import Array, Codes, Mask
 

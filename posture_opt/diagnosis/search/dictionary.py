@@ -12,10 +12,10 @@ import numpy as np
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks
+from posture_opt.diagnosis.scores.projected_scores import projected_gains
 from posture_opt.diagnosis.search.atoms import Atoms, JoinedAtoms
 from posture_opt.diagnosis.search.line_atoms import LineAtoms
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.projected_scores import projected_gains
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.diagnosis.search.shape_refinement import finer_shapes
 from posture_opt.model.effects import Effect

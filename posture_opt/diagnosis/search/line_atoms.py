@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.scores.candidates import Candidate, Lines
 from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
+from posture_opt.diagnosis.scores.projected_scores import projected_gains
 from posture_opt.diagnosis.search.atoms import Atoms
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.projected_scores import projected_gains
 from posture_opt.diagnosis.search.selection_criterion import price_of_choice
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask

@@ -22,6 +22,7 @@ from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
+_KEPT_SHARE = 0.5  # of a column's squared length: with more left, one projection is orthogonal to rounding (Kahan)
 _RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
 _MAX_BASIS_NUMBERS = 10_000_000  # of the bases of pursuits side by side: 80 MB
 _BASIS_COLUMNS = 100  # of one basis: geometry, and some forty effects
@@ -162,7 +163,8 @@ def _new_directions(candidate: Candidate, Q: Array, learn: Mask) -> Array:
     norms = np.linalg.norm(Z, axis=0)
     Z = Z / np.where(norms > 0, norms, 1.0)
     rest = Z - Q @ (Q.T @ Z)
-    rest = rest - Q @ (Q.T @ rest)
+    if np.any(np.einsum("mk,mk->k", rest, rest) < _KEPT_SHARE):  # rounding of what was taken off is no part of the rest
+        rest = rest - Q @ (Q.T @ rest)
     squares, vectors = np.linalg.eigh(rest.T @ rest)
     clear = squares > levels.MIN_DISTINCT_SHARE
     return np.asarray(rest @ (vectors[:, clear] / np.sqrt(squares[clear])))

@@ -275,7 +275,7 @@ def _rivals_of(
     """Those of the alternatives to a member that resemble it, one of each kind and target, the best first."""
     found: dict[tuple[str, str], Candidate] = {}
     pools = *pools, _other_duration_pool(pools[0], every, member)
-    close = [a for pool in pools for a in close_alternatives(pool, members, member, levels.RIVAL_CRITERION)]
+    close = close_alternatives(pools, members, member, levels.RIVAL_CRITERION)
     for _, other in sorted([*close, *for_all]):
         alike = pools[0].alike(member, other) > levels.MIN_RIVAL_COSINE
         if alike and every[other].key != every[member].key:
