@@ -47,8 +47,7 @@ class AtomStates:
 
     def __init__(self, atoms: Atoms, held_out: Sequence[Codes | None]) -> None:
         self.atoms = atoms
-        whole = atoms.grams()
-        gram = np.stack([whole if rows is None else whole - atoms.grams(rows) for rows in held_out])
+        gram = atoms.grams(held_out)
         norms = np.sqrt(np.maximum(np.einsum("fikk->fik", gram), 1e-300))
         longest = norms.max(axis=(1, 2), keepdims=True, initial=0.0)
         self.scale: Array = np.where(norms > 1e-12 * longest, 1 / norms, 0.0)

@@ -36,8 +36,8 @@ class Atoms(ABC):
         return 0, len(self.prices)
 
     @abstractmethod
-    def grams(self, rows: Codes | None = None) -> Array:
-        """(n, k, k) inner products of the columns, of all rows or of some."""
+    def grams(self, held_out: Sequence[Codes | None]) -> Array:
+        """(F, n, k, k) inner products of the columns in all rows but those of each fold, None for none."""
 
     @abstractmethod
     def products(self, vectors: Array) -> Array:
@@ -76,9 +76,9 @@ class JoinedAtoms(Atoms):
         """Where each part begins, and where the last one ends."""
         return self._edges
 
-    def grams(self, rows: Codes | None = None) -> Array:
-        """Inner products (n, k, k), part by part."""
-        return np.concatenate([part.grams(rows) for part in self.parts])
+    def grams(self, held_out: Sequence[Codes | None]) -> Array:
+        """Inner products (F, n, k, k), part by part."""
+        return np.concatenate([part.grams(held_out) for part in self.parts], axis=1)
 
     def products(self, vectors: Array) -> Array:
         """Inner products (n, k, p) with vectors (m, p), part by part."""

@@ -42,11 +42,11 @@ class WrittenAtoms(Atoms):
             codes.setdefault(c.exclusive, []).append(i)
         self._alike = codes
 
-    def grams(self, rows: Codes | None = None) -> Array:
-        """Inner products (n, k, k), those of all rows taken once."""
-        if rows is None:
-            return self._grams
-        return self._columns.grams((rows[:, None] * self.block + np.arange(self.block)).ravel())
+    def grams(self, held_out: Sequence[Codes | None]) -> Array:
+        """Inner products (F, n, k, k): those of all rows, taken once, less those of the rows that a fold leaves out."""
+        theirs = (None if rows is None else rows[:, None] * self.block + np.arange(self.block) for rows in held_out)
+        left = (0.0 if rows is None else self._columns.grams(rows.ravel()) for rows in theirs)
+        return np.stack([self._grams - own for own in left])
 
     @cached_property
     def _grams(self) -> Array:

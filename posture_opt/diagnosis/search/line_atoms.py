@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,12 +43,14 @@ class LineAtoms(Atoms):
         self.most: Array = np.full(len(lines.cycles), np.inf)
         self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
 
-    def grams(self, rows: Codes | None = None) -> Array:
-        """Inner products (K, 2, 2) of sine and cosine at every frequency, by `weighted_squares`."""
-        q, lever = (v if rows is None else v[rows] for v in (self.q, self.lever))
-        weights = np.einsum("nb,nb->n", lever, lever)[:, None]
-        ss, sc, cc = weighted_squares(q, self.lines.cycles, weights)
-        return np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2)
+    def grams(self, held_out: Sequence[Codes | None]) -> Array:
+        """Inner products (F, K, 2, 2) of sine and cosine at every frequency, of all folds by one transform."""
+        weights = np.repeat(np.einsum("nb,nb->n", self.lever, self.lever)[:, None], len(held_out), axis=1)
+        for fold, rows in enumerate(held_out):
+            if rows is not None:
+                weights[rows, fold] = 0.0
+        ss, sc, cc = weighted_squares(self.q, self.lines.cycles, weights)
+        return np.stack([ss.T, sc.T, sc.T, cc.T], axis=2).reshape(len(held_out), -1, 2, 2)
 
     def products(self, vectors: Array) -> Array:
         """Inner products (K, 2, p) with vectors (m, p), by fast Fourier sums."""

@@ -22,6 +22,7 @@ from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
+_ROWS_SET_ASIDE = 32  # directions that a basis can take up before it is copied
 _KEPT_SHARE = 0.5  # of a column's squared length: with more left, one projection is orthogonal to rounding (Kahan)
 _RIDGE_SHARE = 1e-10  # of columns of length one: what depends on others keeps an inverse
 _MAX_BASIS_NUMBERS = 10_000_000  # of the bases of pursuits side by side: 80 MB
@@ -90,6 +91,7 @@ class _Pursuit:
         self.learn: Mask = np.ones(len(linearised.r), dtype=bool)
         if held_out is not None:
             self.learn[(held_out[:, None] * block + np.arange(block)).ravel()] = False
+        self._rows = np.zeros((0, 0))
         self.Q, self.e = _projected_residuals(linearised, (), self.learn)
         self.freedom = float(self.learn.sum() - self.Q.shape[1])
         self.chosen, self.runners_up = list[Candidate](), list[Candidate]()
@@ -131,8 +133,18 @@ class _Pursuit:
             self._sharpen(states)
             return None
         explained = q.T @ self.e
-        self.e, self.Q = self.e - q @ explained, np.concatenate([self.Q, q], axis=1)
+        self.e, self.Q = self.e - q @ explained, self._widened(q)
         return Taken(self.place, candidate, q, explained)
+
+    def _widened(self, q: Array) -> Array:
+        """The basis with further directions q (m, p): each a row of memory that is set aside for some more."""
+        count, more = self.Q.shape[1], q.shape[1]
+        if self.Q.base is not self._rows or count + more > len(self._rows):
+            former = self.Q.T
+            self._rows = np.empty((count + more + _ROWS_SET_ASIDE, len(q)))
+            self._rows[:count] = former
+        self._rows[count : count + more] = q.T
+        return self._rows[: count + more].T
 
     def _sharpen(self, states: Sequence[AtomStates]) -> None:
         """Fits the lines together, and begins anew with what was chosen."""

@@ -114,7 +114,8 @@ def judged_answer(
 
 def predicted_error(problem: ProblemData, solution: Solution, basis: Array, measured: Array | None) -> PredictedError:
     """As ``problem`` predicts it in the posture of a solution that another model may have chosen."""
-    spread = relative_spread(problem, solution.q, solution.target.lever)
+    own = solution.problem is problem
+    spread = solution.spread if own else relative_spread(problem, solution.q, solution.target.lever)
     wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)
     miss = spread.position + spread.bias - wanted
     across, C = basis.T @ miss, basis.T @ spread.covariance @ basis
