@@ -69,8 +69,8 @@ def delivered(
     model = calibration.fit_effects(residuals, effects)
     parts = folds_of(groups_of(residuals.data, "pose", 5), 5, "pose")
     held = {**calibration.held, "extended": held_out(model, parts)}
-    deviations = np.zeros((5, len(model.x)))
-    deviations[:4, model.slices[-1]] = doubt * np.array([[1], [-1]] * 2) * model.x[model.slices[-1]]
+    deviations = np.zeros((1, 5, len(model.x)))
+    deviations[0, :4, model.slices[-1]] = doubt * np.array([[1], [-1]] * 2) * model.x[model.slices[-1]]
     return deliver_arm(
         calibration, model, deviations, held, parts, lambda fit, _: held_out(fit, parts), with_time=with_time
     )
