@@ -64,7 +64,9 @@ def add_mesh(
     )
 
 
-def add_handle(server: viser.ViserServer, name: str, planar: bool, visible: bool = True) -> viser.TransformControlsHandle:
+def add_handle(
+    server: viser.ViserServer, name: str, planar: bool, visible: bool = True
+) -> viser.TransformControlsHandle:
     """What is dragged: along axes and in planes, of a planar arm in its plane alone; as large in pixels at any zoom."""
     return server.scene.add_transform_controls(
         name, scale=_HANDLE_PIXELS, line_width=_HANDLE_LINE_PIXELS, fixed=True, disable_rotations=True,
