@@ -87,7 +87,7 @@ def _of_mixed(
     left = errors[:, 0] if data.lever is None else errors[:, 0] / data.lever
     described = {name: data.kind.described(name, values[k]) for k, name in enumerate(data.place_names)}
     weighed = data.kind.sigmas(problem.measurement)
-    variances = _variances(fit, kept, data.part // SLOTS)
+    variances = variance_components(fit, kept, data.part // SLOTS)
     found = {}
     for k, member in enumerate(data.kind.members):
         own, kind = kept[data.part[kept] // SLOTS == k], member.kind
@@ -105,7 +105,7 @@ def _of_mixed(
     return found
 
 
-def _variances(fit: Fit, kept: Codes, group: Codes) -> list[tuple[float, float]]:
+def variance_components(fit: Fit, kept: Codes, group: Codes) -> list[tuple[float, float]]:
     """Residual variance of each group of rows in units of their σ's, and its degrees of freedom (Förstner 1979).
 
     ``|r_k|² / f_k`` with ``f_k = n_k − tr H_kk``, H the hat matrix of the fit, its prior included.

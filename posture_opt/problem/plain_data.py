@@ -20,11 +20,13 @@ _MAX_INTEGER = 10**300  # beyond it no float can follow: it is infinite
 def plain(value: object) -> Plain:
     """Mappings, sequences, arrays and paths as the plain types that a file would give, all of them new.
 
-    >>> plain({"q": np.array([0.5, 1.0]), 1: (2, 3)})
-    {'q': [0.5, 1.0], '1': [2, 3]}
+    The key ``on`` may be given as True, which YAML 1.1 makes of it, as PyYAML does.
+
+    >>> plain({"q": np.array([0.5, 1.0]), 2: (2, 3), True: "tool"})
+    {'q': [0.5, 1.0], '2': [2, 3], 'on': 'tool'}
     """
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {"on" if key is True else str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, list | tuple):

@@ -89,6 +89,21 @@ def test_a_wrong_sigma_of_one_instrument_shows() -> None:
     assert document["wire"]["scatter"] == pytest.approx(1e-4, rel=0.5)
 
 
+@pytest.mark.long
+def test_a_diagnosis_names_the_instrument_whose_sigma_is_wrong() -> None:
+    rng = np.random.default_rng(22)
+    arm = TrueArm.drawn(rng)
+    own = tables(arm, rng, np.eye(4))
+    given = problem()
+    sound = po.diagnose(given, po.read_measurements(mixed_table(own), given), plan=False)
+    assert not sound.uneven
+    own["wire"]["distance [m]"] = own["wire"]["distance [m]"] + rng.normal(0, 8e-5, 40)
+    found = po.diagnose(given, po.read_measurements(mixed_table(own), given), plan=False)
+    assert [(u.effect.kind, u.effect.target) for u in found.uneven] == [("stated_sigma", "wire")]
+    assert found.uneven[0].effect.factor == pytest.approx(np.hypot(2e-5, 8e-5) / 2e-5, rel=0.4)
+    assert "the wire errors are larger" in found.report().lower().replace("\n", " ")
+
+
 def test_rows_come_back_from_a_data_frame_and_half_readings_are_refused() -> None:
     rng = np.random.default_rng(23)
     given = problem()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import posture_opt as po
 from posture_opt.errors import InputError
@@ -45,6 +46,12 @@ def a_kind(rng: np.random.Generator) -> MarkerPixels:
         {"a": camera, "b": camera}, ("a", "b"), bodies, np.stack([intrinsics.row] * 2), np.array([False, True]),
         np.stack([cameras] * 2), np.stack([boards] * 2),
     )  # fmt: skip
+
+
+def test_a_key_that_yaml_1_1_makes_true_is_read_as_on() -> None:
+    text = "{markers: {board: {on: tool, chessboard: {rows: 6, columns: 8, square: 25 mm}}}}"
+    given = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}, "data": yaml.safe_load(text)})
+    assert given.data.markers["board"].on == "tool"
 
 
 def test_derivatives_are_those_of_differences() -> None:

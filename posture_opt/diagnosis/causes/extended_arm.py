@@ -44,9 +44,10 @@ def extended_arm(
     fitted = _geometry_of(calibration, delivered, delivery.held.errors)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
     rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
+    rows = delivered.residuals.metres(rows)
     if len(rows) == len(calibration.residuals.data):  # where no effect is delivered, outliers are among them
         rows = rows[calibration.kept_rows]
-    scatter = residual_scatter(problem, fitted, noises, delivered.residuals.metres(rows))
+    scatter = residual_scatter(problem, fitted, noises, rows)
     places = places_in_robot(calibration.parameters)
     deviations = {name: float(delivered.x[i]) for name, i in places.items()}
     base = {name: value for name, value in deviations.items() if name.rpartition(".")[0] == "base"}

@@ -12,6 +12,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma, relat
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.instruments import variance_components
 from posture_opt.diagnosis.noise.noise_candidates import (
     GROSS_ERRORS,
     NoiseCandidate,
@@ -22,6 +23,7 @@ from posture_opt.diagnosis.noise.noise_candidates import (
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
+from posture_opt.measurements.kinds.mixed import SLOTS, Mixed
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes
@@ -69,12 +71,37 @@ def noise_causes(
             found += [] if wrong is None else [NoiseCause(wrong.named(), wrong.estimate, wrong.p_value)]
     elif not uneven and adequacy >= levels.LACK_OF_FIT_LEVEL:
         left = model.whitened.reshape(-1, residuals.block)
+        if residuals.data.part is not None:
+            return found, [*uneven, *_wrong_instruments(problem, model)]
         for quantity in quantities:
             e = quantity.of(left)
             wrong = quantity.wrong_sigma(e, max(e.size - len(model.minimum.x) * e.shape[1] // left.shape[1], 1))
             if wrong is not None and wrong.size > 1:
                 uneven.append(UnevenErrors(wrong.named(), wrong.p_value, False, np.zeros(0)))
     return found, uneven
+
+
+def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
+    """Instruments of a mixed file that scatter more than stated while another one is as stated.
+
+    What the model cannot explain shows in all of them; the σ of one is wrong where it alone scatters.
+    """
+    data, kind = model.residuals.data, model.residuals.data.kind
+    assert isinstance(kind, Mixed), "a file of several instruments"
+    assert data.part is not None, "a file of several instruments"
+    group, r = data.part // SLOTS, model.whitened
+    level, found, agree = levels.NOISE_LEVEL / len(kind.members), list[UnevenErrors](), False
+    for k, (variance, freedom) in enumerate(variance_components(model, np.arange(len(data)), group)):
+        member, own = kind.members[k], r[group == k]
+        if not getattr(problem.measurement, member.kind.sigma_key, None) or freedom < levels.MIN_REPEAT_FREEDOM:
+            continue
+        kurtosis = max(float(np.mean(own**4) / np.mean(own**2) ** 2 - 3), 0.0)
+        score = score_stated_sigma(variance, int(freedom), kurtosis)
+        if score.p_value < level and score.size > levels.STATED_SIGMA_RATIO:
+            effect = StatedSigma(quantity=member.name, factor=score.size)
+            found.append(UnevenErrors(effect, score.p_value, False, np.zeros(0)))
+        agree = agree or score.p_value >= level
+    return found if agree else []
 
 
 def sided_joints(model: Fit) -> Codes:

@@ -18,7 +18,7 @@ _LOG_RATIOS = np.linspace(-4.0, 4.0, 81)
 
 
 class StatedSigma(NoiseEffect):
-    """``Σ = f² Σ0``: measurements scatter f times as much as stated, all of them or those of one quantity."""
+    """``Σ = f² Σ0``: measurements scatter f times as much as stated: all, or those of one quantity or instrument."""
 
     summary: ClassVar[str] = "measurements scatter more, or less, than stated by one factor"
     phrase: ClassVar[str] = "{target} differs from what the file states"
@@ -27,23 +27,27 @@ class StatedSigma(NoiseEffect):
     uneven_words: ClassVar[str] = "The {target} are larger than the instrument as stated accounts for"
 
     kind: Literal["stated_sigma"] = "stated_sigma"
-    quantity: Literal["position", "orientation"] | None = Field(None, description="of which σ; of both if left out")
+    quantity: str | None = Field(
+        None, min_length=1, description="of which σ: position, orientation, or an instrument; of all if left out"
+    )
     factor: float = Field(gt=0, description="true σ over the stated one", examples=[1.8])
 
     @property
     def target(self) -> str:
-        """The quantity; ``data`` where it is both."""
+        """The quantity, or the instrument; ``data`` where it is all."""
         return self.quantity or "data"
 
     @property
     def changed_sigma(self) -> str:
         """``orientation`` where it is that alone."""
-        return self.quantity or "position"
+        return "orientation" if self.quantity == "orientation" else "position"
 
     @property
     def words(self) -> str:
         """The cause in one clause."""
         measured = "the measurement noise" if self.quantity is None else f"the noise of measured {self.quantity}s"
+        if self.quantity not in (None, "position", "orientation"):
+            measured = f"the noise of {self.quantity}"
         return self.phrase.format(target=measured)
 
     @property
