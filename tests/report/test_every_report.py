@@ -94,3 +94,10 @@ def test_messages_speak_the_words_of_the_field() -> None:
         if " " in node.value and PATTERN.search(node.value)
     ]
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("name", ["Solution", "Solution of features"])
+def test_standard_deviations_of_a_report_have_one_unit(name: str) -> None:
+    """That of the answer, whatever the size of what is beside it."""
+    text = MADE[name]().report()
+    assert len(set(re.findall(r"(?:std\. dev\.|σ across [a-z ]*) \[(µm|mm)\]", text))) == 1

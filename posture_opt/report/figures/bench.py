@@ -72,7 +72,7 @@ def _draw_map(figure: Figure, axes: Axes, found: Solution, bench: BenchMap) -> N
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
 
-    unit, factor = length_unit(bench.sigma[np.isfinite(bench.sigma)].tolist() or [found.sigma])
+    unit, factor = length_unit([float(s) for s in found.sigmas])  # that of the answer in the report
     x, y = (_UNIT_FACTORS[k] * values for k, values in zip(bench.axes, bench.values, strict=True))
     bad = ~np.isfinite(bench.sigma)
     axes.set_facecolor("white")

@@ -45,7 +45,7 @@ def improvements_block(
     worth = price_words(prices, sigma)
     if not told:
         return Block("What would help", worth)
-    unit, factor = length_unit([change.sigma_max for change in told])
+    unit, factor = length_unit([sigma])  # that of the answer, in the whole report
     rows = [(_words(c, problem.arm), number(c.sigma_max * factor, 3), percent(c.gain)) for c in told]
     table = Table(("change", f"σ {part} [{unit}]", "reduction"), tuple(rows))
     return Block("What would help", (table, *worth, *_notes(problem, told)))
@@ -77,12 +77,13 @@ def _loosened(price: Price) -> str:
     return f"{step} {'more' if price.side == 'upper' else 'less'} {price.requirement}"
 
 
-def most_helpful(problem: ProblemData, changes: Sequence[Improvement]) -> str:
-    """The change that lowers the standard deviation the most, in one clause; empty where nothing would."""
+def most_helpful(problem: ProblemData, changes: Sequence[Improvement], sigma: float) -> str:
+    """The change that lowers the standard deviation ``sigma`` [m] the most, in a clause; empty where nothing does."""
     best = max(changes, key=lambda change: change.gain, default=None)
     if best is None or best.gain < _MIN_GAIN:
         return ""
-    return f"{_words(best, problem.arm)}: {length(best.sigma_max)}, {percent(best.gain)} less"
+    unit, factor = length_unit([sigma])
+    return f"{_words(best, problem.arm)}: {number(factor * best.sigma_max)} {unit}, {percent(best.gain)} less"
 
 
 @singledispatch

@@ -21,6 +21,7 @@ from posture_opt.report.text.units_text import (
     percent,
     place,
     probability,
+    short_probability,
     stated_angle,
     stated_length,
 )
@@ -151,11 +152,16 @@ def range_words(placement: PlacementRange) -> str:
     return ", ".join(texts)
 
 
+def sigma_unit(found: Solution) -> tuple[str, float]:
+    """The unit of all standard deviations of the report, and the factor from m to it: that of the answer."""
+    return length_unit([float(s) for s in found.sigmas])
+
+
 def features_block(found: Solution) -> Block:
     """A posture for each feature."""
     joints = found.optimisation_problem.robot.joints
     digits = readable_digits(found.problem, found.postures)
-    unit, factor = length_unit([float(s) for s in found.sigmas])
+    unit, factor = sigma_unit(found)
     p_success = [station.success_probability for station in found.stations]
     known = all(p is not None for p in p_success)
     headers = ["feature", f"std. dev. [{unit}]", *(["success [%]"] if known else [])]
@@ -175,7 +181,7 @@ def features_block(found: Solution) -> Block:
 
 def _share(p: float | None) -> str:
     """A probability in percent, as tables have it."""
-    return "" if p is None else f"{100 * p:.4g}" if p < 0.9999 else "> 99.99"
+    return "" if p is None else short_probability(p).removesuffix(" %")
 
 
 def placements_block(found: Solution) -> Block:
@@ -186,7 +192,7 @@ def placements_block(found: Solution) -> Block:
     named = [("centre of the range", found.centre), ("typical (median tried)", found.typical)]
     shown = [("this one", this), *((name, other) for name, other in named if other is not None)]
     shown += [("another optimum", other) for other in found.others]
-    unit, factor = length_unit([other.sigma for _, other in shown])
+    unit, factor = sigma_unit(found)
     p_success = found.task.combine == "success"
     what = "mean std. dev." if found.task.combine == "mean" else "worst std. dev."
     rows = []

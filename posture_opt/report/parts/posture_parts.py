@@ -112,7 +112,7 @@ def alternatives_block(solution: Solution) -> Block:
         only = _same_configuration(solution) or ("No other local optimum was found.",)
         return Block("Alternatives", only, figure="joint_map", brief=())
     joints = solution.optimisation_problem.robot.joints
-    unit, factor = length_unit([a.sigma_max for a in alternatives])
+    unit, factor = length_unit([alternatives[0].sigma_max])  # that of the answer, in the whole report
     headers = ["rank", f"std. dev. [{unit}]", "difference"]
     named = any(a.configuration for a in alternatives)
     headers += ["configuration"] if named else []

@@ -301,7 +301,10 @@ def _one_lead(solution: Solution) -> tuple[str, ...]:
 
 def _helps(solution: Solution) -> tuple[str, ...]:
     """What helps the most, where the choice of the posture gains little."""
-    typical, helps = solution.statistics.typical, most_helpful(solution.problem, solution.improvements)
+    typical, helps = (
+        solution.statistics.typical,
+        most_helpful(solution.problem, solution.improvements, solution.sigma_max),
+    )
     gain = solution.gain_over(typical)
     if not helps or not math.isfinite(typical) or abs(gain) >= SMALL_GAIN:
         return ()

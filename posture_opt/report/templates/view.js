@@ -156,8 +156,8 @@
   // So far off that the whole box is seen, in a narrow window too.
   view.classList.add("drawn");
   const narrow = Math.max(1, 1.2 * plot.clientHeight / plot.clientWidth);
-  const away = narrow * 0.97 * 1.25 * Math.hypot(...spans) / longest;
-  const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
+  const away = narrow * 1.06 * 1.25 * Math.hypot(...spans) / longest;
+  const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.09 } };
   let camera = start;
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },
     scene: { xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
