@@ -356,7 +356,10 @@ def _note_missing(header: Header, there: set[str], robot: Robot, spec: DataSpec)
         if joint.name not in there or (joint.name in guessed | (header.probable_names if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
-    if not measured and not any(kind.required(spec, ()) & there for kind in KINDS):
+    meant = [axis for axis in AXES if axis in guessed]
+    if not measured and not any(kind.required(spec, ()) & there for kind in KINDS) and len(meant) > 1:
+        header.missing |= {axis: f"{axis} [mm]" for axis in meant}
+    elif not measured and not any(kind.required(spec, ()) & there for kind in KINDS):
         *others, last = (kind.example for kind in KINDS)
         header.missing[""] = f"{', '.join(others)}, or {last}"
     header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.probable_names}

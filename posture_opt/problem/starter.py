@@ -121,7 +121,8 @@ def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
         section: the first lines of the section ``robot``, indented.
         target: without a position, one is suggested in a comment.
     """
-    x, y, z = target.position or (0.5, 0.2, 0.1)
+    reach = min(1.0, _stretched(robot))  # m: a small arm does not reach to the places of a large one
+    x, y, z = target.position or (0.5 * reach, 0.2 * reach, 0.1 * reach)
     position = f"position: {_point([x, y, z])}"
     return _STARTER_TEMPLATE.substitute(
         title=dump_scalar(f"Insertion with the {robot.name}"),

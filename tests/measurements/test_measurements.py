@@ -578,3 +578,14 @@ def test_a_small_volume_in_one_orientation_is_not_refused(seed: int) -> None:
     # Columns that are exchanged leave far more than that in the same volume.
     (line,) = refused(renamed(table, j2="j3 [rad]", j3="j2 [rad]"), SIX)
     assert "are exchanged" in line
+
+
+def test_foreign_names_of_positions_ask_for_no_other_instrument(tmp_path: Path) -> None:
+    """A table that measures positions under its own names gets its mapping, and no list of all kinds."""
+    path = tmp_path / "data.csv"
+    path.write_text("Nr;A1 [deg];A2 [deg];X mess [mm];Y mess [mm]\n1;0;0;2000;0\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        po.read_measurements(path, po.load_problem("insert_planar_2r"))
+    text = str(caught.value)
+    assert 'x: "X mess", y: "Y mess"' in text
+    assert "ball bar" not in text
