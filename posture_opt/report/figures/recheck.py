@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,10 +22,14 @@ _MAX_BARS = 8
 
 
 @styled
-def plot_recheck_changes(found: Recheck) -> Figure:
-    """Probability [%] that nothing changed, and of the likeliest changes, from the top."""
+def plot_recheck_changes(found: Recheck, names: Sequence[str]) -> Figure:
+    """Probability [%] that nothing changed, and of the likeliest changes, from the top.
+
+    Args:
+        names: of all changes, as the table has them.
+    """
     changes = found.changes[:_MAX_BARS]
-    labels = ["unchanged", *(f"{c.kind} {c.target}".replace("_", " ") for c in changes)]
+    labels = ["unchanged", *names[:_MAX_BARS]]
     values = np.array([found.unchanged, *(c.probability for c in changes)])
     figure = new_figure(0.35 * len(labels) + 1.2)
     axes = figure.add_subplot()

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from posture_opt.changes.what_changed import LikelyChange, Recheck
 
 _MAX_ROWS = 8
+_NO_MOTION_M = 1e-8  # a change that moves the tool less moves it by rounding only
+_MAX_SEEN_TURN = math.pi  # rad: a turn that is seen from there on is seen nowhere
 _PHRASES = {
     "tool_frame": "the tool moved in the flange",
     "base_frame": "the base moved",
@@ -159,6 +161,20 @@ def _power(found: Recheck) -> str:
     return f"{text}; least for the {_visible_name(least)} ({percent(least.power)})."
 
 
+def _is_seen(visible: Visibility) -> bool:
+    """Whether there is a size from which the change is seen."""
+    return not (visible.unit == "rad" and _MAX_SEEN_TURN < visible.size < math.inf)
+
+
+def _seen_from(visible: Visibility) -> str:
+    """The size from which the change is seen; nothing of a frame, which has several."""
+    if not _is_seen(visible):
+        return "not seen"
+    if not math.isfinite(visible.size):
+        return ""
+    return f"{number(1e3 * visible.size, 2)} {'mrad' if visible.unit == 'rad' else 'mm'}"
+
+
 def _visible_name(visible: Visibility) -> str:
     """The change by its name."""
     return _named(visible.kind, visible.target)
@@ -179,7 +195,8 @@ def changes_block(found: Recheck) -> Block:
     """The likeliest changes with their size, and what each of them moves the tool by."""
     rows = [("unchanged", "", "", percent(found.unchanged))]
     for change in found.changes[:_MAX_ROWS]:
-        rows.append((short(change), size_words(change), number(1e3 * change.shift, 2), percent(change.probability)))
+        shift = number(1e3 * change.shift, 2) if change.shift >= _NO_MOTION_M else "0"
+        rows.append((short(change), size_words(change), shift, percent(change.probability)))
     table = Table(("what", "size", "tool moves [mm]", "probability"), tuple(rows), text_columns=2)
     p = found.probabilities
     text = (
@@ -196,8 +213,8 @@ def visible_block(found: Recheck) -> Block:
         (
             _visible_name(v),
             percent(v.power),
-            number(1e3 * v.shift, 2),
-            f"{number(1e3 * v.size, 2)} {'mrad' if v.unit == 'rad' else 'mm'}" if math.isfinite(v.size) else "",
+            number(1e3 * v.shift, 2) if _is_seen(v) else "",
+            _seen_from(v),
         )
         for v in found.visible
     )
@@ -249,7 +266,9 @@ class RecheckPresenter(Presenter["Recheck"]):
     def drawings(self) -> Drawings:
         """Probabilities of the changes, and the errors of the rows."""
         return {
-            "recheck_changes": partial(plot_recheck_changes, self.result),
+            "recheck_changes": partial(
+                plot_recheck_changes, self.result, [short(change) for change in self.result.changes]
+            ),
             "recheck_rows": partial(plot_recheck_rows, self.result),
         }
 
