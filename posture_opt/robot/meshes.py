@@ -18,6 +18,8 @@ MAX_FACES = 100_000
 """Faces of a mesh whose own surface is used; of a finer one the convex hull, which contains it."""
 _MAX_BYTES = 50_000_000
 """Largest mesh file that is read."""
+_MAX_COORDINATE = 1e9
+"""Largest coordinate of a mesh that is used, in m or in the unit of its file: a thousand kilometres in mm."""
 _MESH_SUFFIXES = {".stl", ".obj", ".ply", ".off", ".dae"}
 """What robots are described with; archives, of which a small one may unfold to anything, are not."""
 
@@ -73,7 +75,7 @@ def read_triangles(path: Path) -> Array:
     if len(mesh.faces) > MAX_FACES:
         mesh = mesh.convex_hull
     triangles = np.asarray(mesh.triangles, dtype=float)
-    if not len(triangles) or not np.all(np.isfinite(triangles)) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
+    if not len(triangles) or not _usable(triangles) or not np.ptp(triangles.reshape(-1, 3), axis=0).max():
         raise UnreadMeshError(f"mesh {path.name} is empty or broken")
     return triangles
 
@@ -84,11 +86,16 @@ def _read_edges(path: Path, scale: tuple[float, ...], _changed: int, _size: int)
     mesh = _load_mesh(path)
     vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
     edges = np.asarray(mesh.edges_unique)
-    if not len(edges) or not np.all(np.isfinite(vertices)):
+    if not len(edges) or not _usable(vertices):
         raise UnreadMeshError(f"mesh {path.name} is empty or broken")
     if len(mesh.faces) > MAX_FACES:
         return Edges.about(vertices)
     return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
+
+
+def _usable(coordinates: Array) -> bool:
+    """Whether coordinates are numbers that a part of a robot may have."""
+    return bool(np.all(np.abs(coordinates) < _MAX_COORDINATE))  # NaN is below nothing
 
 
 def _load_mesh(path: Path) -> Any:

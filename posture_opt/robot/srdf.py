@@ -12,8 +12,9 @@ from pathlib import Path
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import content, located
-from posture_opt.robot.urdf_reader import MAX_BYTES, Element, read_elements
+from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, read_elements
 from posture_opt.robot.urdf_tree import UrdfTree
+from posture_opt.texts import text_fault
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def _in_srdf(issue: Issue, file: str) -> Issue:
 def _pairs(root: Element) -> Iterator[frozenset[str]]:
     """The pairs of links of ``<disable_collisions>``."""
     for element in root.each("disable_collisions"):
-        pair = frozenset(element.attributes.get(key, "") for key in ("link1", "link2"))
+        pair = frozenset(_text(element, key) for key in ("link1", "link2"))
         if len(pair) == 2:
             yield pair
 
@@ -91,20 +92,48 @@ def _states(root: Element) -> dict[str, dict[str, float]]:
     """The named states; of several of one name, in several groups, the one with most joints.
 
     Raises:
-        InputError: a value that is no number.
+        InputError: a value that is no number, or a state of a group, or a joint of a state, that is stated twice.
     """
     found: dict[str, dict[str, float]] = {}
+    stated: set[tuple[str, str]] = set()
     for state in root.each("group_state"):
-        values = {}
+        name, group = _text(state, "name"), _text(state, "group")
+        if (name, group) in stated:
+            raise InputError(Issue(f"the state '{name}' of the group '{group}' is stated twice", line=state.line))
+        stated.add((name, group))
+        values: dict[str, float] = {}
         for joint in state.each("joint"):
-            text = joint.attributes.get("value", "")
-            try:
-                values[joint.attributes.get("name", "")] = value = float(text)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise InputError(Issue(f"the value '{text}' of a joint is no number", line=joint.line))
-        name = state.attributes.get("name", "")
+            moved = _text(joint, "name")
+            if moved in values:
+                raise InputError(Issue(f"the state '{name}' states the joint '{moved}' twice", line=joint.line))
+            values[moved] = _value(joint)
         if len(values) > len(found.get(name, {})):
             found[name] = values
     return found
+
+
+def _value(joint: Element) -> float:
+    """The value [rad or m] of a joint in a state."""
+    text = _text(joint, "value")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(Issue(f"the value '{text}' of a joint is no number", line=joint.line))
+    if abs(value) > MAX_NUMBER:
+        raise InputError(Issue(f"the value '{text}' of a joint is not plausible", line=joint.line))
+    return value
+
+
+def _text(element: Element, key: str) -> str:
+    """An attribute; empty where it is missing.
+
+    Raises:
+        InputError: it holds a line break, or what else no text may hold.
+    """
+    given = element.attributes.get(key, "")
+    fault = text_fault(given)
+    if fault is not None:
+        raise InputError(Issue(f"<{element.tag} {key}=…>: {fault[0]}", hint=fault[1], line=element.line))
+    return given

@@ -100,7 +100,7 @@ class _ElementReader:
         raise InputError(Issue(message, hint=hint, line=self.parser.CurrentLineNumber))
 
 
-_MAX_NUMBER = 1e18
+MAX_NUMBER = 1e18
 """Limits of 1e16 mean that there is none; up to here squares of squares are still numbers."""
 _GEOMETRY_SIZES = {
     # geometry -> its attributes, and how many numbers each holds
@@ -297,7 +297,7 @@ class _UrdfReader:
         """``count`` finite numbers, `NEGLIGIBLE` ones as zeros; zeros and an issue where the words are none."""
         numbers = [_float_or_nan(word) for word in words]
         finite = len(numbers) == count and all(map(math.isfinite, numbers))
-        if finite and all(abs(number) < _MAX_NUMBER for number in numbers):
+        if finite and all(abs(number) < MAX_NUMBER for number in numbers):
             return [number if abs(number) > NEGLIGIBLE else 0.0 for number in numbers]
         given, wanted = element.attributes[key], "one finite number" if count == 1 else f"{count} finite numbers"
         fault = "is not plausible" if finite else f"does not hold {wanted}"

@@ -80,6 +80,14 @@ def test_a_named_posture_is_the_one_to_stay_near(tmp_path: Path) -> None:
     ("<sdf/>", "no SRDF"),
     ('<robot><disable_collisions link1="x" link2="y"/></robot>', "none of its links is in the URDF"),
     ('<robot><group_state name="h"><joint name="j1" value="up"/></group_state></robot>', "'up' of a joint"),
+    ('<robot><group_state name="h"><joint name="j1" value="1e300"/></group_state></robot>', "not plausible"),
+    ('<robot><group_state name="h&#10;movej([9])"/></robot>', "<group_state name=…>: the text holds a line br"),
+    ('<robot><disable_collisions link1="a0" link2="x&#x2028;"/></robot>', "link2=…>: the text holds a line break"),
+    ('<robot><group_state name="h"/><group_state name="h"/></robot>', "'h' of the group '' is stated twice"),
+    (
+        '<robot><group_state name="h"><joint name="j1" value="0"/><joint name="j1" value="1"/></group_state></robot>',
+        "'h' states the joint 'j1' twice",
+    ),
 ])  # fmt: skip
 def test_files_that_are_none(tmp_path: Path, text: str, message: str) -> None:
     arm(tmp_path)

@@ -198,6 +198,15 @@ def test_a_broken_mesh_is_a_note(tmp_path: Path) -> None:
     assert robot.shape_notes[0].startswith("no shape of tip: mesh cube.stl")
 
 
+def test_a_mesh_with_an_absurd_coordinate_is_a_note(tmp_path: Path) -> None:
+    """Its square overflows: no axis of it could be found."""
+    pytest.importorskip("trimesh")
+    (tmp_path / "cube.obj").write_text("v 1e308 1e308 1e308\nv 0 0 0\nv 1 1 1\nf 1 2 3\n")
+    robot = built(tmp_path, MESH.format("cube.obj"))
+    assert robot.shape == ()
+    assert robot.shape_notes == ("no shape of tip: mesh cube.obj is empty or broken",)
+
+
 def test_numbers_that_are_none_are_refused_with_their_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"arm.urdf:2.*box size") as caught:
         built(tmp_path, BODIES.replace("0.3 0.2 0.1", "0.3 0.2"))
