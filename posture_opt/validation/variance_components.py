@@ -14,7 +14,6 @@ import numpy as np
 
 from posture_opt.numerics import Array, Mask
 from posture_opt.uncertainty.regions.regions import NORMAL95
-from posture_opt.validation.nonnegative import nonnegative_least_squares
 from posture_opt.validation.scatter_model import Scatter
 
 _MAX_SCORING_STEPS = 200  # of Fisher scoring; five to twenty suffice
@@ -143,6 +142,8 @@ class Components:
 
         Least squares with ``θ ≥ 0`` (Lawson, Hanson 1974) on the roots of the information, in units of its diagonal.
         """
+        from scipy.optimize import nnls
+
         information, u = self.normal(theta)
         if not free.any():
             return theta
@@ -154,7 +155,7 @@ class Components:
         roots = np.sqrt(values[known])
         A, b = roots[:, None] * vectors[:, known].T, (vectors[:, known].T @ (u * scale)) / roots
         moved = theta.copy()
-        moved[free] = nonnegative_least_squares(A, b) * scale
+        moved[free] = nnls(A, b)[0] * scale
         return moved
 
     def errors(self, theta: Array) -> Array:

@@ -11,7 +11,6 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, projected_basis, unit_columns
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, finer_phases
-from posture_opt.diagnosis.search.bounded_search import bounded_minimum
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import CyclicError, Effect
 from posture_opt.numerics import Array, Mask
@@ -131,14 +130,16 @@ def _best_smooth(
     sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, effect: Effect
 ) -> Candidate:
     """The effect at the smooth shape within its bracket that explains most, by a bounded scalar search (Brent 1973)."""
+    from scipy.optimize import minimize_scalar
 
     def loss(trial: float) -> float:
         return -_explained_square(baseline, sensitivities.columns(effect.with_shape(trial)))
 
-    shape, least = bounded_minimum(loss, *effect.bracket(_joint_span(sensitivities, effect)), levels.SHAPE_EVALUATIONS)
-    if least >= loss(float(getattr(effect, effect.smooth_shape))):
+    bounds = effect.bracket(_joint_span(sensitivities, effect))
+    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"maxiter": levels.SHAPE_EVALUATIONS})
+    if found.fun >= loss(float(getattr(effect, effect.smooth_shape))):
         return candidate
-    better = effect.with_shape(shape)
+    better = effect.with_shape(float(found.x))
     return Candidate(better, sensitivities.columns(better), candidate.searched)
 
 
