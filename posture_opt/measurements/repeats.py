@@ -35,7 +35,7 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
             data.robot * _CODE_SEPARATION,
         ]
     )
-    n, code = len(data), linked_rows(posture, 1.0) if len(data) <= _MAX_PAIRED_ROWS else _linked_cells(posture)
+    n, code = len(data), _linked_rows(posture) if len(data) <= _MAX_PAIRED_ROWS else _linked_cells(posture)
     own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
     strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
     merged = np.where(strung[code], own + n, code)
@@ -45,54 +45,25 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
 
 
-def linked_rows(points: Array, reach: float) -> Codes:
-    """Codes (N,) of rows (N, d) that steps of at most ``reach`` in every coordinate lead from one to the other.
+def _linked_rows(posture: Array) -> Codes:
+    """(N,) codes of rows (N, d) that steps of at most 1 in every coordinate lead from one to the other."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
 
-    Without SciPy's tree, which would take longer to import than to use.
-
-    Example:
-        >>> linked_rows(np.array([[0.0], [5.0], [0.9], [1.8]]), 1.0).tolist()
-        [0, 1, 0, 0]
-    """
-    first, second = _near_pairs(points, reach)
-    label = np.arange(len(points))
-    while np.any(label[first] != label[second]):
-        least = np.minimum(label[first], label[second])
-        for ends in (first, second):
-            np.minimum.at(label, label[ends], least)
-        label = label[label]
-    return np.asarray(np.unique(label, return_inverse=True)[1], dtype=np.intp)
-
-
-def _near_pairs(points: Array, reach: float) -> tuple[Codes, Codes]:
-    """Pairs of rows (N, d) within ``reach`` of each other in every coordinate: each row with those behind it in order.
-
-    The order is that along a direction in which no grid has equal steps: what is near is near there too.
-    """
-    along = np.sqrt(np.arange(points.shape[1]) + 2.0) % 1 + 0.5
-    height = points @ along
-    order = np.argsort(height, kind="stable")
-    height, points = height[order], points[order]
-    window = reach * float(along.sum()) * (1 + 1e-9) + 1e-9 * float(np.abs(height).max(initial=0.0))
-    found = [np.zeros((2, 0), dtype=np.intp)]
-    for behind in range(1, len(points)):
-        i = np.flatnonzero(height[behind:] - height[:-behind] <= window)
-        if not len(i):
-            break
-        i = i[np.max(np.abs(points[i + behind] - points[i]), axis=1) <= reach]
-        found.append(order[np.stack([i, i + behind])])
-    first, second = np.concatenate(found, axis=1)
-    return first, second
+    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(posture),) * 2)
+    return np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
 
 
 def _linked_cells(posture: Array) -> Codes:
-    """(N,) `linked_rows` of many rows (N, d), with rows of one cell of side 1 by their mean.
+    """(N,) the same of many rows (N, d), with rows of one cell of side 1 by their mean.
 
     n readings of one posture have n² / 2 pairs, which would fill the memory.
     """
     _, cell = np.unique(np.floor(posture), axis=0, return_inverse=True)
     cell = cell.ravel()
-    return np.asarray(linked_rows(group_means(posture, cell), 1.0)[cell], dtype=np.intp)
+    return np.asarray(_linked_rows(group_means(posture, cell))[cell], dtype=np.intp)
 
 
 def apart(data: Measurements) -> Measurements:

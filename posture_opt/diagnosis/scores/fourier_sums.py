@@ -45,11 +45,12 @@ class FourierSums:
     @classmethod
     def of(cls, q: Array, cycles: Array) -> FourierSums:
         """At joint values (N,) [rad] and frequencies (K,) [cycles per revolution]."""
+        from scipy.fft import next_fast_len
         from scipy.sparse import csr_array
 
         count, rows = len(cycles), np.arange(len(q))
         step = float(cycles[1] - cycles[0]) if count > 1 else 0.0
-        size = _fast_length(max(2 * count, 2 * _KERNEL_POINTS))
+        size = next_fast_len(max(2 * count, 2 * _KERNEL_POINTS))
         at = np.mod(step * q / (2 * np.pi), 1.0) * size
         first = np.ceil(at - _KERNEL_POINTS / 2).astype(int)
         points = first[:, None] + np.arange(_KERNEL_POINTS)
@@ -69,17 +70,13 @@ class FourierSums:
 
     def _blocks(self, a: Array) -> Iterator[NDArray[np.complex128]]:
         """Complex sums (K, p) of some columns at a time."""
+        from scipy.fft import ifft
+
         for first in range(0, a.shape[1], _COLUMNS_AT_ONCE):
             turned = self.middle[:, None] * a[:, first : first + _COLUMNS_AT_ONCE]
             # Real weights times real and imaginary parts: half of what complex products cost.
             grid = (self.spread @ np.ascontiguousarray(turned).view(float)).view(complex)
-            yield np.fft.ifft(grid, axis=0, norm="forward")[self.modes] / self.window[:, None]
-
-
-def _fast_length(least: int) -> int:
-    """The least length ``2^a 3^b 5^c`` of a fast transform that is no shorter than ``least``."""
-    odd: list[int] = [3**b * 5**c for b in range(20) for c in range(14)]
-    return min(n << max((-(-least // n) - 1).bit_length(), 0) for n in odd)
+            yield ifft(grid, axis=0, norm="forward")[self.modes] / self.window[:, None]
 
 
 def weighted_squares(q: Array, cycles: Array, weights: Array) -> tuple[Array, Array, Array]:
