@@ -334,13 +334,11 @@ def _moved_poses(data: Measurements) -> list[str]:
 def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
     """A warning for each known distance to a point that no row touches."""
     names = data.point_names
-    if data.part is not None:
-        unused = "data.distances are not used where a file mixes instruments: put touches into a file of their own"
-        return [unused] * bool(known.distances)
+    points = data.kind.touched_points(names)
     return [
-        f"data.distances names the point '{name}', which no row touches; {did_you_mean(name, names)}"
+        f"data.distances names the point '{name}', which no row touches; {did_you_mean(name, list(points))}"
         for name in dict.fromkeys(name for a, b, _ in known.distances for name in (a, b))
-        if data.touches and name not in names
+        if points and name not in points
     ] + [
         f"data.{data.kind.settings} names '{name}', which no row has; {did_you_mean(name, names)}"
         for name in data.kind.stated

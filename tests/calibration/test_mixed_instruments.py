@@ -10,6 +10,7 @@ from posture_opt.errors import InputError
 from tests.helpers.cameras import camera_problem, camera_table
 from tests.helpers.instruments import (
     ANCHORS,
+    SOCKETS,
     TrueArm,
     distance_table,
     level_table,
@@ -17,6 +18,7 @@ from tests.helpers.instruments import (
     mixed_table,
     plane_table,
     postures,
+    socket_table,
     tracker_table,
 )
 
@@ -102,6 +104,31 @@ def test_a_diagnosis_names_the_instrument_whose_sigma_is_wrong() -> None:
     assert [(u.effect.kind, u.effect.target) for u in found.uneven] == [("stated_sigma", "wire")]
     assert found.uneven[0].effect.factor == pytest.approx(np.hypot(2e-5, 8e-5) / 2e-5, rel=0.4)
     assert "the wire errors are larger" in found.report().lower().replace("\n", " ")
+
+
+@pytest.mark.conformance
+def test_a_known_distance_of_sockets_beside_plates_gives_the_size() -> None:
+    rng = np.random.default_rng(25)
+    arm = TrueArm.drawn(rng)
+    table = mixed_table({"ball": socket_table(arm, rng, 12, 2e-5), "plates": plane_table(arm, rng, 12, 2e-5, 0.0)})
+    length = float(np.linalg.norm(SOCKETS[0] - SOCKETS[2]))
+    errors = []
+    for known in ([], [["socket0", "socket2", f"{1e3 * length:.6f} mm"]]):
+        text = problem().to_dict()
+        text["uncertainty"]["measurement"]["position"] = "0.02 mm"
+        given = po.problem_from_dict({**text, "data": {"distances": known}})
+        data = po.read_measurements({k: v for k, v in table.items() if not k.endswith("approach")}, given)
+        assert not data.warnings
+        found = po.calibrate(given, data, plan=False)
+        values = {p.name: p.nominal + v for p, v in zip(found.parameters, found.x, strict=True)}
+        q = postures(np.random.default_rng(99), 60)
+        errors.append(misplaced(values, q, arm.point(q)))
+        assert ("the size of the arm" in " ".join(found.report().split())) is not bool(known)
+    assert errors[1] < 0.4 * errors[0]
+    text["data"] = {"distances": [["socket0", "socket9", "1 m"]]}
+    wrong = po.problem_from_dict(text)
+    with pytest.raises(InputError, match="no row touches 'socket9'"):
+        po.calibrate(wrong, data, plan=False)
 
 
 def test_rows_come_back_from_a_data_frame_and_half_readings_are_refused() -> None:

@@ -84,16 +84,19 @@ def _known_distances(problem: ProblemData, data: Measurements, sigma: float) -> 
     Raises:
         InputError: a stated distance names a point that no row touches.
     """
-    if not data.touches:
+    points = data.kind.touched_points(data.point_names)
+    if not points:
         return ()
+    own = place_sigmas(problem, data)
     found, issues = [], []
     for index, (a, b, length) in enumerate(problem.data.distances):
-        missing = [name for name in (a, b) if name not in data.point_names]
+        missing = [name for name in (a, b) if name not in points]
         if missing:
-            hint = f"the points of the data are: {', '.join(data.point_names)}"
+            hint = f"the points of the data are: {', '.join(points)}"
             issues.append(Issue(f"no row touches '{missing[0]}'", ("data", "distances", index), missing[0], hint))
         else:
-            found.append((data.point_names.index(a), data.point_names.index(b), float(length), sigma))
+            ends = points[a], points[b]
+            found.append((*ends, float(length), own.get(data.point_names[ends[0]], sigma)))
     if issues:
         raise InputError(issues)
     return tuple(found)

@@ -184,6 +184,10 @@ class Kind:
         """Sentences on what stays open of the places, by the standard errors of their unknowns; infinite: not known."""
         return ()
 
+    def touched_points(self, names: Sequence[str]) -> Mapping[str, int]:
+        """Name -> place of the points that are touched, between which distances may be known; ``names`` of places."""
+        return {}
+
     @property
     def second_arms(self) -> Mapping[str, SecondArm]:
         """Name -> the other arms whose joints are in the rows."""

@@ -89,6 +89,11 @@ class Mixed(Kind):
         """Whether any of the instruments shows a length."""
         return any(member.kind.fixes_size for member in self.members)
 
+    def touched_points(self, names: Sequence[str]) -> Mapping[str, int]:
+        """Those of all instruments."""
+        every = [(member.first, member.kind.touched_points(member.places)) for member in self.members]
+        return {name: first + code for first, own in every for name, code in own.items()}
+
     @property
     def second_arms(self) -> Mapping[str, SecondArm]:
         """Those of all instruments."""

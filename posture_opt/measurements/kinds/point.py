@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -31,6 +32,10 @@ class PointContact(Kind):
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
         """The coordinates of the point."""
         return (("x", "m"), ("y", "m"), ("z", "m"))
+
+    def touched_points(self, names: Sequence[str]) -> Mapping[str, int]:
+        """All places."""
+        return {name: code for code, name in enumerate(names)}
 
     def start(self, seen: Seen, places: int) -> Array:
         """The mean of all touches of each point."""
