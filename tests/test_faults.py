@@ -33,7 +33,7 @@ def marks_of(node: ast.AST) -> set[str]:
 
 
 @cache
-def tests_of(file: str) -> dict[str, set[str]]:
+def marked_functions(file: str) -> dict[str, set[str]]:
     """The tests that pytest collects of a file, each with its marks and those of the file."""
     body = ast.parse((ROOT / file).read_text("utf-8")).body
     of_all = [node for node in body if isinstance(node, ast.Assign) and marks_of(node)]
@@ -57,8 +57,8 @@ def test_every_row_of_the_page_names_tests_that_ci_runs() -> None:
     for _, tests in rows:
         for file, name in tests:
             assert Path(file).name.startswith("test_")
-            assert name in tests_of(file), f"{file}::{name} is not there"
-            marks = tests_of(file)[name] & left_out
+            assert name in marked_functions(file), f"{file}::{name} is not there"
+            marks = marked_functions(file)[name] & left_out
             assert not marks or marks & (taken - {"conformance"}), f"no run of CI has {file}::{name}"
 
 
