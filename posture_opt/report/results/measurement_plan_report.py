@@ -25,6 +25,7 @@ from posture_opt.report.text.units_text import (
     count,
     joint_unit,
     length,
+    length_unit,
     percent,
     place,
 )
@@ -82,12 +83,14 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     warned = () if plan.keeps_height else (table,)
     if plan.target is None or math.isnan(plan.after.task):
         return (first, *warned)
-    before = "" if math.isnan(plan.before.task) else f" ({length(plan.before.task)} without these measurements)"
+    known = [plan.after.task] if math.isnan(plan.before.task) else [plan.before.task, plan.after.task]
+    unit, factor = length_unit(known)
+    before = f" ({number(factor * plan.before.task)} {unit} without these measurements)" if len(known) > 1 else ""
     counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
     return (
         first,
-        f"Expected RMS error {counted}at the posture of the task, from parameter uncertainty: {length(plan.after.task)}"
-        f"{before}.",
+        f"Expected RMS error {counted}at the posture of the task, from parameter uncertainty: "
+        f"{number(factor * plan.after.task)} {unit}{before}.",
         *warned,
     )
 

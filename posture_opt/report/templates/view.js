@@ -119,13 +119,14 @@
     const free = { left: -Infinity, right: -Infinity };
     return placed.map(({ text, color, at: [x, y, z], seen: [sx, sy] }) => {
       // Beyond the edge of the window nothing is seen: there the label stands on the other side.
-      const across = 0.6 * size * Math.max(...text.split("\n").map((line) => line.length)) + 55;
-      const outside = plot.clientWidth / 2 - Math.abs(sx) < across;
+      const wide = 0.6 * size * Math.max(...text.split("\n").map((line) => line.length)), half = (data.values ? 0.4 : 0.5) * plot.clientWidth;
+      const outside = half - Math.abs(sx) < wide + 55;
       const side = (sx > 0) === (inward || outside) ? "left" : "right", height = 8 + 1.35 * size * text.split("\n").length;
-      const top = Math.max(sy - 28, free[side], -plot.clientHeight / 2 + height);
-      free[side] = top + height;
+      const column = inward ? "left" : side; // in a narrow window both sides overlap
+      const top = Math.max(sy - 28, free[column], -plot.clientHeight / 2 + height);
+      free[column] = top + height;
       return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
-        ax: side === "right" ? 45 : -45, ay: top - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
+        ax: side === "right" ? Math.min(45, half - wide - 6 - sx) : Math.max(-45, wide + 6 - half - sx), ay: top - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
         xanchor: side === "right" ? "left" : "right" };
     });
   };
@@ -152,11 +153,11 @@
   };
   const spans = [0, 1, 2].map((k) => data.high[k] - data.low[k]);
   const longest = Math.max(...spans);
-  const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: 6, showspikes: false, visible: !(data.planar && name === "z") });
+  const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: spans[k] < 0.2 * longest ? 2 : 6, showspikes: false, visible: !(data.planar && name === "z") });
   // So far off that the whole box is seen, in a narrow window too.
   view.classList.add("drawn");
   const narrow = Math.max(1, 1.2 * plot.clientHeight / plot.clientWidth);
-  const away = narrow * 1.06 * 1.25 * Math.hypot(...spans) / longest;
+  const away = narrow * (data.values ? 1.3 : 1.15) * 1.25 * Math.hypot(...spans) / longest;
   const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.09 } };
   let camera = start;
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },

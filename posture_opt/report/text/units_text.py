@@ -151,8 +151,8 @@ def percent(share: float) -> str:
 def probability(p: float) -> str:
     """A probability of success, with as many digits as its nines ask for.
 
-    >>> probability(0.9375), probability(0.99995), probability(1 - 1e-9)
-    ('93.8 %', '99.9950 % (one miss in 20,000)', '> 99.9999 %')
+    >>> probability(0.9375), probability(0.99995), probability(1 - 1e-9), probability(1e-16)
+    ('93.8 %', '99.9950 % (one miss in 20,000)', '> 99.9999 %', '< 0.0001 %')
     """
     miss = 1 - p
     if miss < 1e-6:  # what is left out of the model is likelier than that
@@ -160,6 +160,8 @@ def probability(p: float) -> str:
     if miss < 1e-3:
         decimals = 1 - math.floor(math.log10(100 * miss))
         return f"{100 * p:.{decimals}f} % (one miss in {1 / miss:,.0f})"
+    if 0 < p < 1e-6:
+        return "< 0.0001 %"
     return f"{100 * p:.3g} %" if p < 0.99 else f"{100 * p:.2f} %"
 
 
