@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.model.effects import GearEccentricity, JointCompliance, JointScale
+from posture_opt.model.effects import CyclicError, GearEccentricity, JointCompliance, JointScale
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
 from posture_opt.report.measured_parts.causes_table import _inspections, rivals_of
@@ -98,3 +99,25 @@ def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagno
     assert list(_inspections(several, list(several.effects)).items()) == [
         (JointCompliance(joint="joint1 and joint2").inspect(several.problem.robot), ["1", "2"])
     ]
+
+
+def test_periods_of_several_joints_share_their_words(found: po.Diagnosis) -> None:
+    def wave(joint: str, cycles: float) -> Finding:
+        return Finding(
+            CyclicError(joint=joint, cycles=cycles, further=(99.0,)), {"sin": (1e-4, 1e-6, "rad")}, 1e-9, 0.3
+        )
+
+    several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", 20.8)))
+    (text,) = _inspections(several, list(several.effects))
+    assert text.startswith(
+        "what turns or meshes 17.2 times per revolution of joint1 and 20.8 times per revolution of joint2: motor"
+    )
+
+
+def test_geometry_is_told_by_how_many_parameters_differ(found: po.Diagnosis) -> None:
+    """The arm that was simulated is that of the file; none of its parameters is off, and all are if they are moved."""
+    geometry = Finding(GeometricDeviation.of_all(), {}, 1e-9, 0.3)
+    moved = replace(found.model, x=found.model.x + 10 * found.model.std)
+    for model, told in ((found.model, "0 of 4 parameters differ"), (moved, "4 of 4 parameters differ")):
+        several = replace(found, effects=(replace(found.effects[0], place=None), geometry), model=model)
+        assert told in render(on_a_screen(diagnosis_report(several), 100, ()), 100)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
@@ -15,6 +16,7 @@ from posture_opt.report.text.units_text import count, percent
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from posture_opt.calibration.estimation.parameters import Parameter
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.model.effects import Cause
@@ -24,6 +26,8 @@ FILE = "split_measurements.csv"
 _MAX_INSPECTED = 3  # causes whose parts are named
 _MAX_CAUSES = 12  # that a screen has room for
 _TARGET = "{target}"  # in place of the joint in texts that are compared
+_MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
+_DIFFERENT = 1.96  # standard errors
 _MAX_RIVALS = 2  # causes that one could be confused with, by name
 
 
@@ -55,12 +59,33 @@ def _largest_shift(found: Diagnosis, finding: Finding) -> str:
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:
-    """The size with its standard error; that it is open, or of many parameters, where there is no number."""
+    """The size with its standard error; that it is open, or how many parameters differ, where there is no number."""
     if not finding.determined:
         return "not determined"
     if finding.open_part is not None:
         return f"{headline_of(found, finding)}, {count(len(finding.open_part.size_parts), 'line')} open"
-    return headline_of(found, finding) or ("many parameters" if finding.kind == "geometry" else "several parameters")
+    return headline_of(found, finding) or (_differing(found) if finding.kind == "geometry" else "several parameters")
+
+
+def _differing(found: Diagnosis) -> str:
+    """How many of the geometric parameters that the data determine differ from the file, by 1.96 standard errors."""
+    every = determined_geometry(found)
+    return f"{sum(abs(x) > _DIFFERENT * std for _, x, std in every)} of {count(len(every), 'parameter')} differ"
+
+
+def determined_geometry(found: Diagnosis) -> list[tuple[Parameter, float, float]]:
+    """The geometric parameters of the arm with its effects that the data determine, with x and its standard error.
+
+    Left out are those whose standard error is mostly what the data leave open.
+    """
+    calibration, model = found.calibration, found.model
+    rows = zip(calibration.parameters, model.x, model.std, calibration.std, strict=False)
+    return [
+        (p, float(x), float(std))
+        for p, x, std, whole in rows
+        if p.group == "geometry"
+        and 0 < whole < _MAX_OPEN_RATIO * std  # what the data leave open has a small part in what they determine
+    ]
 
 
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
@@ -96,9 +121,16 @@ def _inspections(found: Diagnosis, findings: Sequence[Finding]) -> dict[str, lis
     texts = {}
     for words, those in alike.items():
         text = words.replace(_TARGET, enumerated(finding.target for finding, _ in those))
-        subjects = enumerated(subject for _, subject in those) if words.startswith(": ") else ""
+        subjects = _enumerated_once([subject for _, subject in those]) if words.startswith(": ") else ""
         texts[f"{subjects}{text}"] = [str(number_of(found, finding)) for finding, _ in those]
     return texts
+
+
+def _enumerated_once(texts: Sequence[str]) -> str:
+    """Texts as a list; the words that all of them begin with stand once."""
+    words = [text.split() for text in texts]
+    same = 0 if len(texts) < 2 else next(i for i, each in enumerate(zip_longest(*words)) if len(set(each)) > 1)
+    return enumerated([texts[0], *(" ".join(own[same:]) for own in words[1:])])
 
 
 def rivals_of(finding: Finding, most: int = _MAX_RIVALS) -> str:

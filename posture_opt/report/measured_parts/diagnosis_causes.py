@@ -16,6 +16,7 @@ from posture_opt.model.effects.base.multiples import line_words
 from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.causes_table import (
     causes_table,
+    determined_geometry,
     look_at,
     number_of,
     rival_words,
@@ -42,8 +43,8 @@ if TYPE_CHECKING:
 _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of measurements that discriminate them
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
-_MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
 _ALONE = "At the tool: largest shift, or σ. RMS drop: lost without that cause alone; drops do not add up."
+_MASSES = "Masses"  # what is said of a compliance where the file states none
 _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -75,15 +76,30 @@ def causes_block(found: Diagnosis) -> Block:
     items: list[str | Facts | Table] = []
     effects = [f for _, f in fitted_effects(found)]
     short = effects[_MAX_FULL_EFFECTS:] if len(effects) > _MAX_FULL_EFFECTS + 1 else []
+    said: dict[str, int] = {}
     for finding in (f for f in found.effects if f not in short):
-        what = f"{number_of(found, finding)}. {sentence(finding_words(finding, found.problem))}"
-        items += [what, Facts(tuple(_facts(found, finding)), view=view_key(found, finding))]
+        number = number_of(found, finding)
+        rows = [(label, _said_once(label, text, number, said)) for label, text in _facts(found, finding)]
+        what = f"{number}. {sentence(finding_words(finding, found.problem))}"
+        items += [what, Facts(tuple(rows), view=view_key(found, finding))]
     if short:
         items += ["Lighter ones:", _lighter(found, short)]
     figure = "diagnosis_curves" if effects else ""
     alone = (_ALONE,) if len(found.effects) > 1 else ()
     brief: tuple[str | Facts | Table, ...] = (causes_table(found), *alone, *look_at(found))
     return Block("Causes, the largest first, geometry last", tuple(items), figure, brief)
+
+
+def _said_once(label: str, text: str, number: int, said: dict[str, int]) -> str:
+    """A text; what was said of an earlier cause of what the file lacks, as that of the other.
+
+    Args:
+        said: label -> the number of the cause where it was said, which this one is added to.
+    """
+    if label != _MASSES:
+        return text
+    first = said.setdefault(label, number)
+    return text if first == number else f"{text.partition(' in place of')[0]}, as of cause {first}"
 
 
 def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
@@ -194,18 +210,8 @@ def _covers(found: Diagnosis) -> str:
 
 
 def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    """The most certain parameters of the arm with its effects, with their standard errors [mrad or mm].
-
-    Left out are parameters whose standard error is mostly what the data leave open.
-    """
-    calibration, model = found.calibration, found.model
-    std = model.std[: len(calibration.parameters)]
-    far = [
-        (abs(float(x / s)), p.name, float(x), float(s), p.unit)
-        for p, x, s, whole in zip(calibration.parameters, model.x, std, calibration.std, strict=False)
-        if p.group == "geometry"
-        and 0 < whole < _MAX_OPEN_RATIO * s  # what the data leave open has a small part in what they determine
-    ]
+    """The most certain parameters of the arm with its effects, with their standard errors [mrad or mm]."""
+    far = [(abs(x / std), p.name, x, std, p.unit) for p, x, std in determined_geometry(found)]
     far.sort(reverse=True)
     units = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}
     texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_MAX_GEOMETRY]]
