@@ -145,7 +145,7 @@ def explore_obstacle() -> None:
     with shown("insert_ur10_cell") as tab:
         obstacles = tab.page.problem.to_dict()["cell"]["obstacles"]
         tab.take()
-        for part in np.linspace(0.0, 1.0, 9)[1:]:
+        for part in np.linspace(0.0, 1.0, 25)[1:]:
             height = 650.0 - 400.0 * part
             lamp = {**obstacles[-1], "xyz": ["500.0 mm", f"{50.0 + 60.0 * part:.1f} mm", f"{height:.1f} mm"]}
             tab.change("obstacles", {"cell__obstacles": [*obstacles[:-1], lamp]})
