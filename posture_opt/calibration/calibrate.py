@@ -49,6 +49,7 @@ MAX_FITTED_ROWS = 100_000
 _NOISE_ROUNDS = 3  # of fitting and judging the noise anew
 _TOLERANCE_ROUNDS = 6
 """Of fitting, and judging anew how far parts are from nominal."""
+_QUIETER = 0.5  # of the noise of a calibration: with the effects, that much is left of it at the most to judge again
 _TOLERANCE_CHANGE = 0.05
 """Of a tolerance: less is far below what a handful of parameters say of it."""
 WEIGHED_NOTE = (
@@ -130,21 +131,51 @@ def calibrate(
     return replace(found, large=large)
 
 
-def reweighed(calibration: Calibration, ratio: float) -> Calibration:
-    """The same calibration with orientations that count as if their σ were ``ratio`` times what it was taken for."""
-    used = calibration.residuals.sigma_rotation / rotation_sigma(calibration.request.problem)
-    found, *_ = _calibration_of(calibration.request, calibration.by, True, lambda: None, used * ratio)
+def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
+    """The same calibration, weighed as an arm with effects asks for; None where that changes nothing.
+
+    What the effects explain made orientations seem to scatter otherwise beside positions, or hid geometry that then was
+    held near nominal.
+
+    Args:
+        model: geometry and effects, fitted together to the rows that count.
+    """
+    ratio, noise = orientation_ratio(model), float(np.sqrt(model.design * model.variance))
+    quieter = calibration.assumed.any() and noise < _QUIETER * float(
+        np.sqrt(calibration.fit.design * calibration.fit.variance)
+    )
+    if ratio == 1.0 and not quieter:
+        return None
+    used = 1.0 if ratio == 1.0 else calibration.residuals.sigma_rotation / rotation_sigma(calibration.request.problem)
+    seen = _Scatter(used * ratio if ratio != 1.0 else None, max(noise, 1.0) if quieter else np.inf)
+    found, *_ = _calibration_of(calibration.request, calibration.by, True, lambda: None, seen)
     return replace(found, contradictions=calibration.contradictions, large=calibration.large)
 
 
+@dataclass(frozen=True)
+class _Scatter:
+    """What another fit of the same rows has shown of how they scatter.
+
+    Args:
+        turning: σ of orientations over the stated one; None where the fit is to show it.
+        noise: the most that the noise is, in units of the instrument's.
+    """
+
+    turning: float | None = None
+    noise: float = np.inf
+
+
+_UNSEEN = _Scatter()
+
+
 def _calibration_of(
-    request: FitRequest, by: By, priors: bool, report_step: Callable[[], None], turning: float | None = None
+    request: FitRequest, by: By, priors: bool, report_step: Callable[[], None], seen: _Scatter = _UNSEEN
 ) -> tuple[Calibration, Chart, _Fitted]:  # fmt: skip
-    """The calibration, and the arm as it was fitted; ``turning`` is as of `_weighed_arm`."""
+    """The calibration, and the arm as it was fitted."""
     problem, data, test, refit_frames = request.problem, request.data, request.test, request.refit_frames
     groups = groups_of(data, by, request.folds)
     parts = folds_of(groups, request.folds, by)
-    given, chart, fitted, notes = _weighed_arm(problem, data, len(np.unique(groups)), priors, turning)
+    given, chart, fitted, notes = _weighed_arm(problem, data, len(np.unique(groups)), priors, seen)
     check_kept(chart.fitted, groups, fitted.found.kept)
     report_step()
     nominal = refitted_errors(chart.fitted, parts, fitted.found, report_step, frames=True)
@@ -153,8 +184,8 @@ def _calibration_of(
     unconverged = _unconverged_note(calibrated.unsettled, len(parts))
     notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *unconverged)
     kept = data.take(fitted.found.kept)
-    seen = None if test is None else predict_other_file(_models(chart, fitted), kept, test, refit_frames)
-    found = _assemble_calibration(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+    other = None if test is None else predict_other_file(_models(chart, fitted), kept, test, refit_frames)
+    found = _assemble_calibration(request, given, chart, fitted, (nominal, calibrated), groups, by, other, notes)
     left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
     return replace(found, disagreement=left), chart, fitted
 
@@ -165,24 +196,24 @@ def _models(chart: Chart, fitted: _Fitted) -> dict[str, tuple[Residuals, Array]]
 
 
 def _weighed_arm(
-    problem: ProblemData, data: Measurements, groups: int, priors: bool, turning: float | None
+    problem: ProblemData, data: Measurements, groups: int, priors: bool, seen: _Scatter
 ) -> tuple[Residuals, Chart, _Fitted, tuple[str, ...]]:
     """The arm fitted to all rows, orientations weighed as they scatter beside positions, see `orientation_ratio`.
 
     Args:
         groups: how many groups of correlated rows there are.
-        turning: σ of orientations over the stated one where it is known; None where the fit is to show it.
 
     Returns:
         The residuals in the parameters of the file, the chart they were fitted in, the fit, and sentences.
     """
+    turning = seen.turning
     given, notes = arm_and_data(problem, data)
     given = replace(given, sigma_rotation=given.sigma_rotation * (turning or 1.0))
     chart = Chart.of(given)
-    fitted = _fit_arm(problem, chart.fitted, groups, priors)
+    fitted = _fit_arm(problem, chart.fitted, groups, priors, noise=seen.noise)
     ratio = orientation_ratio(fitted.found) if turning is None else 1.0
     if ratio != 1.0:
-        return _weighed_arm(problem, data, groups, priors, ratio)
+        return _weighed_arm(problem, data, groups, priors, replace(seen, turning=ratio))
     notes += () if turning is None else (WEIGHED_NOTE.format(turning),)
     return given, chart, fitted, notes
 
@@ -237,10 +268,13 @@ class _Fitted:
         return *self.known.notes, *self.found.notes
 
 
-def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False) -> _Fitted:
+def _fit_arm(
+    problem: ProblemData, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False,
+    noise: float = np.inf,
+) -> _Fitted:  # fmt: skip
     """The free frames, then everything that the data determine; ``groups`` counts groups of correlated rows.
 
-    ``enough`` says that the data are known to suffice, and to be of this arm.
+    ``enough`` says that the data are known to suffice, and to be of this arm; ``noise`` is as of `_Scatter`.
 
     Raises:
         InputError: the data are not of this arm.
@@ -253,6 +287,8 @@ def _fit_arm(problem: ProblemData, residuals: Residuals, groups: int, priors: bo
     if not enough:
         check_amount(residuals, known, groups)
     known, found = _settled_estimate(problem, residuals, x_nominal, known, held, priors)
+    if np.isfinite(noise):
+        known = determine_directions(problem, residuals, x_nominal, held, priors, found, known.assumed, noise)
     if not enough:
         check_sense(residuals, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)

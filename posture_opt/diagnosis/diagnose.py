@@ -14,7 +14,6 @@ from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects, known_rows
 from posture_opt.calibration.estimation.fit_request import FitRequest
-from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_preset import free_directions
@@ -185,15 +184,15 @@ def _explain_calibration(calibration: Calibration, draws: int, seed: int, stages
     """What the residuals of a calibration hold.
 
     It is searched for once more where that shows that orientations scatter otherwise, beside positions, than they were
-    weighed for: what hides in the calibrated arm's errors may have made it seem so, or a σ that is stated wrongly.
+    weighed for, or that geometry was held near nominal which the data determine beside the effects: what hides in the
+    calibrated arm's errors may have made it seem so, or a σ that is stated wrongly.
     """
     problem = calibration.request.problem
     found = _explain_residuals(problem, *_search_effects(calibration, draws, seed, stages), seed)
-    ratio = orientation_ratio(found.model)
-    if ratio == 1.0:
+    again = reweighed(calibration, found.model)
+    if again is None:
         return found
-    calibration = reweighed(calibration, ratio)
-    return _explain_residuals(problem, *_search_effects(calibration, draws, seed, Stages(None, 1, 1)), seed)
+    return _explain_residuals(problem, *_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
 
 
 def _explain_residuals(

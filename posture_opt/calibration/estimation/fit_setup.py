@@ -66,7 +66,7 @@ class FitSetup:
 
 def determine_directions(
     problem: ProblemData, residuals: Residuals, x: Array, held: int | None, priors: bool,
-    found: Fit | None = None, assumed: Array | None = None,
+    found: Fit | None = None, assumed: Array | None = None, noise: float = np.inf,
 ) -> FitSetup:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
@@ -79,12 +79,13 @@ def determine_directions(
         x: (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
         priors: whether stated σ's, and tolerances of the geometry, count as knowledge.
         assumed: (k,) standard deviations by manufacturing, where the data have changed them.
+        noise: the most that it is, in units of the instrument's: what effects leave that were found with the geometry.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
     names = [p.name for p in parameters]
     J = residuals.residuals_and_jacobian(x)[1]
     spread, design = _noise_and_design(residuals, x, found)
-    spread *= float(np.sqrt(design))
+    spread = min(spread * float(np.sqrt(design)), noise)
     indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
     scale = prior_tolerances(parameters, indices)
     by_making = np.full(len(names), np.nan)
