@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ _MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated a
 _DISAGREEING_MOTION = (
     0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
 )
-_MET_EXACTLY = 1e-15  # of the reach: rounding; no readings are met so closely
+_STANDS_STILL = 0.01  # of the nominal motion of the tool point: no tool is held that close to where nothing moves it
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
@@ -175,20 +175,39 @@ def _rms_motion(residuals: Residuals) -> float:
     return reach(residuals.robot) if data.position is None else rms_length(data.position - data.position.mean(axis=0))
 
 
-def check_sense(residuals: Residuals, errors: Array) -> None:
-    """Refuses measurements that the calibrated arm does not explain; ``errors`` (N, 3) are those that it leaves.
+def _motion_of_tool(residuals: Residuals, x: Array) -> float:
+    """RMS motion [m] of the tool point about its mean, with the deviations ``x`` (k,), in postures across the rows.
+
+    Every joint has its values of the rows in another order, as postures of one touched point leave the tool there.
+    """
+    data = residuals.data
+    q = np.column_stack([np.roll(column, k) for k, column in enumerate(data.q.T)])
+    mixed = residuals.of_data(replace(data, q=q))
+    points = np.stack([np.broadcast_to(p, len(data)) for p in mixed.walk(x).position], axis=1)
+    return rms_length(points - points.mean(axis=0))
+
+
+def check_sense(residuals: Residuals, x: Array, errors: Array) -> None:
+    """Refuses measurements that the calibrated arm does not explain, or only with a tool point that stands still.
+
+    Args:
+        x: (k,) deviations of the calibrated arm [rad, m].
+        errors: (N, 3) what it leaves [m].
 
     Raises:
         InputError: they are another robot's, or joints have other signs.
-        InsufficientDataError: touches that are met to rounding, as where the tool point stands still in all of them.
+        InsufficientDataError: touches that an arm explains whose tool point the joints do not move.
     """
     motion, left = _rms_motion(residuals), rms_length(errors)
-    if residuals.data.position is None and left < _MET_EXACTLY * reach(residuals.robot):
+    if residuals.data.position is None and _motion_of_tool(residuals, x) < _STANDS_STILL * _motion_of_tool(
+        residuals, np.zeros(len(x))
+    ):
         message = (
-            "these rows are met exactly, to the last digit: they hold no reading that the arm could miss, or the tool "
-            "point that fits them stands still; state tool and base, or measure where more joints move"
+            "the arm that fits these rows best holds its tool point where no joint moves it, and so meets planes, "
+            "bars and points anywhere: the rows say nothing of the arm"
         )
-        raise InsufficientDataError(message)
+        hint = "state tool and base, add a known length, or measure where more joints move"
+        raise InsufficientDataError(Issue(message, hint=hint, file=residuals.data.file))
     if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
         residuals.robot
     ):

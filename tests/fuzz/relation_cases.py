@@ -171,7 +171,8 @@ def _copied(value: Any) -> Any:
 
 
 def _any(base: Base) -> bool:
-    files = "covariance" in base.data.get("uncertainty", {}) or "cameras" in base.data.get("data", {})
+    data = base.data.get("data", {})
+    files = "covariance" in base.data.get("uncertainty", {}) or "cameras" in data or "pairs" in data
     return base.data["robot"]["kind"] != "urdf" and not files
 
 

@@ -105,7 +105,8 @@ def _oriented_loadings(L: Array, turning: Mask) -> Array:
     oriented: Array = L @ axes.T
     still = np.arange(L.shape[1]) >= np.count_nonzero(sizes > _ROUNDING_EIGENVALUE * len(L) * sizes[0])
     oriented[np.ix_(turning, still)] = 0.0
-    return oriented
+    # Where all sources turn the chain, a factor that does not is rounding.
+    return oriented[:, oriented.any(axis=0)]
 
 
 @lru_cache(maxsize=16)
