@@ -23,6 +23,8 @@ ANYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
 POSTURE_STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 """What postures are rounded to [rad, m]: numbers that a teach pendant takes as they are."""
 _LIMIT_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
+# Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
+_SEPARATION = {"revolute": math.radians(20.0), "prismatic": 0.05}
 _MAX_MARGIN_SHARE = 0.05  # of a joint's range
 _MAX_TRIED_POSTURES = 200_000  # random postures before the search for allowed ones is given up
 _TRIED_AT_ONCE = 5000
@@ -59,9 +61,19 @@ class Workspace:
         Raises:
             InputError: a slide without limits.
         """
-        ranges = [_joint_range(joint, margin) for joint in robot.joints]
+        ranges = [joint_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
         return cls(robot, lower, upper, height, box, scene)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """What moves."""
+        return self.robot.joints
+
+    @property
+    def ranges(self) -> tuple[Array, Array]:
+        """(w,), (w,) lower and upper end of all joints [rad or m]."""
+        return self.lower, self.upper
 
     @property
     def bounded(self) -> bool:
@@ -113,11 +125,35 @@ class Workspace:
 
     def rounded(self, q: Array) -> Array:
         """Postures (N, n) as they are in the file: to 0.01 deg and 0.01 mm (`POSTURE_STEP`), inside the limits."""
-        step = np.array([POSTURE_STEP[joint.type] for joint in self.robot.joints])
-        return np.asarray(np.clip(np.round(q / step), np.ceil(self.lower / step), np.floor(self.upper / step)) * step)
+        step, (lower, upper) = np.array([POSTURE_STEP[joint.type] for joint in self.joints]), self.ranges
+        return np.asarray(np.clip(np.round(q / step), np.ceil(lower / step), np.floor(upper / step)) * step)
+
+    def passable(self, q: Array) -> Mask:
+        """Which of the postures (N, n) may be passed through on the way to another one."""
+        return self.allowed(q)
+
+    def separations(self, count: int) -> Array:
+        """(w,) by which two of ``count`` postures differ in one number at least [rad or m].
+
+        A quarter of the range over the n-th root of ``count`` where that is less: there must be room for all of them.
+        """
+        stated = np.array([_SEPARATION[joint.type] for joint in self.joints])
+        n = len(stated)
+        room = self.steps()[:n] / (4 * count ** (1 / n))
+        return np.asarray(np.maximum(np.minimum(stated, room), 1e-9))
+
+    def steps(self) -> Array:
+        """(w,) what a step to a posture nearby is a share of: the ranges of the joints [rad or m]."""
+        lower, upper = self.ranges
+        return upper - lower
+
+    def unit_travel(self) -> Array:
+        """(w,) travel that counts as one radian: 1 rad of a revolute joint, the length of the arm of a slide [m]."""
+        size = max(self.robot.length, 1e-3)
+        return np.array([1.0 if joint.type == "revolute" else size for joint in self.joints])
 
 
-def _joint_range(joint: Joint, margin: float) -> tuple[float, float]:
+def joint_range(joint: Joint, margin: float) -> tuple[float, float]:
     """Lower and upper end of a joint's range in a plan [rad or m]: one turn at most, a margin to its limits taken off.
 
     The margin is 2° or 2 mm, at most 5 % of the range on each side, or what the task states if that is more.

@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.experiments.expected_errors import PriorInformation
-from posture_opt.experiments.information import GivenInformation, MeasurementModel, nothing_measured
+from posture_opt.experiments.information import OF_PLACES, GivenInformation, MeasurementModel, nothing_measured
 from posture_opt.experiments.possible_changes import effects_of, possible_changes
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
@@ -20,6 +20,8 @@ from posture_opt.selection.problem_data import ProblemData
 
 CHANGE_M = 0.3e-3
 """Root mean square motion of the tool by a change that a plan is made to tell from others [m]."""
+OPEN_M = 30e-3
+"""The same of what is found anew, as the places of an instrument: next to nothing is known of it [m]."""
 _MIN_MOTION_SHARE = 1e-6  # of the largest motion of any parameter: less shows nothing
 
 
@@ -30,6 +32,7 @@ def change_model(problem: ProblemData, measuring: MeasurementModel, pool: Array)
         pool: (N, n) postures [rad or m]; a parameter that moves the tool in none of them is left out.
     """
     residuals, sources = measuring.residuals, problem.sources
+    places = {p.name: p for p in residuals.parameters if p.group in OF_PLACES}
     changes = possible_changes(residuals.robot, residuals.data, oriented=residuals.oriented)
     zeros = np.zeros(len(residuals.parameters))
     wide = residuals.with_effects(effects_of(changes), zeros)
@@ -41,14 +44,17 @@ def change_model(problem: ProblemData, measuring: MeasurementModel, pool: Array)
             found.setdefault(name, Parameter(name, "geometry", unit, factors[name].nominal, name))
         elif name in of_effects:
             found.setdefault(name, Parameter(name, "effect", "1", 0.0, name))
+    found |= places
     model = replace(measuring, residuals=replace(wide, parameters=tuple(found.values())))
-    motion = _motion(model.blocks(pool, np.zeros(len(found))))
+    motion = _motion(model.blocks(pool, model.start))
     kept = tuple(p for p, m in zip(found.values(), motion, strict=True) if m > _MIN_MOTION_SHARE * motion.max())
     return replace(measuring, residuals=replace(wide, parameters=kept))
 
 
 def change_prior(problem: ProblemData, model: MeasurementModel, J: Array) -> PriorInformation:
     """``C + s² diag(1/m²)``: what the file leaves uncertain, and a change that moves the tool by s, `CHANGE_M`.
+
+    Places are found anew: s is `OPEN_M` there.
 
     Args:
         J: (N, b, k) whitened derivatives at the candidates; m is the root mean square motion by a unit.
@@ -59,7 +65,8 @@ def change_prior(problem: ProblemData, model: MeasurementModel, J: Array) -> Pri
     place = {name: i for i, name in enumerate(names)}
     rows = [i for i, name in enumerate(sources.names) if name in place]
     at = [place[sources.names[i]] for i in rows]
-    C = np.diag((CHANGE_M / motion) ** 2)
+    size = np.where([p.group in OF_PLACES for p in model.parameters], OPEN_M, CHANGE_M)
+    C = np.diag((size / motion) ** 2)
     C[np.ix_(at, at)] += sources.constant[np.ix_(rows, rows)]
     scale = np.sqrt(np.diag(C))
     W = np.linalg.inv(np.linalg.cholesky(C / np.outer(scale, scale))) / scale
@@ -72,11 +79,10 @@ def change_information(model: MeasurementModel, data: Measurements | None, varia
     Args:
         variance: of a measured coordinate in units of the instrument's.
     """
-    k = len(model.parameters)
     if data is None:
-        return nothing_measured(k, variance)
-    _, J = model.residuals.of_data(data).residuals_and_jacobian(np.zeros(k))
-    return GivenInformation(J, np.zeros(k), variance, len(data), len(J))
+        return nothing_measured(len(model.parameters), variance)
+    _, J = model.residuals.of_data(data).residuals_and_jacobian(model.start)
+    return GivenInformation(J, model.start, variance, len(data), len(J))
 
 
 def _motion(J: Array) -> Array:

@@ -6,7 +6,8 @@ the k unknowns that it alone would leave. It adds up over measurements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,8 +30,8 @@ from posture_opt.calibration.estimation.fit_setup import determine_directions
 from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.experiments.planned_instrument import planned_places
 from posture_opt.experiments.planned_kind import KindPlaces
-from posture_opt.experiments.planned_pictures import PicturePlaces
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
@@ -39,6 +40,8 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 
+OF_PLACES = ("place", "second_arm")
+"""Groups of parameters that belong to what is measured, and not to the arm."""
 _MIN_VARIANCE_FREEDOM = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
 
 
@@ -72,17 +75,24 @@ class MeasurementModel:
         problem: for the noise of the instrument.
         repeats: a mean of r repeats has ``1/√r`` of the standard deviation.
         places: what an instrument measures that shows no position; None of positions.
+        at: unknown of these places -> its deviation in the fit to the given rows.
     """
 
     residuals: Residuals
     problem: ProblemData
     repeats: int = 1
     places: KindPlaces | None = None
+    at: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The k unknowns."""
         return self.residuals.parameters
+
+    @property
+    def start(self) -> Array:
+        """(k,) deviations at the arm of the file, with the places as a fit to the given rows has them [rad, m]."""
+        return np.array([self.at.get(p.name, 0.0) for p in self.parameters])
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -105,8 +115,9 @@ class MeasurementModel:
         ``b`` is `coordinates`. An instrument whose noise grows with the range is less certain at far postures.
         """
         template = self.residuals.data
-        data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
-        data = data if self.places is None else self.places.rows(data)
+        own = q[:, : self.residuals.robot.n]
+        data = planned_rows(self.residuals.robot, own, template.measured_axes, self.targets, self.residuals.oriented)
+        data = data if self.places is None else self.places.rows(data, q)
         _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
         rows = rows if self.places is None else rows * self.places.weights(q)[:, :, None, None]
@@ -171,16 +182,12 @@ def measurement_model(
 
     It measures what the given data have; without data, every coordinate that the arm can move.
     """
-    if given is not None and given.kind.plannable:
+    if given is not None and given.position is None:
         return _model_of_kind(problem, given, repeats)
     robot, rotation = problem.robot, rotation_sigma(problem)
-    positions = given is not None and given.position is not None
-    touched = given is not None and (positions or given.touches)
-    sigma = position_sigma(problem, given) if given is not None and touched else planned_sigma(problem, reach_of(robot))
+    sigma = planned_sigma(problem, reach_of(robot)) if given is None else position_sigma(problem, given)
     notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
-    axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
-    if given is not None and not positions:
-        notes.append(f"the given rows are {given.kind.noun}; the plan is for an instrument that measures positions")
+    axes = ~still_axes(robot) if given is None else given.measured_axes
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknown_parameters(problem, data, orientation=rotation > 0)
@@ -195,8 +202,9 @@ def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> t
     x = fit_frames(residuals)
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
     x = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise).x
-    places = PicturePlaces if given.second_names else KindPlaces
-    return MeasurementModel(residuals, problem, repeats, places(residuals, x)), notes
+    places = planned_places(residuals, x)
+    at = {p.name: float(v) for p, v in zip(residuals.parameters, x, strict=True) if p.group in OF_PLACES}
+    return MeasurementModel(residuals, problem, repeats, places, at), notes
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:

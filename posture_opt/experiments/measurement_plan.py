@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -17,10 +18,13 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Json, Mask
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
-from posture_opt.robot.robot import Robot
+from posture_opt.robot.robot import Joint, Robot
 from posture_opt.selection.problem_data import ProblemData
 
 Purpose = Literal["parameters", "task", "recheck"]
+INSTRUMENT = "instrument"
+"""Column that says which instrument measured a row."""
+_WRITTEN = {"revolute": ("deg", math.degrees(1.0)), "prismatic": ("mm", 1e3)}
 _NO_TABLE_NOTE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
 
 
@@ -36,6 +40,20 @@ class Target:
     q: Array
     basis: Array
     within: str
+
+
+@dataclass(frozen=True, eq=False)
+class SecondJoint:
+    """A joint of a second arm, which the tool touches.
+
+    Args:
+        name: ``ARM.JOINT``.
+        values: (count,) at each posture [rad or m]; NaN where another instrument is used.
+    """
+
+    name: str
+    joint: Joint
+    values: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +84,9 @@ class MeasurementPlan(Result):
         sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
         keeps_height: whether the task, the box or the arm itself keeps the postures from reaching below the table.
         targets: the points on the tool that are measured at each posture; empty for one.
-        places: (count,) the plane or anchor that is measured from each posture; empty of positions.
+        columns: column of the file -> (count,) what stands there: the plane, anchor, point or camera of each posture,
+            and where a file mixes instruments, which of them; empty of positions.
+        second: the joints of a second arm that is touched.
         notes: sentences for the report.
     """
 
@@ -97,13 +117,25 @@ class MeasurementPlan(Result):
     axes: tuple[str, ...]
     targets: tuple[str, ...]
     keeps_height: bool = True
-    places: tuple[str, ...] = ()
+    columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    second: tuple[SecondJoint, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
     def robot(self) -> Robot:
         """The robot that is measured."""
         return self.problem.robot
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """(count,) the plane, anchor, point or camera that is measured from each posture; empty where there is none."""
+        own = [cells for column, cells in self.columns.items() if column != INSTRUMENT]
+        return tuple(next((c for c in cells if c), "") for cells in zip(*own, strict=True))
+
+    @property
+    def instruments(self) -> tuple[str, ...]:
+        """(count,) the instrument that is used at each posture; empty where there is one."""
+        return self.columns.get(INSTRUMENT, ())
 
     @property
     def postures(self) -> list[Posture]:
@@ -122,19 +154,19 @@ class MeasurementPlan(Result):
             f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
         ]
         headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
-        headers += [self.given.kind.label] if self.places and self.given is not None else []
+        headers += [f"{one.name} [{_WRITTEN[one.joint.type][0]}]" for one in self.second] + list(self.columns)
         lines = [csv_line(headers)]
         values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
             for pose, row in enumerate(values + 0.0, start=1):
                 cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
-                cells += [self.places[pose - 1]] if self.places else []
+                cells += [_written(one, pose - 1) for one in self.second]
+                cells += [column[pose - 1] for column in self.columns.values()]
                 lines += [csv_line([*cells, target]) for target in self.targets] or [csv_line(cells)]
         return "\n".join(lines) + "\n"
 
     def to_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
-        places = self.places or ("",) * len(self.q)
         stages = {"before": self.before, "after": self.after, "random": self.random}
         return {
             "purpose": self.purpose,
@@ -142,8 +174,8 @@ class MeasurementPlan(Result):
             "repeats": self.repeats,
             "given": len(self.given) if self.given is not None else 0,
             "postures": [
-                {"posture": posture, "tool": [float(v) for v in point], **({"place": place} if place else {})}
-                for posture, point, place in zip(self.postures, self.points, places, strict=True)
+                {"posture": posture, "tool": [float(v) for v in point], **self._beside(k)}
+                for k, (posture, point) in enumerate(zip(self.postures, self.points, strict=True))
             ],
             "gain": self.gain,
             "random_equivalent": self.equivalent,
@@ -163,6 +195,14 @@ class MeasurementPlan(Result):
             "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE_NOTE])],
         }
 
+    def _beside(self, k: int) -> dict[str, Json]:
+        """What else the document says of a posture: instrument, place, joints of a second arm [rad or m]."""
+        found: dict[str, Json] = {}
+        for name, cells in (("instrument", self.instruments), ("place", self.places)):
+            found |= {name: cells[k]} if cells and cells[k] else {}
+        second = {one.name: float(one.values[k]) for one in self.second if np.isfinite(one.values[k])}
+        return {**found, "second": second} if second else found
+
     def _task_json(self, stages: dict[str, ExpectedErrors]) -> dict[str, Json] | None:
         """The entry ``task`` of the document: the posture, and the tool point's expected standard deviation at each
         stage [m].
@@ -171,6 +211,12 @@ class MeasurementPlan(Result):
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
         return {"posture": posture, "std": {name: _finite_or_none(stage.task) for name, stage in stages.items()}}
+
+
+def _written(one: SecondJoint, k: int) -> str:
+    """A joint value of a second arm in deg or mm; empty where that arm is not used."""
+    value = float(one.values[k]) * _WRITTEN[one.joint.type][1]
+    return f"{value + 0.0:.2f}" if math.isfinite(value) else ""
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -21,7 +22,7 @@ from posture_opt.experiments.information import (
     repeat_variance,
 )
 from posture_opt.experiments.kind_workspace import KindWorkspace
-from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
+from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, SecondJoint, Target
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
@@ -194,7 +195,8 @@ def plan_postures(
     if measuring.places is not None:
         workspace = KindWorkspace.around(workspace, measuring.places)
     pool, share = workspace.postures(max(candidates, 2 * count), rng)
-    variance = repeat_variance(problem, measuring.residuals.sigma, pool)
+    n = problem.robot.n
+    variance = repeat_variance(problem, measuring.residuals.sigma, pool[:, :n])
     if purpose == "recheck":
         measuring = change_model(problem, measuring, pool)
         known = change_information(measuring, given, variance)
@@ -211,33 +213,39 @@ def plan_postures(
         _check_count(unknowns, measuring, count)
     search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
     q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
-    way = shortest_tour(q, _unit_travel(workspace), workspace.allowed)
+    way = shortest_tour(q, workspace.unit_travel(), workspace.passable)
     q, chosen = q[way.order], chosen[way.order]
+    way = replace(way, sides=way.sides[:n])
     random = [J[rng.permutation(len(pool))] for _ in range(_RANDOM_PLANS)]
     equivalent, gain = search.compared(chosen, random)
     residuals = measuring.residuals
     return MeasurementPlan(
-        problem=problem, q=q, points=nominal_poses(problem.robot, q)[0], repeats=repeats, purpose=purpose,
+        problem=problem, q=q[:, :n], points=nominal_poses(problem.robot, q[:, :n])[0], repeats=repeats, purpose=purpose,
         parameters=measuring.parameters, settled=unknowns.settled, undetermined=unknowns.known.words,
         before=unknowns.before(J), after=unknowns.after(chosen),
         random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
         equivalent=equivalent,
         tried=len(pool), draws=_RANDOM_PLANS, target=target, tour=way, workspace=workspace, share=share,
-        reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS])[0], given=given,
+        reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS, :n])[0], given=given,
         spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
         axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
-        places=_places(measuring, q),
+        columns=_columns(measuring, q), second=_second(measuring, q),
         keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
 
 
-def _places(measuring: MeasurementModel, q: Array) -> tuple[str, ...]:
-    """What is measured from each posture (N, n), where that is a plane or an anchor; empty of positions."""
+def _columns(measuring: MeasurementModel, q: Array) -> dict[str, tuple[str, ...]]:
+    """What stands beside the joints of each posture (N, w) in a file of such measurements; nothing of positions."""
+    return {} if measuring.places is None else measuring.places.columns(q)
+
+
+def _second(measuring: MeasurementModel, q: Array) -> tuple[SecondJoint, ...]:
+    """The joints of a second arm at each posture (N, w)."""
     if measuring.places is None:
         return ()
-    names = measuring.places.data.point_names
-    return tuple(names[k] for k in measuring.places.offered(q)[0])
+    joints = zip(measuring.places.further, measuring.places.second(q).T, strict=True)
+    return tuple(SecondJoint(name, joint, own) for (name, joint), own in joints)
 
 
 def _information_given(
@@ -260,9 +268,3 @@ def _check_count(unknowns: Unknowns, measuring: MeasurementModel, count: int) ->
     if count < least:
         message = f"{count} {'posture is' if count == 1 else 'postures are'} too few for {unknowns.count} unknowns"
         raise InputError(Issue(message, ("--count",), count, f"plan at least {least}, better twice as many"))
-
-
-def _unit_travel(workspace: Workspace) -> Array:
-    """Joint travel (n,) that counts as one radian: 1 rad of a revolute joint, the length of the arm of a slide [m]."""
-    size = max(workspace.robot.length, 1e-3)
-    return np.array([1.0 if joint.type == "revolute" else size for joint in workspace.robot.joints])

@@ -22,8 +22,6 @@ _MAX_STARTS = 4  # of the exchange; fewer for large plans, where one ends as wel
 _MAX_STARTED_POSTURES = 240  # postures in all starts together
 _NEW_PER_POSTURE, _MAX_NEW_POSTURES = 24, 3000  # postures tried near each chosen one, and near all, in each round
 _NEIGHBOURHOODS = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
-# Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
-_SEPARATION = {"revolute": np.radians(20.0), "prismatic": 0.05}
 _INFORMATION_TOLERANCE = 1e-10  # of the information of an average plan: with less in some direction something is open
 _LEG_POINTS = 9  # along each leg that are looked at
 _BLOCKED_LEG_TURNS = 10.0  # turns that a leg through something counts for
@@ -56,7 +54,7 @@ class PlanSearch:
             pool: (N, n) allowed postures; J: (N, b, k) whitened derivatives there.
             seed: of the starts and of the neighbourhoods.
         """
-        apart = self._separations(count)
+        apart = self.workspace.separations(count)
         starts = max(1, min(_MAX_STARTS, _MAX_STARTED_POSTURES // count))
         start, total = self.unknowns.start, starts + len(_NEIGHBOURHOODS)
 
@@ -81,18 +79,9 @@ class PlanSearch:
             report_step(starts + k + 1, total)
         return q, chosen
 
-    def _separations(self, count: int) -> Array:
-        """Separations (n,) [rad or m]: two postures of a plan differ by more than this in at least one joint.
-
-        A quarter of the range over the n-th root of ``count`` where that is less: there must be room for all of them.
-        """
-        workspace, n = self.workspace.upper - self.workspace.lower, self.workspace.robot.n
-        stated = np.array([_SEPARATION[joint.type] for joint in self.workspace.robot.joints])
-        return np.asarray(np.maximum(np.minimum(stated, workspace / (4 * count ** (1 / n))), 1e-9))
-
     def _nearby_postures(self, q: Array, near: float, rng: np.random.Generator) -> Array:
         """Allowed postures (M, n) near those of a plan: Gaussian steps of ``near`` times each joint's range."""
-        step = near * (self.workspace.upper - self.workspace.lower)
+        step = near * self.workspace.steps()
         tried = np.repeat(q, max(1, min(_NEW_PER_POSTURE, _MAX_NEW_POSTURES // len(q))), axis=0)
         tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
         return np.asarray(tried[self.workspace.allowed(tried)])

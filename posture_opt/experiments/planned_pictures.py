@@ -16,10 +16,6 @@ from posture_opt.numerics import Array, Codes, Mask
 
 _OUTERMOST = 4
 """Points of a board that stand for all of it: its corners."""
-_EDGE_SHARE = 0.02
-"""Of the picture, that points keep to its edge."""
-_LEAST_SHARE_OF_STEP = 0.3
-"""rad, or share of a slide's range: how far new postures are from those of the given pictures, one σ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,24 +53,25 @@ class PicturePlaces(KindPlaces):
         """How many points stand for one posture."""
         return len(self.shown[0])
 
-    @cached_property
-    def bounds(self) -> tuple[Array, Array]:
-        """(C, 4) least and largest aspect: cosine to the board's normal, distance [m], and the frame of the picture."""
-        aspect = self.kind.aspect(self.residuals.seen(self.x, self.residuals.walk(self.x)))
-        own = [aspect[self.data.point == k] for k in range(len(self.kind.names))]
-        low, high = (np.array([extreme(a, axis=0) for a in own]) for extreme in (np.min, np.max))
-        for k, name in enumerate(self.kind.names):
-            size = np.array(self.kind.stated[name].found.size, dtype=float)
-            if size.all():
-                low[k, 2:], high[k, 2:] = _EDGE_SHARE * size, (1 - _EDGE_SHARE) * size
-        return low, high
+    @property
+    def _count(self) -> int:
+        """The cameras."""
+        return len(self.kind.names)
+
+    def _aspect_of_given(self) -> Array:
+        """(N, 4) cosine to the board's normal, distance [m], and pixels."""
+        assert self.data.second is not None, "pictures are of markers"
+        return self.kind.aspect(self._of_markers(self.given, self.data.point, self.data.second))
+
+    def _of_markers(self, q: Array, camera: Codes, marker: Codes) -> Seen:
+        """Markers (N,) that cameras (N,) look at from postures (N, n)."""
+        seen = self.seen(q, camera)
+        return replace(seen, values=seen.values + self.values[self.kind.second_place(marker)], second=marker)
 
     def points_seen(self, q: Array) -> Seen:
         """All points at postures (N, n), those of one posture behind each other."""
         camera, marker, _ = self.shown
-        place, second = np.tile(camera, len(q)), np.tile(marker, len(q))
-        seen = self.seen(np.repeat(q, self.each, axis=0), place)
-        return replace(seen, values=seen.values + self.values[self.kind.second_place(second)], second=second)
+        return self._of_markers(np.repeat(q, self.each, axis=0), np.tile(camera, len(q)), np.tile(marker, len(q)))
 
     def offered(self, q: Array) -> tuple[Codes, Mask]:
         """(N,) a camera that sees all of its points at each posture, and whether any does."""
@@ -100,22 +97,12 @@ class PicturePlaces(KindPlaces):
 
     def drawn(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
         """(count, n) postures about those of the given pictures: of others, hardly one in a thousand sees a board."""
-        about = self.data.q[rng.integers(len(self.data), size=count)]
-        step = _LEAST_SHARE_OF_STEP * np.array(
-            [1.0 if joint.type == "revolute" else up - low
-             for joint, low, up in zip(self.residuals.robot.joints, lower, upper, strict=True)]
-        )  # fmt: skip
-        return np.asarray(np.clip(about + rng.normal(0.0, step, about.shape), lower, upper))
+        return self.about_given(rng, count, lower, upper)
 
-    def rows(self, planned: Measurements) -> Measurements:
+    def rows(self, planned: Measurements, q: Array) -> Measurements:
         """Planned rows as rows of pictures: one for each point of each posture."""
-        seen, data = self.points_seen(planned.q), self.data
         whole = planned.take(np.repeat(np.arange(len(planned)), self.each))
-        return replace(
-            whole, position=None, measured_axes=data.measured_axes, rotation=None, reading=np.zeros((len(whole), 3)),
-            point=seen.place, point_names=data.point_names, second=seen.second, second_names=data.second_names,
-            instrument=data.kind, lever=np.ones(len(whole)),
-        )  # fmt: skip
+        return replace(self.as_read(whole, self.points_seen(q)), lever=np.ones(len(whole)))
 
     def _whole(self, q: Array) -> Mask:
         """(N, C) which cameras see all of their points."""

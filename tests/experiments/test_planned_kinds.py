@@ -2,19 +2,165 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import posture_opt as po
-from tests.helpers.instruments import ANCHORS, PLANES, TrueArm, distance_table, plane_table
+from tests.helpers.instruments import (
+    ANCHORS,
+    MOUNTING,
+    PLANES,
+    SOCKETS,
+    TrueArm,
+    distance_table,
+    level_table,
+    mixed_table,
+    plane_table,
+    socket_table,
+)
+from tests.helpers.pairs import SECOND_BASE, pair_problem, pair_table, tool_at
 
 SIGMA = 2e-5
+TOLERANCE = 5e-4  # m or rad, of every parameter of the arm
 
 
-def problem(kind: str) -> po.Problem:
+def problem(*kinds: str) -> po.Problem:
     tool = {"xyz": ["30 mm", "-20 mm", "120 mm"], "rpy": ["0 deg", "0 deg", "0 deg"], "free": True}
     text = {"robot": {"kind": "preset", "name": "ur10", "tool": tool}}
-    return po.problem_from_dict({**text, "uncertainty": {"measurement": {kind: "0.02 mm"}}})
+    stated = {kind: "0.02 mrad" if kind == "level" else "0.02 mm" for kind in kinds}
+    return po.problem_from_dict({**text, "uncertainty": {"measurement": stated}})
+
+
+def information(read: Callable[[TrueArm], np.ndarray], own: np.ndarray) -> float:
+    """Log determinant of what readings (m,) tell of the geometry of an arm, in its tolerances.
+
+    The unknowns of the instrument, by which readings change as ``own`` (m, u) says, are known to 10 mm or mrad.
+    """
+    here, step = read(TrueArm()), 1e-6
+    rows = []
+    for k in range(24):
+        errors = np.zeros(24)
+        errors[k] = step
+        rows.append((read(replace(TrueArm(), errors=errors.reshape(6, 4))) - here) / step)
+    J = np.column_stack([*np.array(rows) * TOLERANCE, own * 1e-2]) / SIGMA
+    M = np.eye(J.shape[1]) + J.T @ J
+    return float(np.linalg.slogdet(M)[1])
+
+
+def of_places(code: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """(N d, P u) of ``shown`` (N, d, u), what a reading changes by with each unknown of its own place."""
+    n, d, u = shown.shape
+    found = np.zeros((n, d, code.max() + 1, u))
+    found[np.arange(n), :, code] = shown
+    return found.reshape(n * d, -1)
+
+
+def level_axes(q: np.ndarray) -> np.ndarray:
+    """(N, 3) heights of the axes of the inclinometer."""
+    return TrueArm().pose(q)[:, 2, :3] @ MOUNTING
+
+
+def test_planned_postures_are_within_the_range_of_the_level() -> None:
+    rng = np.random.default_rng(33)
+    arm, given = TrueArm.drawn(rng), problem("level")
+    table = level_table(arm, rng, 200, SIGMA)
+    near = np.max(np.abs([table["level_x [deg]"], table["level_y [deg]"]]), axis=0) < 30  # type: ignore[arg-type]
+    near &= np.cumsum(near) <= 16
+    data = po.read_measurements({key: np.asarray(column)[near] for key, column in table.items()}, given)
+    plan = po.plan_measurements(given, 8, given=data, candidates=50)
+    assert np.all(np.abs(np.degrees(np.arcsin(level_axes(plan.q)[:, :2]))) < 30.1)
+    before = set(np.sign((arm.pose(data.q)[:, :3, :3] @ MOUNTING)[:, 2, 2]))
+    assert set(np.sign(level_axes(plan.q)[:, 2])) <= before
+    assert plan.places == ()
+    assert plan.gain > 1
+
+    def worth(q: np.ndarray) -> float:
+        turned = np.stack([np.cross(e, MOUNTING.T).T for e in np.eye(3)], axis=2)[:, :2]
+        own = np.einsum("ni,iju->nju", TrueArm().pose(q)[:, 2, :3], turned)
+        return information(lambda a: np.arcsin((a.pose(q)[:, 2, :3] @ MOUNTING)[:, :2]).ravel(),
+                           of_places(np.zeros(len(q), dtype=int), own))  # fmt: skip
+
+    random = [worth(data.q[rng.permutation(len(data))[:8]]) for _ in range(5)]
+    assert worth(plan.q) > np.median(random)
+
+
+def test_planned_touches_reach_the_sockets_from_where_they_were_reached() -> None:
+    rng = np.random.default_rng(34)
+    arm, given = TrueArm.drawn(rng), problem("position")
+    data = po.read_measurements(socket_table(arm, rng, 5, SIGMA), given)
+    plan = po.plan_measurements(given, 10, given=data, candidates=50)
+    code = np.array([int(name.removeprefix("socket")) for name in plan.places])
+    assert np.all(np.linalg.norm(arm.point(plan.q) - SOCKETS[code], axis=1) < 2e-3)
+    for k in set(code):
+        axis, used = arm.pose(plan.q[code == k])[:, :3, 2], arm.pose(data.q[data.point == k])[:, :3, 2]
+        assert np.all((axis > used.min(axis=0) - 0.01) & (axis < used.max(axis=0) + 0.01))
+
+    def worth(q: np.ndarray, code: np.ndarray) -> float:
+        own = of_places(code, np.tile(np.eye(3), (len(q), 1, 1)))
+        return information(lambda a: a.point(q).ravel(), own)
+
+    random = [worth(data.q[rows], data.point[rows]) for rows in (rng.permutation(len(data))[:10] for _ in range(5))]
+    assert worth(plan.q, code) > np.median(random)
+
+
+@pytest.mark.long
+def test_two_arms_touch_in_planned_postures_and_nothing_else_meets(tmp_path: Path) -> None:
+    rng = np.random.default_rng(35)
+    one, two = TrueArm.drawn(rng), TrueArm()
+    held = tool_at("30 mm", "-20 mm", "120 mm", free=False)
+    given = pair_problem(tmp_path, tool_at("30 mm", "-20 mm", "120 mm"), held, held=True)
+    data = po.read_measurements(pair_table(one, two, rng, 24, SIGMA), given)
+    plan = po.plan_measurements(given, 8, given=data, candidates=50)
+    assert [joint.name for joint in plan.second] == [f"right.{name}" for name in given.robot.joint_names]
+    second = np.stack([joint.values for joint in plan.second], axis=1)
+    there = two.point(second) @ SECOND_BASE[:3, :3].T + SECOND_BASE[:3, 3]
+    assert np.all(np.linalg.norm(one.point(plan.q) - there, axis=1) < 2e-3)
+    elbows = TrueArm(tool=np.array([0.0, 0.0, 0.0])).point(second) @ SECOND_BASE[:3, :3].T + SECOND_BASE[:3, 3]
+    assert np.all(np.linalg.norm(elbows - TrueArm(tool=np.zeros(3)).point(plan.q), axis=1) > 0.05)
+    assert plan.gain > 1
+    header = plan.to_csv().splitlines()[0]
+    assert "right.elbow [deg]" in header
+    again = {name.strip(): [] for name in header.split(",")}
+    for line in plan.to_csv().splitlines()[1:]:
+        for name, cell in zip(again, line.split(","), strict=True):
+            again[name].append(float(cell))
+    read = po.read_measurements(again, given)
+    assert np.allclose(read.reading, second, atol=1e-4)
+    assert set(plan.to_json()["postures"][0]["second"]) == {joint.name for joint in plan.second}
+
+
+@pytest.mark.long
+def test_each_posture_of_mixed_instruments_is_for_one_of_them_by_its_rule() -> None:
+    rng = np.random.default_rng(36)
+    arm, given = TrueArm.drawn(rng), problem("distance", "level", "plane")
+    tables = {
+        "wire": distance_table(arm, rng, 8, SIGMA), "tilt": level_table(arm, rng, 15, SIGMA),
+        "plates": plane_table(arm, rng, 8, SIGMA, 0.0),
+    }  # fmt: skip
+    data = po.read_measurements(mixed_table(tables), given)
+    plan = po.plan_measurements(given, 16, given=data, candidates=150)
+    assert {*plan.instruments} <= {*tables}
+    assert len({*plan.instruments}) > 1
+    lengths = np.asarray(tables["wire"]["distance [m]"])
+    for q, point, name, place in zip(plan.q, arm.point(plan.q), plan.instruments, plan.places, strict=True):
+        if name == "wire":
+            far = np.linalg.norm(point - ANCHORS[int(place.removeprefix("bar"))])
+            assert lengths.min() - 5e-3 < far < lengths.max() + 5e-3
+        elif name == "plates":
+            normal, distance = PLANES[int(place.removeprefix("plate"))]
+            assert abs(point @ normal - distance) < 2e-3
+        else:
+            assert place == ""
+            assert np.all(np.isfinite(level_axes(q[None])))
+    assert plan.gain > 1
+    counted = ", ".join(f"{plan.instruments.count(n)} for {n}" for n in sorted(set(plan.instruments)))
+    for part in counted.split(", "):
+        assert part in " ".join(plan.report().split())
+    assert plan.to_csv().splitlines()[0].replace(" ", "").endswith("instrument,anchor,plane")
 
 
 def test_planned_lengths_are_within_the_stroke_that_was_used() -> None:

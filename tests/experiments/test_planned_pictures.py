@@ -53,7 +53,7 @@ def test_the_whole_board_is_seen_from_planned_postures(where: str, tmp_path: Pat
 def test_links_in_the_line_of_sight_are_those_of_brute_force(tmp_path: Path) -> None:
     problem, data, _ = given("cell", tmp_path, 5)
     residuals, _ = arm_and_data(problem, data)
-    places = PicturePlaces(residuals, fit_frames(residuals))
+    places = PicturePlaces.of(residuals, fit_frames(residuals))
     placed = Collisions.of(problem.robot, None, guessed=True, without_mounting=True).placed
     rng = np.random.default_rng(0)
     q = rng.uniform(-3, 3, (40, 6))

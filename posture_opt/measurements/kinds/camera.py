@@ -25,6 +25,8 @@ _FOCAL_NOTE = (
     "and with it the scale; add one known length (intrinsics from a calibration of the camera, a board at a measured "
     "distance) or pictures from other distances"
 )
+_EDGE_SHARE = 0.02
+"""Of the picture, that planned points keep to its edge."""
 _BODY = len(_POSE) + len(INTRINSICS)
 """Where in a row of unknowns those of boards and markers begin: behind the pose and the intrinsics of cameras."""
 
@@ -54,7 +56,6 @@ class MarkerPixels(Kind):
     sigma_key: ClassVar[str] = "pixel"
     settings: ClassVar[str] = "cameras"
     width: ClassVar[int] = _BODY + len(_POSE)
-    plannable: ClassVar[bool] = True
     error_words: ClassVar[str] = "image error at the marker"
     number_words: ClassVar[str] = "image coordinate, at the marker"
     axis_names: ClassVar[tuple[str, ...]] = ("u", "v")
@@ -190,6 +191,14 @@ class MarkerPixels(Kind):
         along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
         facing = np.where(self.bodies.rigid[self.bodies.body[seen.second]], np.sum(along * shown.normal, axis=1), 1.0)
         return np.column_stack([facing, shown.depth, shown.picture.pixels])
+
+    def bounds(self, place: int, given: Array) -> tuple[Array, Array]:
+        """Angles and distances of the given pictures, and the frame of the picture where its size is stated."""
+        low, high = super().bounds(place, given)
+        size = np.array(self.stated[self.names[place]].found.size, dtype=float)
+        if size.all():
+            low[2:], high[2:] = _EDGE_SHARE * size, (1 - _EDGE_SHARE) * size
+        return low, high
 
     def sight(self, seen: Seen) -> tuple[Array, Array]:
         """(N, 3) the centres of the cameras, and (N, 3) the markers, world [m]."""

@@ -46,7 +46,7 @@ class AnchorDistance(Kind):
     number_words: ClassVar[str] = "row"
     axis_names: ClassVar[tuple[str, ...]] = ("along the line to the anchor",)
     settings: ClassVar[str] = "anchors"
-    plannable: ClassVar[bool] = True
+    attached: ClassVar[bool] = True
 
     @property
     def free(self) -> Array:

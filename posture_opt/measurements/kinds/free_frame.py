@@ -42,6 +42,11 @@ class FreeFrame:
         """(N, 3) ``T m`` of points (N, 3) of the frame."""
         return np.asarray(self.rotated(values, points) + self.reference[:3, 3] + values[:, :3])
 
+    def seen_from(self, values: Array, points: Array) -> Array:
+        """(N, 3) ``T⁻¹ p`` of points (N, 3) of the world."""
+        R = self.reference[:3, :3] @ turned_by(values[:, 3:6])
+        return np.asarray(np.einsum("nji,nj->ni", R, points - self.reference[:3, 3] - values[:, :3]))
+
     def slope(self, values: Array, points: Array, axis: int) -> tuple[Any, ...]:
         """Three coordinates of ``∂(T m)/∂`` one of the six unknowns."""
         if axis < 3:

@@ -81,8 +81,8 @@ class Kind:
     """Whether parts are taken to be within manufacturing tolerances, as such data do not show all of them."""
     contact: ClassVar[bool] = False
     """Whether the tool must be led to a place to measure it."""
-    plannable: ClassVar[bool] = False
-    """Whether postures can be planned for it, as one number is read at one place."""
+    attached: ClassVar[bool] = False
+    """Whether it stays at the tool on the way from one posture to the next, as a wire does."""
     held_out_by: ClassVar[Literal["pose", "place"]] = "pose"
     """What a cross-validation leaves out together."""
     fixed_to_base: ClassVar[bool] = True
@@ -216,6 +216,14 @@ class Kind:
     def aspect(self, seen: Seen) -> Array:
         """(N, m) what bounds whether a place can be measured from a posture: plans stay in the range of given rows."""
         return np.zeros((len(seen.place), 1))
+
+    def bounds(self, place: int, given: Array) -> tuple[Array, Array]:
+        """(m,), (m,) least and largest aspect from which a place can be measured, by those of given rows (n, m)."""
+        return given.min(axis=0), given.max(axis=0)
+
+    def expected(self, seen: Seen) -> Array:
+        """(N, D) the reading that such rows would show, as far as slopes depend on it."""
+        return np.zeros((len(seen.place), 3))
 
     def sigmas(self, measurement: object) -> dict[str, float]:
         """Standard deviation of a reading at each place by the section ``measurement``; 0 where none is stated.

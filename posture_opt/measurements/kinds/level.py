@@ -80,6 +80,22 @@ class Level(Kind):
         height, moved = self.up @ self._axes(seen), self.up @ self._axes(seen, axis)
         return tuple(moved[:, i] / _cosine(height[:, i]) for i in range(2))
 
+    def aspect(self, seen: Seen) -> Array:
+        """Both angles [rad], and whether it is upright (1) or upside down (−1)."""
+        s = self._axes(seen)
+        height = np.clip(self.up @ s, -1, 1)
+        return np.column_stack([np.arcsin(height[:, :2]), np.where(height[:, 2] < 0, -1.0, 1.0)])
+
+    def bounds(self, place: int, given: Array) -> tuple[Array, Array]:
+        """Its range is the same to both sides of level."""
+        most = np.abs(given[:, :2]).max(axis=0)
+        sides = given[:, 2]
+        return np.r_[-most, sides.min()], np.r_[most, sides.max()]
+
+    def expected(self, seen: Seen) -> Array:
+        """Both angles [rad]."""
+        return self.aspect(seen) * [1.0, 1.0, 0.0]
+
     def _axes(self, seen: Seen, by: int | None = None) -> Array:
         """(N, 3, 3) the axes of the inclinometer in the world as columns, or their derivative by one of the turns."""
         return _axes_of(self, seen, by)

@@ -160,6 +160,16 @@ class PairContact(Kind):
             moved = tuple(self.frame.rotated(seen.values, own).T)
         return self._along(seen, [-m for m in moved])
 
+    def aspect(self, seen: Seen) -> Array:
+        """Cosine between the z axes of both tools: how they face each other."""
+        walked = self.second.walk(_joints(self, seen), _own(self, seen))
+        axis = self.frame.rotated(seen.values, stacked(walked.columns[2], len(seen.place)))
+        return np.asarray(dot(seen.columns[2], axis.T))[:, None]
+
+    def expected(self, seen: Seen) -> Array:
+        """The joints of the second arm, as they are."""
+        return seen.reading
+
     def described(self, place: str, values: Array) -> dict[str, Json]:
         """Pose of the base of the second arm in the world of the first, and its tool point where that is free [m, rad].
 

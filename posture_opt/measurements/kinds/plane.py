@@ -43,7 +43,6 @@ class PlaneContact(Kind):
     settings: ClassVar[str] = "planes"
     size_known: ClassVar[bool] = False
     contact: ClassVar[bool] = True
-    plannable: ClassVar[bool] = True
     error_words: ClassVar[str] = "error across the plane"
     number_words: ClassVar[str] = "row"
     axis_names: ClassVar[tuple[str, ...]] = ("across the plane",)

@@ -21,6 +21,7 @@ class PointContact(Kind):
     label: ClassVar[str] = "point"
     example: ClassVar[str] = "point for touched points"
     size_known: ClassVar[bool] = False
+    contact: ClassVar[bool] = True
     about_mean: ClassVar[bool] = True
     remedy: ClassVar[str] = "state a distance under data.distances"
     held_out_by: ClassVar[Literal["pose", "place"]] = "place"
@@ -52,6 +53,10 @@ class PointContact(Kind):
     def slope(self, seen: Seen, shift: Vector, turn: Vector) -> Slots:
         """The shift itself."""
         return tuple(shift)
+
+    def aspect(self, seen: Seen) -> Array:
+        """The tool's z axis in the world: from where the ball goes into the socket."""
+        return stacked(seen.columns[2], len(seen.place))
 
     def unknown_slope(self, seen: Seen, axis: int) -> Slots:
         """``−e_axis``."""

@@ -103,6 +103,10 @@ class FramedPosition(Kind):
         """``−∂(T m)``."""
         return tuple(-moved for moved in self.frame.slope(seen.values, seen.reading[:, :3], axis))
 
+    def expected(self, seen: Seen) -> Array:
+        """The tool point in the frame of the tracker [m]."""
+        return self.frame.seen_from(seen.values, stacked(seen.position, len(seen.place)))
+
     def described(self, place: str, values: Array) -> dict[str, Json]:
         """Pose of the tracker's frame in the world [m, rad]."""
         return described_pose(self.frame.pose(values))

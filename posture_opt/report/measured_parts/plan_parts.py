@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from posture_opt.report.parts.collision_parts import clear_words
@@ -50,7 +51,9 @@ def _measured(plan: MeasurementPlan) -> str:
 
     Scatter of the arm is named where it adds more than 10 % to the σ of the instrument: ``σ sqrt(spread² − 1)``.
     """
-    position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
+    if plan.instruments:
+        return f"a posture is for one instrument: {_by_instrument(plan)}"
+    position = f"{', '.join(plan.axes)} to {_stated_sigma(plan)}"
     turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
     often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
     targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
@@ -60,6 +63,19 @@ def _measured(plan: MeasurementPlan) -> str:
         scatter = f"; the scatter of the arm itself, {length(own, 2)} per coordinate, is included"
     postures = count(len(plan.q), "posture")
     return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
+
+
+def _stated_sigma(plan: MeasurementPlan) -> str:
+    """Standard deviation of one number of a reading."""
+    angle = plan.given is not None and plan.given.kind.unit == "rad"
+    return stated_angle(plan.sigma) if angle else stated_length(plan.sigma)
+
+
+def _by_instrument(plan: MeasurementPlan) -> str:
+    """How many postures are for each instrument, the most first."""
+    counts = Counter(plan.instruments).most_common()
+    often = "" if plan.repeats == 1 else f", in {plan.repeats} rounds"
+    return ", ".join(f"{n} for {name}" for name, n in counts) + often
 
 
 def _given(plan: MeasurementPlan) -> str:
@@ -78,7 +94,7 @@ def _room(plan: MeasurementPlan) -> str:
     height = plan.workspace.height
     above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
     box = "the tool point in the stated box, " if plan.workspace.bounded else ""
-    of = "the tried" if plan.places else "all"
+    of = "all" if plan.given is None or plan.given.position is not None else "the tried"
     return (
         f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
         f"{percent(plan.share)} of {of} postures qualify. Other collisions are not checked: run slowly the first time"

@@ -180,13 +180,16 @@ def postures_block(plan: MeasurementPlan) -> Block:
     ):  # they will be broken: between words, then
         headers = [head.replace("_", " ") for head in headers]
     factors = np.array([factor for _, factor in units])
+    what = {name: cells for name, cells in (("instrument", plan.instruments), ("at", plan.places)) if any(cells)}
     rows = tuple(
-        (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point))
+        (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point),
+         *(cells[k] for cells in what.values()))
         for k, (q, point) in enumerate(zip(plan.q[:_MAX_ROWS], plan.points, strict=False))
-    )
+    )  # fmt: skip
     more = [f"and {len(plan.q) - _MAX_ROWS} more in plan.csv"] if len(plan.q) > _MAX_ROWS else []
     views = tuple(f"posture-{row[0]}" for row in rows)
-    table = Table(("no.", *headers, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0, views=views)
+    table = Table(("no.", *headers, "x [mm]", "y [mm]", "z [mm]", *what), rows, text_columns=0, views=views)
+    more += ["The joints of the second arm, whose tool is touched, stand in plan.csv."] if plan.second else []
     return Block("Postures, in the order of measurement", (*_travel(plan), table, *more))
 
 
