@@ -329,7 +329,7 @@ def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
 
 def _is_of_another_robot(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
     """Whether no column is a joint of this robot while others may be those of another one; this is then a fault."""
-    joints, unknown = set(robot.joint_names), list(header.unknown)
+    joints, unknown = set(robot.joint_names), [title for title, near in header.unknown.items() if near not in AXES]
     alike = {name.lower() for name in joints} & {name.lower() for name in unknown}
     guessed = joints & header.probable_names
     others = len(unknown) >= len(joints) or (len(unknown) > 1 and not guessed)

@@ -206,6 +206,7 @@ def test_what_cannot_be_reached_is_told_by_line_and_nothing_is_written(tmp_path:
         ("x [mm], y [mm], z [mm], qw\n1, 2, 3, 1\n", "the quaternion lacks qx, qy, qz"),
         ("x [mm], y [mm], z [mm], target\n1, 2, 3, a\n", "targets have no such column"),
         ("x, y [mm], z [mm]\n1, 2, 3\n", "the column has no unit"),
+        ("X [mm], Y [mm], Z [mm]\n1, 2, 3\n", r"unknown 'X' \(did you mean x\?\)"),
         ("x [mm], y [mm], z [mm]\n", "no row behind the header"),
     ],
 )
