@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from effect_uses import USES
+
 from posture_opt.errors import enumerated
 from posture_opt.model.effects import CATALOGUE
 from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry
@@ -29,7 +31,7 @@ FORMULAS = {  # kind -> formula, and what its own symbols are
     ),
     "base_compliance": (
         r"\varphi = c\,M",
-        "M: overturning moment about the foot of the first joint; φ: turn of the base",
+        "M: overturning moment about the foot of the first joint, its vertical part left out; φ: turn of the base",
     ),
     "backlash": (r"\Delta q = -\tfrac{1}{2}\, b\, s", "b: the whole width between the two sides; b > 0 stops short"),
     "hysteresis": (
@@ -68,6 +70,8 @@ FORMULAS = {  # kind -> formula, and what its own symbols are
     ),
 }
 SYMBOLS = """\
+The program computes the pictures: solid where joint values were increasing on arrival, dashed where decreasing.
+
 q: commanded value of the joint; Δq: what is added to it; s = +1 where its value was increasing on arrival, −1 where it
 was decreasing; p: tool point, Δp: its shift; Σ: its covariance.
 """
@@ -82,8 +86,21 @@ def _entry(kind: type[CatalogueEntry]) -> str:
     """One kind; a kind without a formula here is an error."""
     name = kind.kind_name()
     formula, symbols = FORMULAS[name]
-    rows = [f"## `{name}`\n", f"{_sentence(kind.summary)}\n", f"$$\n{formula}\n$$\n", f"{symbols}.\n"]
-    facts = {"Parameters": _parameters(kind), "Needs": _needs(kind), "Is shown by": _text(kind, "measurement")}
+    rows = [
+        f"## `{name}`\n",
+        f"{_sentence(kind.summary)}\n",
+        f"$$\n{formula}\n$$\n",
+        f"{symbols}.\n",
+        f"![{name}](/generated/pictures/effect_{name}.png)\n",
+    ]
+    use, size = USES[name]
+    facts = {
+        "When to use": use,
+        "Typical size": size,
+        "Parameters": _parameters(kind),
+        "Needs": _needs(kind),
+        "Is shown by": _text(kind, "measurement"),
+    }
     facts |= {"Is mistaken for": _rivals(kind), "Look at": _text(kind, "inspection")}
     return "\n".join([*rows, *(f"- **{head}**: {text}" for head, text in facts.items() if text), ""])
 
