@@ -67,6 +67,28 @@ def folds(count: int) -> None:
     folds_of(rows_of(count), count, "pose")
 
 
+def pixels(count: int) -> None:
+    """Refused by its header: the picture is not unpacked."""
+    from io import BytesIO
+    from pathlib import Path
+
+    from PIL import Image
+
+    from posture_opt.measurements.board_detection import picture_of
+
+    held = BytesIO()
+    Image.new("1", (count, 1)).save(held, "png")
+    picture_of(held.getvalue(), Path("wide.png"))
+
+
+def board_points(count: int) -> None:
+    from pathlib import Path
+
+    from posture_opt.cli.asked.pictures import detected
+
+    detected([Path("0.png")], f"grid:2x{count}:25mm", None, "left", "board", "5X5_1000")
+
+
 def rows_of(count: int) -> Any:
     import numpy as np
 
@@ -92,6 +114,8 @@ ASKED: dict[str, Callable[[int], object]] = {
     "MOST_PLANNED": lambda n: po.plan_measurements(po.load_problem(MEASURED), n),
     "MOST_CANDIDATES": lambda n: po.plan_measurements(po.load_problem(MEASURED), 5, candidates=n),
     "MOST_COMPENSATED": lambda n: po.compensate(po.load_problem("insert_planar_2r_calibrated"), table(n)),
+    "MOST_PIXELS": pixels,
+    "MOST_BOARD_POINTS": board_points,
 }
 THINNED = ("MOST_FITTED", "MOST_SEARCHED")
 STREAMED = ("MOST_CELLS",)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from posture_opt.csv_text import csv_line, unguarded
-from posture_opt.errors import BadValueError, InputError, Issue, one_of
+from posture_opt.errors import BadValueError, InputError, InsufficientDataError, Issue, one_of
 from posture_opt.files import content, naming
+from posture_opt.limits import MOST_BOARD_POINTS, MOST_PIXELS
 from posture_opt.measurements.camera_section import CharucoSpec, GridSpec
 from posture_opt.measurements.table import open_table
 from posture_opt.numerics import Array, Codes
@@ -62,6 +66,7 @@ class Board:
         least = 3 if spec is CharucoSpec else 2
         if min(columns, rows) < least or min(lengths) <= 0 or lengths[-1] > lengths[0]:
             raise BadValueError(f"'{text}' is no board", f"at least {least} x {least}, and marks within their squares")
+        MOST_BOARD_POINTS.check(columns * rows)
         return cls(kind, columns, rows, lengths[0], lengths[1] if len(lengths) > 1 else 0.0, dictionary)
 
     def found_in(self, picture: Array) -> tuple[Codes, Array]:
@@ -108,6 +113,10 @@ def _charuco(cv2: Any, picture: Array, board: Board) -> tuple[Codes, Array]:
         known = [key.removeprefix("DICT_") for key in dir(cv2.aruco) if key.startswith("DICT_")]
         raise BadValueError(f"OpenCV has no dictionary {board.dictionary}", one_of(board.dictionary, known, "known"))
     marks = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    needed, there = board.columns * board.rows // 2, len(marks.bytesList)
+    if needed > there:
+        message = f"a board of {board.columns} x {board.rows} squares has {needed} marks, and dictionary "
+        raise BadValueError(f"{message}{board.dictionary} has {there}", "name the one that the board was printed with")
     printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.mark, marks)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(printed).detectBoard(picture)
     if numbers is None or not len(numbers):
@@ -150,16 +159,11 @@ def detect_board(images: Sequence[Path], board: Board, joints: Path, camera: str
 
     Raises:
         InputError: OpenCV is missing, a picture cannot be read, or the table does not name it.
+        InsufficientDataError: no picture shows the board.
     """
     titles, postures = _postures(joints)
     opencv()
-    issues = [
-        Issue(f"no row is of the picture {image.name}", ("column image",), image.name, "add one", str(joints))
-        for image in images
-        if image.name not in postures
-    ]
-    if issues:
-        raise InputError(issues)
+    _check_names([image.name for image in images], postures, joints)
     lines, counts = [csv_line([*titles, "pose", "camera", "marker", "u [px]", "v [px]"])], dict[str, int]()
     for image in images:
         numbers, pixels = board.found_in(_picture(image))
@@ -167,24 +171,71 @@ def detect_board(images: Sequence[Path], board: Board, joints: Path, camera: str
         for number, (u, v) in zip(numbers, pixels, strict=True):
             place = [image.name, camera, f"{name}/{number}", f"{u:.4f}", f"{v:.4f}"]
             lines.append(csv_line([*postures[image.name], *place]))
+    if not any(counts.values()):
+        shown = f"in {images[0].name}" if len(images) == 1 else f"in any of {len(images)} pictures"
+        hint = "does --board name its columns, rows and dictionary, and is all of it seen sharply?"
+        raise InsufficientDataError(Issue(f"the board was not found {shown}", hint=hint))
     return Detections("\n".join([*lines, ""]), counts)
 
 
-def _picture(image: Path) -> Array:
-    """The grey values of a picture.
+def _check_names(names: Sequence[str], known: Container[str], joints: Path) -> None:
+    """Refuses pictures without a row in the table ``joints``, which has those ``known``, and several of one name."""
+    issues = [
+        Issue(f"no row is of the picture {name}", ("column image",), name, "add one", str(joints))
+        for name in names
+        if name not in known
+    ]
+    issues += [
+        Issue(f"{count} of the named pictures are called {name}", hint="name each once, and call none alike")
+        for name, count in Counter(names).items()
+        if count > 1
+    ]
+    if issues:
+        raise InputError(issues)
 
-    Raises:
-        InputError: no such file, or no picture.
-    """
+
+def _picture(image: Path) -> Array:
+    """The grey values of a picture in a file."""
     try:
         data = content(image, _MAX_BYTES)
     except InputError as error:
         raise naming(image, error) from None
+    return picture_of(data, image)
+
+
+def picture_of(data: bytes, image: Path) -> Array:
+    """The grey values (height, width) of a picture; ``image`` names it in errors.
+
+    Raises:
+        InputError: no picture, or too many pixels.
+    """
+    _check_size(image, data)
     cv2 = opencv()
-    found: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    found: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     if found is None:
-        raise InputError(Issue("this is no picture", hint="PNG, JPEG, TIFF and BMP are read", file=str(image)))
+        raise _no_picture(image)
     return np.asarray(found)
+
+
+def _check_size(image: Path, data: bytes) -> None:
+    """Refuses a picture by its header: a small file may unpack to more than the memory holds.
+
+    Raises:
+        InputError: no picture, or too many pixels.
+    """
+    try:
+        with Image.open(BytesIO(data)) as picture:
+            width, height = picture.size
+    except Image.DecompressionBombError:
+        raise InputError(Issue(MOST_PIXELS.beyond, hint=MOST_PIXELS.hint, file=str(image))) from None
+    except (OSError, ValueError, SyntaxError):
+        raise _no_picture(image) from None
+    if width * height > MOST_PIXELS.most:
+        raise InputError(Issue(MOST_PIXELS.message(width * height), hint=MOST_PIXELS.hint, file=str(image)))
+
+
+def _no_picture(image: Path) -> InputError:
+    return InputError(Issue("this is no picture", hint="PNG, JPEG, TIFF and BMP are read", file=str(image)))
 
 
 def _postures(path: Path) -> tuple[list[str], dict[str, list[str]]]:

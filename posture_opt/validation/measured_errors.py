@@ -148,10 +148,12 @@ def _position_errors(problem: ProblemData, data: Measurements) -> Array:
 def _inside_regions(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
     """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures.
 
-    ``eᵀ (C + s² I)⁻¹ e ≤ χ²_d(0.95)`` in the d measured axes, C of each row's own posture and s the instrument's σ.
+    ``eᵀ (C + s² I)⁻¹ e ≤ χ²_d(0.95)`` in the d measured axes in which a spread is predicted (in the plane alone of an
+    arm that moves in one), C of each row's own posture and s the instrument's σ.
     """
     moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
-    axes = data.kind.axes(data.measured_axes)
+    measured = data.kind.axes(data.measured_axes)
+    axes = measured[np.diagonal(C, axis1=1, axis2=2)[:, measured].min(axis=0) > 0]
     C, e = C[:, axes][:, :, axes], errors[:, axes]
     return np.asarray(squared_distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posture_opt.errors import BadValueError, InputError
+from posture_opt.errors import BadValueError, InputError, InsufficientDataError
 from posture_opt.measurements.board_detection import Board, detect_board
 from tests.helpers.cameras import TrueCamera, frame
 from tests.helpers.pictures import chessboard, rendered, write_png
@@ -85,6 +85,7 @@ def test_a_charuco_board_is_found_to_a_seventh_of_a_pixel(tmp_path: Path) -> Non
         ("charuco:5x7:20mm:30mm", "marks within their squares"),
         ("grid:1x7:20mm", "at least 2 x 2"),
         ("grid:4x7:20", "unit"),
+        ("chessboard:100000000000000000000x6:25mm", "more than the 2500 that are accepted"),
     ],
 )
 def test_what_is_no_board_is_refused(text: str, words: str) -> None:
@@ -107,6 +108,22 @@ def test_files_that_do_not_fit_are_named(tmp_path: Path) -> None:
         table.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):
             detect_board([picture], board, table, "left")
+
+
+def test_a_board_that_no_picture_shows_is_no_empty_table(tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    table, picture = tmp_path / "joints.csv", tmp_path / "0.png"
+    table.write_text("image, joint1 [deg]\n0.png, 1\n", encoding="utf-8")
+    write_png(picture, np.full((60, 80), 128.0))
+    with pytest.raises(InsufficientDataError, match=r"the board was not found in 0\.png"):
+        detect_board([picture], Board.of("grid:4x7:20mm"), table, "left")
+    with pytest.raises(BadValueError, match="10 x 20 squares has 100 marks, and dictionary 4X4_50 has 50"):
+        detect_board([picture], Board.of("charuco:10x20:20mm:15mm", "4X4_50"), table, "left")
+    (tmp_path / "other").mkdir()
+    same = tmp_path / "other" / "0.png"
+    same.write_bytes(picture.read_bytes())
+    with pytest.raises(InputError, match=r"2 of the named pictures are called 0\.png"):
+        detect_board([picture, same], Board.of("grid:4x7:20mm"), table, "left")
 
 
 def test_without_opencv_the_command_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
