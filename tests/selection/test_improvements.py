@@ -88,6 +88,11 @@ def test_a_calibration_brings_what_was_foretold():
     assert problem.measurement is not None
 
 
+def test_a_file_that_states_plates_has_no_perfect_tracker():
+    (told,) = change_of(solved(with_uncertainty(measurement={"plane": "0.02 mm"})), CalibratedArm)
+    assert (told.instrument, told.assumed) == (pytest.approx(0.05e-3), True)
+
+
 def least_squares(q: np.ndarray, measured: np.ndarray, sigma: dict, noise: float, shake: float) -> dict[str, float]:
     """Gauss-Newton with priors, written out for three parameters; the scatter weakens each point as it moves it."""
     names = list(sigma)

@@ -36,9 +36,9 @@ class Calibrating:
 
     @classmethod
     def of(cls, problem: ProblemData) -> Calibrating:
-        """With the instrument that the problem states; 0.05 mm is assumed where it states none."""
-        stated = problem.measurement
-        return cls(_MEASURED_POSTURES, _INSTRUMENT_SIGMA_M if stated is None else stated.position, stated is None)
+        """With the instrument of positions that the problem states; 0.05 mm is assumed where it states none."""
+        stated = 0.0 if problem.measurement is None else problem.measurement.position
+        return cls(_MEASURED_POSTURES, stated or _INSTRUMENT_SIGMA_M, not stated)
 
 
 @dataclass(frozen=True)
