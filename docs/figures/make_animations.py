@@ -21,12 +21,14 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 import posture_opt as po
+from posture_opt.output import write_file
 
 FOLDER = Path(__file__).parent
 SIZE = 900, 600  # pixels
 MOST_BYTES = 1_500_000
 FLAGS = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SETTLES_S = 0.35  # from the answer to the pixels
+PATIENCE_S = 300.0  # with one answer: a busy machine takes its time
 PLAYED_MS, LAST_MS = 3600, 1500
 
 
@@ -79,23 +81,24 @@ class Tab:
         return str(self.driver.execute_script("return document.body.innerText"))
 
     def until(self, met: Callable[[], bool]) -> None:
-        end = time.monotonic() + 60
+        end = time.monotonic() + PATIENCE_S
         while not met():
             if time.monotonic() > end:
                 raise TimeoutError("the page does not get there")
             time.sleep(0.05)
 
     def save(self, name: str) -> None:
-        """The pictures as one animation that goes on without end."""
-        file = FOLDER / f"{name}.webp"
+        """The pictures as one animation that goes on without end; the file is the old one until the new one is whole."""
         times = [PLAYED_MS // len(self.frames)] * (len(self.frames) - 1) + [LAST_MS]
+        whole = io.BytesIO()
         self.frames[0].save(
-            file, save_all=True, append_images=self.frames[1:], duration=times, loop=0, quality=60, method=6
+            whole, "webp", save_all=True, append_images=self.frames[1:], duration=times, loop=0, quality=60, method=6
         )
-        size = file.stat().st_size
-        print(f"{file.name}: {len(self.frames)} pictures, {size / 1e6:.2f} MB")
+        size = whole.getbuffer().nbytes
         if size > MOST_BYTES:
-            raise ValueError(f"{file.name} is larger than {MOST_BYTES} bytes")
+            raise ValueError(f"{name}.webp would be larger than {MOST_BYTES} bytes: {size}")
+        write_file(FOLDER / f"{name}.webp", whole.getvalue())
+        print(f"{name}.webp: {len(self.frames)} pictures, {size / 1e6:.2f} MB", flush=True)
 
 
 @contextmanager
