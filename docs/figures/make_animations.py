@@ -88,7 +88,7 @@ class Tab:
             time.sleep(0.05)
 
     def save(self, name: str) -> None:
-        """The pictures as one animation that goes on without end; the file is the old one until the new one is whole."""
+        """The pictures as one endless animation; the file is the old one until the new one is whole."""
         times = [PLAYED_MS // len(self.frames)] * (len(self.frames) - 1) + [LAST_MS]
         whole = io.BytesIO()
         self.frames[0].save(

@@ -7,23 +7,21 @@ once it rests, the full search of `select_posture` decides, and is stopped when 
 from __future__ import annotations
 
 import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from posture_opt.errors import NoSolutionError, PostureOptError
-from posture_opt.explore.other_process import OtherProcess
+from posture_opt.explore.following import Following
+from posture_opt.explore.other_process import OtherProcess, defect
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.uncertainty.spread.spread import Spread, propagate
 
 RESTS_S = 0.35
 """A target that has not moved for so long [s] rests."""
-_STARTS = 4  # local searches beside the one from the last answer
 _PATIENCE_S = 3.0  # [s]: what stations take is ended by a new request no sooner; a new process takes half of it
 _BETTER = 1e-3  # of σ: by so much the full search has to be better for the arm to have gone to another branch
 
@@ -43,7 +41,7 @@ class Answer:
     Args:
         request: what was asked.
         solution: None where nothing is feasible, or nothing is known yet.
-        reason: why there is none, in words; empty where there is one.
+        reason: why there is none, or no full search, in words; else empty.
         nearest: the infeasible result, where the full search has looked for it.
         whole: whether the full search gave it: what the command line says of this problem.
         gain: share of σ that the full search is below what followed the target; 0 where it is the same optimum.
@@ -73,7 +71,7 @@ class Answers:
         self._ended = False
         self._changed = threading.Condition()
         self._search = OtherProcess()
-        self._selector: tuple[object, PostureSelector] | None = None
+        self._following = Following()
         self._q: Array | None = None
         self._thread = threading.Thread(target=self._run, name="posture_opt explore", daemon=True)
         self._thread.start()
@@ -91,21 +89,30 @@ class Answers:
             self._ended = True
             self._changed.notify()
         self._search.stop()
+        self._following.end()
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=10.0)
 
     def _run(self) -> None:
         while (request := self._next()) is not None:
-            if request.q is not None:
-                self._show(self._at(request, request.q))
-                continue
-            several = has_stations(request.problem)
-            quick = Answer(request, self._best) if several else self.quick(request)
-            self._show(quick)
-            if several or self._rests():
-                whole = self._whole(quick)
-                if whole is not None:
-                    self._show(whole)
+            try:
+                self._answer(request)
+            except Exception as error:  # one request that cannot be answered does not end the page
+                traceback.print_exc()
+                self._show(Answer(request, reason=str(defect(error))))
+
+    def _answer(self, request: Request) -> None:
+        """Show what answers a request: at once from the last answer, and of the full search once the target rests."""
+        if request.q is not None:
+            self._show(self._at(request, request.q))
+            return
+        several = has_stations(request.problem)
+        quick = Answer(request, self._best) if several else self.quick(request)
+        self._show(quick)
+        if several or self._rests():
+            whole = self._whole(quick)
+            if whole is not None:
+                self._show(whole)
 
     def _next(self) -> Request | None:
         """What was asked last, once something is; None at the end."""
@@ -128,30 +135,15 @@ class Answers:
 
     def quick(self, request: Request) -> Answer:
         """The best posture that searches from the last one find; which reason there is for none, is asked later."""
-        problem = request.problem
         try:
-            selector = self._selector_of(problem)
-            target = selector.target
-            if problem.task is not None and problem.task.position is not None:
-                target = target.with_position(np.array(problem.task.position, dtype=float))
-            solution = selector.solve_target(target, problem.solver.seed, _STARTS, self._q)
+            self._best = self._following.solve(request.problem, self._q)
         except NoSolutionError:
             self._best = None
             return Answer(request)
         except PostureOptError as error:
             return Answer(request, reason=str(error))
-        self._q, self._best = solution.q, replace(solution, problem=problem)
+        self._q = self._best.q
         return Answer(request, self._best)
-
-    def _selector_of(self, problem: Problem) -> PostureSelector:
-        """The selector of a problem: that of the last one, where they differ by the place of the target alone."""
-        key = all_but_position(problem)
-        if self._selector is None or self._selector[0] != key:
-            # Compiling takes seconds: it pays for the problem that was opened, not for every position of a slider.
-            first = self._selector is None
-            selector = PostureSelector(problem, compiled=None if first else False, offers=False, explains=False)
-            self._selector = key, selector
-        return self._selector[1]
 
     def _whole(self, quick: Answer) -> Answer | None:
         """The answer of the full search; None where it was stopped."""
@@ -161,7 +153,7 @@ class Answers:
         if isinstance(found, NoSolutionError):
             return Answer(quick.request, reason=str(found), nearest=found.solution, whole=True)
         if isinstance(found, PostureOptError):
-            return Answer(quick.request, reason=str(found), whole=True)
+            return replace(quick, reason=str(found))
         self._q, self._best = found.q, found
         compared = quick.solution is not None and not found.points
         gain = 1.0 - found.sigma / quick.solution.sigma if compared and quick.solution else 0.0
@@ -171,11 +163,3 @@ class Answers:
 def has_stations(problem: Problem) -> bool:
     """Whether a task has a posture at several places: features, or a path."""
     return problem.task is not None and (bool(problem.task.features) or problem.task.on_path)
-
-
-def all_but_position(problem: Problem) -> object:
-    """What a problem states but for where the target is."""
-    document = problem.to_dict()
-    task = {**(document.get("task") or {})}
-    placed = task.pop("position", None) is not None
-    return {**document, "task": task}, placed

@@ -13,10 +13,11 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from typing import IO, Any
 
-from posture_opt.errors import PostureOptError
+from posture_opt.errors import PostureOptError, SolverError
 from posture_opt.numerics import Progress
 
 _ANSWER, _PROGRESS = "answer", "progress"
@@ -29,33 +30,51 @@ class OtherProcess:
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._began: float | None = None
+        self._stopped = False
         self._guard = threading.Lock()
 
     def call(self, function: Callable[..., Any], *given: Any, progress: Progress | None = None) -> Any:
         """What ``function(*given)`` returns, or the `PostureOptError` that it raises; None where it was stopped.
 
+        Where the process ends by itself, of short memory or by somebody's hand, another one begins anew, once.
+
         Args:
             function: that a module has by name; ``given`` what can be pickled.
             progress: called with (done, most); the function takes what calls it as its last argument then.
         """
-        with self._guard:
-            process = self._process = self._process or _started()
-            self._began = time.monotonic()
+        self._stopped = False
         try:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            _send(process.stdin, (function, given, progress is not None))
-            while True:
-                word, *said = _receive(process.stdout)
-                if word == _ANSWER:
-                    return said[0]
-                if progress is not None:
-                    progress(*said)
-        except (OSError, EOFError):
-            self.stop()
-            return None
+            for _ in range(2):
+                try:
+                    return self._called(function, given, progress)
+                except (OSError, EOFError):
+                    self._end()
+                    if self._stopped:
+                        return None
+            return SolverError("the process that computes this was ended twice from outside")
         finally:
             self._began = None
+
+    def _called(self, function: Callable[..., Any], given: tuple[Any, ...], progress: Progress | None) -> Any:
+        """The answer of the process.
+
+        Raises:
+            OSError, EOFError: it ended.
+        """
+        with self._guard:
+            if self._stopped:
+                raise EOFError
+            process = self._process = self._process or _started()
+            self._began = time.monotonic()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        _send(process.stdin, (function, given, progress is not None))
+        while True:
+            word, *said = _receive(process.stdout)
+            if word == _ANSWER:
+                return said[0]
+            if progress is not None:
+                progress(*said)
 
     def stop_if_busy(self, since_s: float = 0.0) -> None:
         """End what has been under way for so many seconds, if something is; the next one begins in a new process."""
@@ -65,6 +84,11 @@ class OtherProcess:
 
     def stop(self) -> None:
         """End what is under way, and its process."""
+        with self._guard:
+            self._stopped = True
+        self._end()
+
+    def _end(self) -> None:
         with self._guard:
             process, self._process = self._process, None
         if process is not None:
@@ -101,6 +125,14 @@ def _found(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         return function(*arguments)
     except PostureOptError as error:
         return error
+    except Exception as error:
+        return defect(error)
+
+
+def defect(error: Exception) -> SolverError:
+    """An error that nobody raised on purpose, for the page to say."""
+    said = traceback.format_exception_only(error)[-1].strip()
+    return SolverError(f"this cannot be computed, by a defect of the program: {said}")
 
 
 def _send(stream: IO[bytes], message: object) -> None:

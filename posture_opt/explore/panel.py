@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.explore.actions import Actions
-from posture_opt.explore.answers import Answer, all_but_position, has_stations
+from posture_opt.explore.answers import Answer, has_stations
+from posture_opt.explore.following import all_but_position
 from posture_opt.explore.live_map import LiveMap
 from posture_opt.explore.live_scene import Layers
 from posture_opt.explore.measured import Measured
@@ -21,6 +22,7 @@ from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.report.parts.parts import sentence
+from posture_opt.report.parts.solution_checks import gain_facts
 
 if TYPE_CHECKING:
     import viser
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
 
-_FIRST = "Searching … The first time that an arm is opened, its functions are compiled, which takes some seconds."
+_FIRST = "Searching …"
 _WAITING = "No posture found yet; the full search goes on …"
 _DRAG = " Drag the arrows at the tool point to try another place."
 _SAME = 5e-4  # of σ: places that differ by less are equally good in three digits
@@ -147,7 +149,7 @@ class Panel:
             self._budget.content = _bars(answer.own.budget_groups)
             return
         self._state.content = _line(_status(answer) + self._beside_first(answer))
-        self._numbers.content = _small(answer.solution._repr_html_())
+        self._numbers.content = _small(answer.solution._repr_html_()) + _gain(answer.solution)
         self._budget.content = _bars(answer.solution.task_spread.budget_groups)
         for (factor, slider), value in zip(self._joints, answer.solution.q, strict=True):
             slider.value = round(float(value) * factor, _DIGITS)
@@ -175,6 +177,8 @@ class Panel:
 
 def _status(answer: Answer) -> str:
     """How final an answer is, in words."""
+    if answer.reason:
+        return f"Followed the target; no full search: {sentence(answer.reason)}"
     if not answer.whole and has_stations(answer.request.problem):
         return "Searching for all stations together …"
     if not answer.whole:
@@ -203,6 +207,12 @@ def _slider(gui: viser.GuiApi, joint: Joint) -> tuple[float, Any]:
 
 def _small(html: str) -> str:
     return f'<div style="margin:0 10px;font-size:13px;text-align:left">{html}</div>'
+
+
+def _gain(found: Solution) -> str:
+    """How the answer compares with a typical posture; nothing for stations, whose table says it."""
+    facts = [] if found.points else gain_facts(found)
+    return _line(sentence(facts[0][1])) if facts else ""
 
 
 def _line(text: str, alarm: bool = False) -> str:

@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,6 +44,10 @@ class BuildError(Exception):
     """Nothing could be compiled; the text says why, and the caller interprets instead."""
 
 
+class NotCompiledError(Exception):
+    """The cache has no such library, and nothing may be compiled: see `compiled_before`."""
+
+
 class Library(NamedTuple):
     """A loaded shared library and the file that it came from."""
 
@@ -62,6 +67,19 @@ def find_compiler() -> tuple[str, ...]:
     return ()
 
 
+_only_kept: ContextVar[bool] = ContextVar("posture_opt_only_kept", default=False)
+
+
+@contextlib.contextmanager
+def compiled_before() -> Iterator[None]:
+    """What was compiled before is loaded inside; what was not raises `NotCompiledError` instead of taking seconds."""
+    token = _only_kept.set(True)
+    try:
+        yield
+    finally:
+        _only_kept.reset(token)
+
+
 def shared_library(identity: str, source: Callable[[], str], level: str = "-O1") -> Library:
     """The shared library of a C text, from the cache or compiled into it.
 
@@ -72,6 +90,7 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
 
     Raises:
         BuildError: no compiler, it fails, or no folder to keep its library in.
+        NotCompiledError: it would have to be compiled, within `compiled_before`.
     """
     compiler = find_compiler()
     if not compiler:
@@ -82,20 +101,23 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
     reason = ""
     for folder in _cache_folders():
         try:
-            return _cached_library(folder, name, compiler, source, level)
+            kept = _kept_library(folder, name)
+            if kept is not None:
+                return kept
+            if not _only_kept.get():
+                return _compiled_library(folder, name, compiler, source, level)
         except OSError as error:  # full, read-only or mounted noexec: the next folder may do
             reason = str(error)
+    if _only_kept.get():
+        raise NotCompiledError(name)
     raise BuildError(f"no folder to compile in: {reason}")
 
 
-def _cached_library(
-    folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str
-) -> Library:
-    """The library of this name in a folder, or compiled into it; broken ones are removed.
+def _kept_library(folder: Path, name: str) -> Library | None:
+    """The library of this name in a folder; None where there is none. Broken ones are removed.
 
     Raises:
-        BuildError: the compiler fails.
-        OSError: the folder is full, read-only or mounted noexec.
+        OSError: the folder cannot be read or written.
     """
     for path in folder.glob(f"{name}.*{SUFFIX}"):
         if _is_private(path) and _is_whole(path):
@@ -104,6 +126,18 @@ def _cached_library(
                 os.utime(path)
                 return Library(path, handle)
         path.unlink(missing_ok=True)
+    return None
+
+
+def _compiled_library(
+    folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str
+) -> Library:
+    """The library of this name, compiled into a folder.
+
+    Raises:
+        BuildError: the compiler fails.
+        OSError: the folder is full, read-only or mounted noexec.
+    """
     with staging(folder) as build:
         compiled = _compile_text(build, compiler, source(), level)
         path = folder / f"{name}.{_sha256_of(compiled)}{SUFFIX}"
@@ -240,7 +274,7 @@ def _prune_cache(folder: Path) -> None:
 
 
 def _last_use(path: Path) -> float:
-    """Time of the last use of a library [s]: its modification time, which `_cached_library` renews; 0 where it is
+    """Time of the last use of a library [s]: its modification time, which `_kept_library` renews; 0 where it is
     gone.
     """
     try:

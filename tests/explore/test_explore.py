@@ -6,9 +6,11 @@ import json
 import os
 import re
 import shlex
+import shutil
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -25,11 +27,14 @@ from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Request
 from posture_opt.explore.explorer import Explorer
+from posture_opt.explore.following import Following
 from posture_opt.explore.heat import heat_of, passes_of
 from posture_opt.explore.live_map import picture
+from posture_opt.explore.other_process import OtherProcess
 from posture_opt.explore.settings import settings_of
 from posture_opt.explore.taken_away import png
 from posture_opt.files import problems_folder
+from posture_opt.model.toolchain import compiled_before
 
 pytest.importorskip("viser", reason="viser is not installed")
 PLANAR = "insert_planar_2r_fixed_hole"
@@ -110,6 +115,74 @@ def test_the_newest_request_wins() -> None:
     assert len(shown) < 40
     asked = [requests.index(answer.request) for answer in shown]
     assert asked == sorted(asked)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_the_first_answer_does_not_wait_for_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a compiler that does not end the answer is there, and it is the same once the compiler has ended."""
+    slow, go = tmp_path / "cc", tmp_path / "go"
+    slow.write_text(
+        f'#!/bin/sh\ncase "$1" in --version) exec {shutil.which("cc")} --version;; esac\n'
+        f'while [ ! -e "{go}" ]; do sleep 0.05; done\nexec {shutil.which("cc")} "$@"\n'
+    )
+    slow.chmod(0o755)
+    monkeypatch.setenv("CC", str(slow))
+    monkeypatch.setenv("POSTURE_OPT_CACHE", str(tmp_path / "cache"))
+    following, problem = Following(), po.load_problem(PLANAR)
+    try:
+        first = following.solve(problem, None)
+        assert following.compiling
+        assert following.solve(problem, first.q).sigma == pytest.approx(first.sigma, rel=1e-9)
+        go.touch()
+        until(lambda: not following.compiling)
+        with compiled_before():
+            assert following.solve(problem, first.q).sigma == pytest.approx(first.sigma, rel=1e-9)
+        assert following._fast is not None
+    finally:
+        following.end()
+
+
+@pytest.mark.interrupts
+def test_a_search_that_is_killed_begins_anew_and_a_defect_is_said() -> None:
+    """Whatever ends the other process, the page gets its answer, or the reason for none."""
+    search, found = OtherProcess(), []
+
+    def killed_after(seconds: float) -> Any:
+        thread = threading.Thread(target=lambda: found.append(search.call(time.sleep, seconds)))
+        thread.start()
+        for _ in range(2):
+            until(lambda: search._process is not None)
+            process = search._process
+            process.kill()
+            until(lambda process=process: search._process is not process)
+        thread.join(60.0)
+        return found.pop()
+
+    try:
+        assert "ended twice" in str(killed_after(600.0))
+        assert search.call(abs, -3) == 3
+        search._process.kill()  # while it had nothing to do
+        assert search.call(abs, -4) == 4
+        assert "bad operand type" in str(search.call(abs, "a"))
+        assert search.call(abs, -5) == 5
+    finally:
+        search.stop()
+
+
+def test_a_defect_of_one_request_does_not_end_the_page(capsys: Any) -> None:
+    shown: list[Answer] = []
+    answers, problem = Answers(shown.append), po.load_problem(PLANAR)
+    try:
+        answers.ask(Request(problem, ("a", "b")))  # type: ignore[arg-type]
+        until(lambda: bool(shown))
+        assert shown[0].reason
+        answers.ask(Request(problem, (0.3, 0.4)))
+        until(lambda: len(shown) > 1)
+        assert shown[1].own is not None
+    finally:
+        answers.end()
+    capsys.readouterr()
 
 
 def test_a_posture_of_ones_own_has_its_spread() -> None:

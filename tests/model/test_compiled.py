@@ -263,6 +263,17 @@ def test_failing_compiler_is_a_reason(
 
 
 @needs_compiler
+def test_what_was_not_compiled_before_can_be_refused(compilations: list[tuple[str, ...]]) -> None:
+    with toolchain.compiled_before(), pytest.raises(toolchain.NotCompiledError):
+        BatchFunction(planar())
+    assert not compilations
+    BatchFunction(planar())
+    with toolchain.compiled_before():
+        assert BatchFunction(planar()).compiled
+    assert len(compilations) == 1
+
+
+@needs_compiler
 def test_unusable_cache_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("POSTURE_OPT_CACHE", str(tmp_path / "file" / "cache"))  # unwritable even for root
