@@ -114,6 +114,7 @@ class LiveMap:
             f"Standard deviation at {columns} by {rows} places from {stated(low, 'm')} (dark) "
             f"to {stated(high, 'm')} (bright); the least, at the red ball, with the {heat.what} at "
             f"({x:.1f}, {y:.1f}, {z:.1f}) mm."
+            + (" Places in white: no posture does the task." if np.isnan(heat.sigma).any() else "")
         )
         self._there.visible = heat.what == "target"
 

@@ -24,10 +24,11 @@ from posture_opt.explore.drawing import (
     wxyz,
 )
 from posture_opt.explore.live_cell import LiveCell
+from posture_opt.explore.viewpoint import look_at
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
 from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement, extent_of
+from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement
 from posture_opt.report.scene.arm_solids import ArmSolids
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
@@ -42,8 +43,6 @@ _ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
 _RIM_POINTS = 64
 _DRAWS = 2000  # of the Monte Carlo cloud: takes 2 ms
 _POINT_SHARE, _BALL_SHARE = 0.006, 0.02  # of the arm's extent: a draw, and the ball at the nearest point
-_VIEW = np.array([0.9, -1.35, 0.9])  # from the middle of the arm to the viewer, in extents: room for the arm to move
-_VIEW_ONTO_PLANE = np.array([0.0, -1e-3, 2.6])
 _LABEL_SHARE = 0.2  # of the arm's extent: the label is so far below the error region
 
 
@@ -94,7 +93,7 @@ class LiveScene:
         self._reachable = server.scene.add_icosphere(
             "/reachable", _BALL_SHARE * self._extent, rgb(VERMILLION), visible=False, cast_shadow=False
         )
-        self._look(geometry.planar, np.concatenate([geometry.points, around]))
+        look_at(server, geometry.planar, np.concatenate([geometry.points, around]))
 
     def show(self, solution: Solution, layers: Layers = Layers()) -> None:
         """The posture of a solution with its error region, and its target with the play on the same scale."""
@@ -189,11 +188,3 @@ class LiveScene:
             moved(np.array(event.target.position, dtype=float), event.phase == "end")
 
         return handle
-
-    def _look(self, planar: bool, points: Array) -> None:
-        """The camera from where all points (k, 3) [m] are seen, from above where the arm moves in a plane."""
-        middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        self._server.scene.set_up_direction("+y" if planar else "+z")
-        self._server.initial_camera.look_at = middle
-        offset = _VIEW_ONTO_PLANE if planar else _VIEW
-        self._server.initial_camera.position = middle + extent_of(points) * offset

@@ -68,13 +68,19 @@ def drawn(tab: Browser) -> Any:
     return found
 
 
+def canvas(tab: Browser) -> tuple[float, float, float, float]:
+    """Left, top, width and height of the scene in the window."""
+    found = tab.run(
+        "const r = document.querySelector('canvas').getBoundingClientRect(); return [r.left, r.top, r.width, r.height]"
+    )
+    return tuple(found)
+
+
 def pixel(tab: Browser, page: Any, place: Any) -> tuple[float, float]:
     """Where a place (3,) [m] is in the window, by the camera of the page."""
     until(lambda: page._server.get_clients())
     camera = next(iter(page._server.get_clients().values())).camera
-    left, top, width, height = tab.run(
-        "const r = document.querySelector('canvas').getBoundingClientRect(); return [r.left, r.top, r.width, r.height]"
-    )
+    left, top, width, height = canvas(tab)
     ahead = np.array(camera.look_at) - camera.position
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, camera.up_direction)
@@ -89,6 +95,10 @@ def test_the_arm_on_the_screen_follows_the_target(tab: Browser, page: Any) -> No
     tab.resize(800)
     opened(tab, page.url)
     until(lambda: "full search" in words(tab) and "Best posture of" in words(tab))
+    left, top, width, height = canvas(tab)
+    for corner in ((-0.4, -0.4, 0.0), (1.3, 1.3, 0.0)):  # the arm and room to move, in a window this narrow
+        until(lambda corner=corner: 0 < pixel(tab, page, corner)[0] - left < width)
+        assert 0 < pixel(tab, page, corner)[1] - top < height
     before, said = drawn(tab), words(tab)
     page.target = (0.4, 0.8, 0.0)
     until(lambda: "(400.00, 800.00, 0.00) mm" in words(tab) and "Best posture of the full search" in words(tab))
