@@ -11,6 +11,7 @@ import posture_opt
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "extensions"))
 from generated_pages import write_pages  # noqa: E402
+from python_names import examples_of_results  # noqa: E402
 
 write_pages(HERE)  # now: Sphinx looks for pages before it starts its extensions
 
@@ -51,6 +52,7 @@ autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 autodoc_member_order = "groupwise"
 autosummary_generate = True
+autosummary_context = {"returned_by": examples_of_results()}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 default_role = "py:obj"

@@ -41,6 +41,16 @@ def test_public_functions_have_an_example() -> None:
     assert [member.__name__ for member in functions if ">>> " not in member.__doc__] == []
 
 
+def test_public_classes_have_an_example_or_come_back_from_a_function_that_has() -> None:
+    members = [getattr(posture_opt, name) for name in posture_opt.__all__]
+    functions = [member for member in members if inspect.isfunction(member)]
+    returned = {str(inspect.signature(function).return_annotation).removesuffix(" | None") for function in functions}
+    classes = [member for member in members if inspect.isclass(member)]
+    assert len(classes) >= 20
+    bare = [member.__name__ for member in classes if ">>> " not in (member.__doc__ or "")]
+    assert [name for name in bare if name not in returned] == []
+
+
 def test_public_functions_state_what_comes_back() -> None:
     functions = [getattr(posture_opt, name) for name in posture_opt.__all__]
     functions = [member for member in functions if inspect.isfunction(member)]

@@ -12,6 +12,7 @@ import yaml
 
 import posture_opt as po
 from posture_opt.model.effects import CATALOGUE
+from posture_opt.problem.schema import json_schema
 from posture_opt.selection.tasks import KINDS
 from posture_opt.selection.terms import TERMS
 
@@ -35,6 +36,15 @@ def test_every_key_of_the_problem_file_has_a_value_and_a_meaning() -> None:
     assert len(rows) > 200
     cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows]
     assert [row for row, (_, value, _, meaning) in zip(rows, cells, strict=True) if not (value and meaning)] == []
+
+
+def test_every_key_of_the_schema_is_on_the_page_and_every_section_that_it_names() -> None:
+    page = problem_file_page()
+    for name, part in json_schema()["$defs"].items():
+        for key in {*part.get("properties", ())} - {"kind"}:
+            assert f"| `{key}` |" in page, f"{name}: {key}"
+    sections = {*re.findall(r"^##+ `(\w+)`", page, re.MULTILINE)}
+    assert {*re.findall(r"see `(\w+)`", page)} <= sections
 
 
 def test_every_effect_has_formula_picture_size_and_use() -> None:

@@ -47,7 +47,7 @@ FORMULAS = {  # kind -> formula, and what its own symbols are
     "thermal_growth": (r"\Delta L = \alpha\, L\, (T - T_0)", "L: one length, or all; T₀ = 20 °C (ISO 1)"),
     "thermal_offset": (r"\Delta q = c\, (T - T_0)", "T₀ = 20 °C (ISO 1)"),
     "drift": (
-        r"\Delta p = v\, \bigl(1 - e^{-t/\tau}\bigr) \quad \text{or} \quad \Delta p = v\, t / t_\text{end}",
+        r"\Delta p = v\, \bigl(1 - e^{-t/\tau}\bigr) \quad \text{or} \quad \Delta p = v\, t / t_{\text{end}}",
         "v: shift at the end; t: since the first measurement",
     ),
     "slip": (r"\Delta q = h\, [t \ge t_0]", "t₀: when it slipped; of base or tool a shift and a turn instead of h"),
@@ -60,7 +60,7 @@ FORMULAS = {  # kind -> formula, and what its own symbols are
         r"\Delta q = c\, \bigl(\mathrm{round}(q / \delta)\, \delta - q\bigr)",
         "δ: `lsb`, the step of encoder or controller; c: about 1",
     ),
-    "joint_noise": (r"\Sigma_p \to \Sigma_p + \sigma^2 J_j J_j^\mathsf{T}", "Jⱼ = ∂p/∂qⱼ"),
+    "joint_noise": (r"\Sigma_p \to \Sigma_p + \sigma^2 J_j J_j^{\mathsf{T}}", "Jⱼ = ∂p/∂qⱼ"),
     "range_noise": (r"\sigma = a + b\, r", "r: distance from the origin of the world, where the instrument is"),
     "stated_sigma": (r"\sigma \to k\, \sigma", "k: `factor`"),
     "outliers": (r"n \to (1 - s)\, n", "s: `share` of the rows that are worth nothing; n: rows"),

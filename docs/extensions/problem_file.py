@@ -32,10 +32,29 @@ PARTS = {  # sections within sections
     "Region": "`region`",
     "Workpiece": "`workpiece`",
     "Feature": "A feature",
+    "PlaneSpec": "A plane of `planes`",
+    "AnchorSpec": "An anchor of `anchors`",
+    "CameraSpec": "A camera of `cameras`",
+    "IntrinsicsSigma": "A `sigma` of intrinsics",
+    "MarkersSpec": "A board of `markers`",
+    "GridSpec": "A grid of points: `chessboard`, `grid`",
+    "CharucoSpec": "A ChArUco board: `charuco`",
+    "PairSpec": "A second arm of `pairs`",
 }
 PARTS_OF = {"JointSpec": "robot", "FrameSpec": "robot", "CapsuleSpec": "robot", "ShapeSection": "robot"}
 PARTS_OF |= {"ToolSpec": "robot", "MountingSpec": "cell"}
 PARTS_OF |= dict.fromkeys(("MeasurementSpec", "WorkpieceErrors", "FeatureErrors"), "uncertainty")
+OF_DATA = (
+    "PlaneSpec",
+    "AnchorSpec",
+    "CameraSpec",
+    "IntrinsicsSigma",
+    "MarkersSpec",
+    "GridSpec",
+    "CharucoSpec",
+    "PairSpec",
+)
+PARTS_OF |= dict.fromkeys(OF_DATA, "data")
 PARTS_OF |= {"Region": "task", "Workpiece": "task", "Feature": "task"}
 
 
@@ -103,6 +122,7 @@ def described(schema: Schema, defs: Schema) -> str:
 def doc(schema: Schema) -> str:
     """The docstring as Markdown: code in one pair of backticks, formulas left as code."""
     text = re.sub(r"``(.+?)``", r"`\1`", schema.get("description", ""))
+    text = re.sub(r" \(see `[A-Z]\w+`\)", "", text)  # a class has no page here
     paragraphs = [" ".join(p.split()) for p in text.split("\n\n") if not p.startswith("Args:")]
     return "\n\n".join(paragraphs) + "\n\n" if paragraphs else ""
 
@@ -166,7 +186,9 @@ def array_text(value: Schema) -> str:
 def section_name(name: str) -> str:
     if name == "FrameSpec":
         return "a frame, or `free`"
-    return PARTS.get(name, f"see `{name.removesuffix('Spec').lower()}`").replace("A ", "a ")
+    if name == "Ipopt":  # the only kind of solver
+        return "see `solver`"
+    return PARTS.get(name, f"see `{name.removesuffix('Spec').lower()}`").replace("A ", "a ").replace("An ", "an ")
 
 
 def references(schema: Schema) -> list[str]:

@@ -6,13 +6,13 @@ from posture_opt.selection.terms import TERMS
 
 FORMULAS = {  # kind -> formula, its own symbols, when to use it, an entry of a file
     "spread": (
-        r"s = \sqrt{\lambda_\text{max}(B^\mathsf{T} C B)}",
+        r"s = \sqrt{\lambda_{\text{max}}(B^{\mathsf{T}} C B)}",
         "B: unit vectors of the part that counts, two across the direction, one along it, or all three",
         "A task looks at one part of the scatter only: use it to bound another, such as the depth of an insertion.",
         "subject_to: [{kind: spread, within: along, at_most: 0.3 mm}]",
     ),
     "orientation_spread": (
-        r"s = \sqrt{\lambda_\text{max}(B^\mathsf{T} J_\omega\, \Sigma\, J_\omega^\mathsf{T} B)}",
+        r"s = \sqrt{\lambda_{\text{max}}(B^{\mathsf{T}} J_\omega\, \Sigma\, J_\omega^{\mathsf{T}} B)}",
         "J_ω: rotation of the tool per unit of each parameter; B: both directions across the tool axis (`tilt`), the "
         "axis itself (`spin`), or all three (`all`)",
         "The tool has to stay upright, or a part in its yaw, whatever the position of its point.",
@@ -26,7 +26,7 @@ FORMULAS = {  # kind -> formula, its own symbols, when to use it, an entry of a 
         "subject_to: [{kind: success, at_least: 0.8}]",
     ),
     "limit_margin": (
-        r"q_i - q_i^\text{min} \ge m, \qquad q_i^\text{max} - q_i \ge m",
+        r"q_i - q_i^{\text{min}} \ge m, \qquad q_i^{\text{max}} - q_i \ge m",
         "qᵢ: every revolute joint; m: `at_least`",
         "The controller must have room to move on, or the limits are not known exactly. In `minimize` it draws joints "
         "to the middle of their ranges.",
@@ -39,20 +39,20 @@ FORMULAS = {  # kind -> formula, its own symbols, when to use it, an entry of a 
         "subject_to: [{kind: link_height, at_least: 50 mm}]",
     ),
     "singularity_margin": (
-        r"\sigma_\text{min}(J) \ge s",
+        r"\sigma_{\text{min}}(J) \ge s",
         "J = ∂p/∂q: Jacobian of the tool point; σ_min: its smallest singular value",
         "The tool must be able to move in every direction from there, as for guiding by hand or force control.",
         "subject_to: [{kind: singularity_margin, at_least: 0.15 m}]",
     ),
     "manipulability": (
-        r"w = \det (J J^\mathsf{T})^{1/2r} \ge w_0",
+        r"w = \det (J J^{\mathsf{T}})^{1/2r} \ge w_0",
         "J (r × n): Jacobian of the tool point in its r directions; w: geometric mean of its singular values "
         "(Yoshikawa 1985 has the r-th power)",
         "As `singularity_margin`, for the mean of all directions, or to compare with planners that maximise it.",
         "minimize: [{kind: manipulability, weight: 0.1}]",
     ),
     "joint_torque": (
-        r"\lvert \tau_i \rvert \le \tau_i^\text{max}, \qquad "
+        r"\lvert \tau_i \rvert \le \tau_i^{\text{max}}, \qquad "
         r"\tau_i = \sum_k m_k \bigl(a_i \times (x_k - o_i)\bigr) \cdot g",
         "mₖ, xₖ: masses behind joint i and the payload, with their places; aᵢ, oᵢ: its axis and a point on it; "
         "g: gravity",

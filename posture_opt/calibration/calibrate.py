@@ -76,7 +76,7 @@ def calibrate(
     most_rows: int = MAX_FITTED_ROWS,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Estimate the parameters that the data determine, and what that brings where nothing was seen.
+    """Estimate the parameters that the data determine, and the errors that remain on rows held out from the fit.
 
     In symbols: ``min Σ_i |W_i (f(q_i; x) − m_i)|² + |V (x − x̄)|²`` over the deviations x of geometry, frames and
     touched points, f the arm, m_i the measurements, W the instrument's σ, V the prior; by Levenberg-Marquardt, rows

@@ -135,6 +135,12 @@ class Robot:
         allowed_collisions: pairs of joints (or ``base``) whose links are not checked against each other.
         named_postures: name -> joints with their values [rad or m], of an SRDF.
         description: the URDF that the arm was read from; None of other formats.
+
+    Example:
+        >>> import posture_opt as po
+        >>> robot = po.load_problem("insert_ur10").robot
+        >>> robot.n, robot.joint_names[:3]
+        (6, ('shoulder_pan', 'shoulder_lift', 'elbow'))
     """
 
     name: str

@@ -123,7 +123,7 @@ def map_accuracy(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> AccuracyMap:
-    """Where an arm lands that is driven without its corrections, and how it scatters, over a grid of targets.
+    """Errors of an arm that is driven without its corrections, mean and scatter, over a grid of targets.
 
     The posture at a target is the one that the task takes there by the arm without corrections and effects. With the
     forward models f of the corrected and f₀ of the uncorrected arm, ``f₀(q) = target`` and the bias is

@@ -81,9 +81,10 @@ class FollowedPath(Protocol):
         """What ``solution.json`` says of the path: plain data."""
 
 
-def _part(part: str, name: str) -> Any:
+def _part(part: str, name: str, text: str) -> Any:
     """What only some answers have: an attribute of their part; None where an answer has no such part."""
-    return property(lambda found: getattr(getattr(found, part), name, None), doc=f"``{name}`` of ``{part}``, or None.")
+    of = {"placement": " – of the placement of a workpiece, else None", "followed": " – of a path, else None"}
+    return property(lambda found: getattr(getattr(found, part), name, None), doc=f"{text}{of.get(part, '')}.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,27 +126,27 @@ class Solution(Result):
     placement: Placement | None = None
     followed: FollowedPath | None = None
 
-    w: ClassVar[Any] = _part("placement", "w")
-    workpiece: ClassVar[Any] = _part("placement", "workpiece")
-    placed: ClassVar[Any] = _part("placement", "stations")
-    centre: ClassVar[Any] = _part("placement", "at_centre")
-    typical: ClassVar[Any] = _part("placement", "typical")
-    others: ClassVar[Any] = _part("placement", "others")
-    path: ClassVar[Any] = _part("followed", "path")
-    motion: ClassVar[Any] = _part("followed", "motion")
-    naive: ClassVar[Any] = _part("followed", "naive")
-    largest_step: ClassVar[Any] = _part("followed", "largest_step")
-    smallest_step: ClassVar[Any] = _part("followed", "smallest_step")
-    bound: ClassVar[Any] = _part("followed", "bound")
-    off_line: ClassVar[Any] = _part("followed", "off_line")
-    breaks: ClassVar[Any] = _part("followed", "breaks")
-    law: ClassVar[Any] = _part("followed", "law")
-    closed: ClassVar[Any] = _part("followed", "closed")
-    times: ClassVar[Any] = _part("followed", "times")
-    largest_joint_step: ClassVar[Any] = _part("followed", "largest_joint_step")
-    candidates: ClassVar[Any] = _part("followed", "candidates")
-    seconds: ClassVar[Any] = _part("statistics", "seconds")
-    task: ClassVar[Any] = _part("problem", "task")
+    w: ClassVar[Any] = _part("placement", "w", "(4,) x, y, z [m] and yaw [rad], world")
+    workpiece: ClassVar[Any] = _part("placement", "workpiece", "x, y, z [m] and yaw [rad] by name")
+    placed: ClassVar[Any] = _part("placement", "stations", "The problem data of its stations")
+    centre: ClassVar[Any] = _part("placement", "at_centre", "Its range's middle, with σ [m]")
+    typical: ClassVar[Any] = _part("placement", "typical", "The median random one, with σ [m]")
+    others: ClassVar[Any] = _part("placement", "others", "Further optima, best first")
+    path: ClassVar[Any] = _part("followed", "path", "Its K points, listed and added")
+    motion: ClassVar[Any] = _part("followed", "motion", "The postures ``Q`` (K, n) [rad or m]")
+    naive: ClassVar[Any] = _part("followed", "naive", "What simpler ways give")
+    largest_step: ClassVar[Any] = _part("followed", "largest_step", "Allowed change of a joint [rad or m]")
+    smallest_step: ClassVar[Any] = _part("followed", "smallest_step", "Least that this can be [rad or m]")
+    bound: ClassVar[Any] = _part("followed", "bound", "σ_max [m] that no motion is below")
+    off_line: ClassVar[Any] = _part("followed", "off_line", "Largest distance [m] from its lines")
+    breaks: ClassVar[Any] = _part("followed", "breaks", "Where no motion leads along it")
+    law: ClassVar[Any] = _part("followed", "law", "Speed, and when the tool is where")
+    closed: ClassVar[Any] = _part("followed", "closed", "Whether it ends where it began")
+    times: ClassVar[Any] = _part("followed", "times", "(listed,) at each listed point [s]")
+    largest_joint_step: ClassVar[Any] = _part("followed", "largest_joint_step", "Largest change of a joint [rad or m]")
+    candidates: ClassVar[Any] = _part("followed", "candidates", "(K,) postures compared at each point")
+    seconds: ClassVar[Any] = _part("statistics", "seconds", "How long the search took [s]")
+    task: ClassVar[Any] = _part("problem", "task", "What is to be done")
 
     @property
     def stations(self) -> tuple[Solution, ...]:

@@ -29,9 +29,9 @@ def compare(
     problems: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1,
     progress: Progress | None = None,
 ) -> Comparison:  # fmt: skip
-    """The task of the first problem solved with every arm, and each answer judged by all arms with the same joints.
+    """Solve the task of the first problem with every arm, and predict the errors of each answer by all arms.
 
-    An arm judges a posture by where it would itself land there: mean error from the target and spread about it.
+    Arms with the same joints predict each other's postures: mean error from the target, and spread about it.
 
     Args:
         problems: at least two, by name.

@@ -52,6 +52,12 @@ class Task(Spec):
     ``direction`` and ``tool_axis`` are directions in the world and in the tool frame. Without ``position`` and
     ``region`` the workpiece may stand anywhere in reach. With ``features`` the task is done at each of them, and
     ``direction`` is in the frame of the workpiece.
+
+    Example:
+        >>> import posture_opt as po
+        >>> task = po.load_problem("insert_ur10").task
+        >>> task.kind, task.position, task.clearance
+        ('insert', (0.7, 0.2, 0.1), 0.0005)
     """
 
     within: ClassVar[Within]
