@@ -72,8 +72,13 @@ SHOWN: dict[str, tuple[float, str]] = {
     "share": (1e2, "%"),
     "factor": (1.0, ""),
 }
+ERROR_UNITS: dict[str, tuple[float, str]] = {"rad": SHOWN["angle"], "m": (1e3, "mm")}
+"""SI unit -> factor and unit that reports use for errors: deviations, their σ, what is left of them. Angles are in deg,
+errors of angles in mrad, which are mm at a lever of a metre."""
 UNKNOWN = "not known"
 """What reports write in place of NaN and infinity."""
+_MAX_DECIMALS = 6
+"""Decimals of any number with a unit of reports: nanometres in mm, nanoradians in mrad. What is less is rounding."""
 _EXTRA_DECIMALS = 2
 """Decimals that a number may have in excess of a larger one next to it."""
 _MICROMETRES_BELOW_M = 1e-5
@@ -340,7 +345,7 @@ def parse_celsius(value: object) -> float:
 
 
 def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
-    """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234.
+    """``value`` with ``digits`` significant digits or more, six decimals at most, and no exponent: 0.0123, 1.23, 1234.
 
     Args:
         value: any number; NaN and infinity become ``UNKNOWN``.
@@ -349,15 +354,13 @@ def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
             0.0690, and not 0.00000333; what is less is 0.
 
     Example:
-        >>> number(0.012345), number(1234.5), number(3.33e-6, beside=0.069)
-        ('0.0123', '1234', '0.000003')
+        >>> number(0.012345), number(1234.5), number(3.33e-6, beside=0.069), number(1.28e-13)
+        ('0.0123', '1234', '0.000003', '0')
     """
     if not math.isfinite(value):
         return UNKNOWN
-    decimals = _significant_decimals(value, digits)
-    if value == 0 or decimals <= (most := _significant_decimals(beside, digits) + _EXTRA_DECIMALS) or beside == 0:
-        return f"{value:.{decimals}f}"
-    text = f"{value:.{most}f}"
+    most = min(_significant_decimals(beside, digits) + _EXTRA_DECIMALS, _MAX_DECIMALS) if beside else _MAX_DECIMALS
+    text = f"{value:.{min(_significant_decimals(value, digits), most)}f}"
     return text if float(text) else "0"
 
 
@@ -386,7 +389,8 @@ def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") ->
     """A number times ``factor`` with its standard error to two digits.
 
     Args:
-        value, std: in one unit; a standard error that is not known, or zero, is left out.
+        value, std: in one unit; a standard error that is not known, or zero, is left out, and one below the last of
+            six decimals rounded up to it.
         factor: from that unit to the one that is written.
         unit: behind the number.
 
@@ -398,8 +402,9 @@ def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") ->
     gap = " " if unit else ""
     if not math.isfinite(std) or std <= 0:
         return f"{number(value)}{gap}{unit}"
-    decimals = max(0, 1 - math.floor(math.log10(std)))
-    return f"{fixed(value, decimals)} ± {fixed(std, decimals)}{gap}{unit}"
+    decimals = min(max(0, 1 - math.floor(math.log10(std))), _MAX_DECIMALS)
+    error = fixed(max(std, 10.0**-decimals), decimals)
+    return f"{fixed(value, decimals)} ± {error}{gap}{unit}"
 
 
 def shown(value: float, dimension: str, std: float = math.nan) -> str:

@@ -9,6 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
+from posture_opt.report.figures.residual_trends import plot_residuals_over_joints
+from posture_opt.report.figures.residuals import Shown
 from tests.helpers.instruments import (
     ANCHORS,
     PLANES,
@@ -102,6 +104,10 @@ def test_a_level_finds_the_angles_that_it_sees() -> None:
     assert document["unit"] == "rad"
     assert document["sigma"] == pytest.approx(np.radians(0.002))
     assert "A level sees neither lengths nor a turn about the vertical" in " ".join(found.report().split())
+    drawn = plot_residuals_over_joints(Shown.of(found))
+    joints = {axes.get_xlabel().partition(" ")[0] for axes in drawn.axes}
+    assert "elbow" in joints
+    assert "shoulder_pan" not in joints  # which turns about the vertical
 
 
 def test_another_file_has_planes_of_its_own() -> None:

@@ -101,4 +101,4 @@ def test_with_the_gear_ratio_the_part_that_turns_so_often_is_named() -> None:
 def test_the_size_of_a_play_is_said_to_be_the_whole_width() -> None:
     found = FittedSizes({"width": (1.897e-4, 8.6e-6, "rad")})
     assert Backlash(joint="elbow").headline(found) == "0.1897 ± 0.0086 mrad whole width"
-    assert str(Backlash(joint="elbow").sizes(found)[0]) == "0.1897 ± 0.0086 mrad (39 arcsec), whole width"
+    assert str(Backlash(joint="elbow").sizes(found)[0]) == "0.1897 ± 0.0086 mrad, whole width"

@@ -43,7 +43,7 @@ def test_effects_and_their_inputs_are_told() -> None:
     assert "joint compliance of joint2 8.00 µrad/(N m) (stiffness 125 kN m/rad)" in text
     assert "backlash of joint1 0.100 mrad" in text
     assert "gear eccentricity of joint1 0.500 mrad" in text
-    assert "cyclic error of joint1 0.0500 mrad (10 arcsec), 12.0 cycles per revolution" in text
+    assert "cyclic error of joint1 0.0500 mrad, 12.0 cycles per revolution" in text
     assert "thermal growth of all lengths 12.0 µm/(m K)" in text
     ((label, text),) = input_facts(arm)
     assert label == "Conditions"

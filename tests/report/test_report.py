@@ -25,6 +25,7 @@ from posture_opt.report.scene.arm_geometry import ErrorRegion, enlargement
 from posture_opt.report.text import units_text
 from posture_opt.report.text.words import roll_pitch_yaw, source_words
 from posture_opt.uncertainty.simulation.cloud import cloud_of
+from posture_opt.units import plus_minus
 from tests.helpers import factors
 from tests.helpers.folders import names as names_in
 from tests.helpers.fresh import loaded_by
@@ -281,6 +282,16 @@ class TestUnits:
         assert units_text.stated(0.05, "m/rad") == "50 mm per rad"
         assert units_text.stated_angle(math.radians(0.02)) == "0.02 deg"
         assert units_text.stated_angle(0.3e-3) == "0.0172 deg"
+        assert units_text.stated_sigma(math.radians(1.0), "rad") == "1 deg"
+        assert units_text.stated_sigma(math.radians(0.02), "rad") == "0.349 mrad"
+
+    @pytest.mark.parametrize(
+        ("value", "std", "shown"),
+        [(-0.99402982901305, 1.1e-13, "-994.029829 ± 0.000001 mm"), (1.28e-16, math.nan, "0 mm"), (5e-84, 0.0, "0 mm"),
+         (2.61e-4, 1.2e-5, "0.261 ± 0.012 mm"), (-3e-12, 4e-12, "0.000000 ± 0.000001 mm"), (2.5e-7, 0, "0.000250 mm")],
+    )  # fmt: skip
+    def test_rounding_has_no_digits(self, value: float, std: float, shown: str) -> None:
+        assert plus_minus(value, std, 1e3, "mm") == shown
 
     @pytest.mark.parametrize("rpy", [(0.1, -0.4, 2.0), (-3.0, 1.2, -0.5), (math.pi, 0, 0.3), (0, math.pi / 2, 0.4)])
     def test_roll_pitch_yaw_is_that_of_the_problem_file(self, rpy: tuple[float, float, float]) -> None:

@@ -129,7 +129,7 @@ def test_budget_bound_and_what_helps_name_the_workpiece(single):
     assert stated.pop("origin") == pytest.approx([0.6, 0.2, 0.1], abs=1e-6)
     assert stated == pytest.approx({"position": POSITION, "angle": ANGLE, "feature": FEATURE})
     text = single.report(full=True)
-    assert "workpiece position 0.05 mm, workpiece angle 0.02 deg, feature position 0.02 mm" in text
+    assert "workpiece position 0.05 mm, workpiece angle 0.349 mrad, feature position 0.02 mm" in text
     assert "halve σ of workpiece.position (to 0.025 mm)" in text
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.model.effects import Cause, FittedSizes, Size
 from posture_opt.robot.robot import Robot
-from posture_opt.units import plus_minus
+from posture_opt.units import ERROR_UNITS, plus_minus
 
 _KIND_OF_PARAMETER = {
     "theta": "joint_offset",
@@ -96,9 +96,8 @@ class GeometricDeviation(Cause):
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """Estimates in mm and mrad with their standard errors, in the units of all causes."""
-        units = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}
         one = len(estimate.values) == 1
         return tuple(
-            Size("deviation" if one else name, plus_minus(v, s, *units[unit]))
+            Size("deviation" if one else name, plus_minus(v, s, *ERROR_UNITS[unit]))
             for name, (v, s, unit) in estimate.values.items()
         )

@@ -31,7 +31,7 @@ FREE_TOLERANCE = 1.0  # m or rad: what is unknown of a free frame or a touched p
 DESIGN_NOTE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
 NOMINAL_NOTE = (
     f"the data determine {{}} less well than to {LENGTH_TOLERANCE_M * 1e3:g} mm or "
-    f"{np.degrees(ANGLE_TOLERANCE_RAD):g} deg: geometry is taken to lie within that of its nominal value (one σ)"
+    f"{ANGLE_TOLERANCE_RAD * 1e3:.3g} mrad: geometry is taken to lie within that of its nominal value (one σ)"
 )
 
 

@@ -15,7 +15,7 @@ from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.numerics import TURN
-from posture_opt.units import Angle, number, plus_minus
+from posture_opt.units import Angle, plus_minus, shown
 
 _ENCODER_BITS = range(9, 17)
 """Encoders that are tried: steps of a revolution over 2^bits."""
@@ -56,9 +56,9 @@ class Quantisation(JointEffect):
         return Abscissa.of(state, np.mod(np.asarray(state.q[self.index(state)]) / self.lsb, 1.0), "fraction of a step")
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """The step [arcsec], and the share of it that shows."""
-        step = f"{number(math.degrees(self.lsb) * 3600)} arcsec"
-        return Size("step", step), Size("share of it that shows", plus_minus(*estimate.entry("share")))
+        """The step [mrad], and the share of it that shows."""
+        shows = plus_minus(*estimate.entry("share"))
+        return Size("step", shown(self.lsb, "angle")), Size("share of it that shows", shows)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

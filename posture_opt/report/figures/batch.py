@@ -5,7 +5,6 @@ Parameters that vary together have one cause in production: a fixture, say, or a
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_below, legend_beside, styled
 from posture_opt.report.text.words import source_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,8 +50,8 @@ def _panel(axes: Axes, problem: ProblemData, found: Batch, pair: CorrelatedPair)
     unit, both axes have one scale.
     """
     i, j = found.names.index(pair.a), found.names.index(pair.b)
-    scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
-    units = ["deg" if found.parameters[k].unit == "rad" else "mm" for k in (i, j)]
+    written = [ERROR_UNITS[found.parameters[k].unit] for k in (i, j)]
+    scale, units = np.array([factor for factor, _ in written]), [unit for _, unit in written]
     chosen = np.ix_([i, j], [i, j])
     points = found.estimates[:, [i, j]] * scale
     errors = np.array([np.sqrt(_variances(found, k, (pair.a, pair.b))) for k in range(len(points))]) * scale

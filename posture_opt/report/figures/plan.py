@@ -13,6 +13,7 @@ from posture_opt.report.measured_parts.plan_parts import is_listed
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, LIMIT_COLOUR, ORANGE
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, legend_beside, styled
+from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,11 +71,11 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
 def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     """Expected standard errors before, with the plan, and with as many random postures.
 
-    Above what the plan is made for, over its value with the plan; below every parameter by itself [deg or mm],
+    Above what the plan is made for, over its value with the plan; below every parameter by itself [mrad or mm],
     logarithmic: of these some may come out worse than with random postures, as the plan is chosen for all of them
     together. Hollow squares: before; hollow diamonds: random postures; dots: the plan.
     """
-    groups = [("rad", "deg", math.degrees(1.0)), ("m", "mm", 1e3)]
+    groups = [(si, unit, factor) for si, (factor, unit) in ERROR_UNITS.items()]
     rows = {
         unit: [i for i, p in enumerate(plan.parameters) if is_listed(plan, i) and p.unit == unit] for unit, *_ in groups
     }

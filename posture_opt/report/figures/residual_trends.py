@@ -31,6 +31,7 @@ _MIN_BIN_POSES = 4  # poses of a bin that is drawn
 _MAX_DISTINCT_VALUES = 12  # different values, as of a payload: no more need to be put together
 _MIN_BINS, _MAX_BINS = 6, 72  # bins: many, as errors of gears have tens of periods a turn
 _MAX_GAP_SHARE = 0.08  # of the bins, all of them empty: no line is drawn over it
+_ROUNDING_SHARE = 1e-9  # of the longest lever of all joints: less is rounding
 _MIN_LEVER_SHARE = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
 _SIDE_LOOKS = ((-1, "decreasing", ORANGE, -0.12), (1, "increasing", PURPLE, 0.12))
@@ -93,15 +94,17 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     bins.
 
     Left before, right after calibration, each side with one scale for all joints. A wave is a gear, a slope a
-    compliance or scale, two levels a backlash.
+    compliance or scale, two levels a backlash. Joints that the instrument does not see are left out: a level shows no
+    turn about the vertical.
     """
-    robot = shown.robot
-    figure = new_figure(1.0 + 1.35 * robot.n)
-    grid = figure.subplots(robot.n, 2, squeeze=False)
+    seen = _seen_joints(shown)
+    joints = [shown.robot.joints[k] for k in seen]
+    figure = new_figure(1.0 + 1.35 * len(joints))
+    grid = figure.subplots(len(joints), 2, squeeze=False)
     poses = len(np.unique(shown.data.pose))
     for name, column in zip(shown.errors, grid.T, strict=True):
         sizes = []
-        for axes, joint, x, along in zip(column, robot.joints, *_along(shown, shown.errors[name]), strict=True):
+        for axes, joint, x, along in zip(column, joints, *_along(shown, shown.errors[name], seen), strict=True):
             _panel(axes, x, along, MODEL_COLOURS[name], poses)
             sizes.append(float(np.quantile(np.abs(along), 0.995)))
             axes.set_xlabel(f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]", labelpad=1)
@@ -130,16 +133,24 @@ def _panel(axes: Axes, x: Array, along: Array, colour: str, poses: int) -> None:
         Binned.of(x, along).draw(axes, "black", "mean of neighbours with its 95 % band")
 
 
-def _along(shown: Shown, errors: Array) -> tuple[list[Array], list[Array]]:
+def _seen_joints(shown: Shown) -> list[int]:
+    """The joints that change what is measured in some posture, rounding apart."""
+    levers = [float(np.max(np.linalg.norm(column, axis=1), initial=0.0)) for column in shown.columns]
+    return [k for k, lever in enumerate(levers) if lever > _ROUNDING_SHARE * max(levers)]
+
+
+def _along(shown: Shown, errors: Array, joints: list[int]) -> tuple[list[Array], list[Array]]:
     """By joint, its value [deg or mm] and the error along its motion [mm], pose by pose.
 
     ``e · c / |c|`` with the column c of the joint; poses in which ``|c|`` is below 5 % of its largest are left out.
 
     Args:
         errors: (N, 3) measured minus model [mm].
+        joints: numbers of those that are seen.
     """
     values, along = [], []
-    for k, (joint, column) in enumerate(zip(shown.robot.joints, shown.columns, strict=True)):
+    for k in joints:
+        joint, column = shown.robot.joints[k], shown.columns[k]
         lever = np.linalg.norm(column, axis=1)
         far = lever > _MIN_LEVER_SHARE * lever.max()
         part = np.sum(errors[far] * column[far], axis=1) / lever[far]
@@ -210,7 +221,7 @@ def _both_sides(shown: Shown) -> list[int]:
     """The joints that arrived often from both sides."""
     approach = shown.data.approach
     return [
-        k for k in range(approach.shape[1])
+        k for k in _seen_joints(shown)
         if min(np.count_nonzero(approach[:, k] < 0), np.count_nonzero(approach[:, k] > 0)) >= _MIN_ARRIVALS
     ]  # fmt: skip
 

@@ -61,7 +61,7 @@ def plot_reliability(found: SpreadCheck) -> Figure:
 def plot_joint_scatter(found: SpreadCheck) -> Figure:
     """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones.
 
-    Angles in deg in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that
+    Angles in mrad in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that
     the data determine. A stated σ (diamond) outside of the interval contradicts the data. Joints that hardly move the
     tool point are left out.
     """
@@ -75,7 +75,7 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     }
     instrument = ("instrument", noise.instrument, *noise.instrument_interval, found.instrument)
     lengths = [*(rows[k] for k in sliding), instrument]
-    panels = [([rows[k] for k in turning], "deg", math.degrees(1.0))] if turning else []
+    panels = [([rows[k] for k in turning], "mrad", 1e3)] if turning else []
     panels.append((lengths, "mm", 1e3))
     heights = [len(part) for part, _, _ in panels]
     figure = new_figure(1.3 + 0.28 * sum(heights) + 0.4 * len(panels))

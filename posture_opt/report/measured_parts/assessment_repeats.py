@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import count, length, lengths, stated_length
+from posture_opt.report.text.units_text import angle_error, count, length, lengths, stated_length
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import MIN_INSTRUMENT_RATIO
@@ -111,7 +111,7 @@ def _spread_cells(values: list[tuple[float, tuple[float, float], int]]) -> tuple
 
 
 def _performance_texts(repeats: Repeats) -> list[str]:
-    """How often poses were repeated, whether ISO 9283 asks for more, and what the orientation does [deg]."""
+    """How often poses were repeated, whether ISO 9283 asks for more, and what the orientation does [mrad]."""
     repeated = [pose.nominal.n for pose in repeats.poses]
     size = f"{min(repeated)}" if min(repeated) == max(repeated) else f"{min(repeated)} to {max(repeated)}"
     texts = [f"{count(len(repeated), 'pose')} with {size} repeats; the line is that of the first one."]
@@ -120,12 +120,12 @@ def _performance_texts(repeats: Repeats) -> list[str]:
     if repeats.left_out:
         texts.append(f"{count(repeats.left_out, 'pose')} more with as many repeats or fewer are not listed.")
     if repeats.poses[0].orientation:
-        worst = max(np.degrees(angle.repeatability) for pose in repeats.poses for angle in pose.orientation)
-        texts.append(f"The orientation repeats within {number(float(worst))} deg about any axis (RP, worst pose).")
+        worst = max(angle.repeatability for pose in repeats.poses for angle in pose.orientation)
+        texts.append(f"The orientation repeats within {angle_error(float(worst))} about any axis (RP, worst pose).")
         if repeats.oriented:
-            off = max(abs(np.degrees(angle.accuracy)) for pose in repeats.poses for angle in pose.orientation)
+            off = max(abs(angle.accuracy) for pose in repeats.poses for angle in pose.orientation)
             texts.append(
-                f"The calibrated model's orientation is off by up to {number(float(off))} deg about an axis (AP)."
+                f"The calibrated model's orientation is off by up to {angle_error(float(off))} about an axis (AP)."
             )
     return texts
 

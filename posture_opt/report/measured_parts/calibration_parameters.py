@@ -1,6 +1,6 @@
 """What a report on a calibration says of the parameters: estimates, how certain they are, what is left open.
 
-Angles are in deg and lengths in mm, with as many decimals as the standard error supports.
+Angles are in deg, their errors in mrad, and lengths in mm, with as many decimals as the standard error supports.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_R
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import count, decimals_of
-from posture_opt.units import fixed, number
+from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.estimation.parameters import Parameter
 
 _MAX_CORRELATIONS = 10
 _SIGNIFICANCE_LEVEL = 0.05  # probability of a change of this size where nothing changed
@@ -36,17 +35,16 @@ def parameters_block(found: Calibration) -> Block:
     shown = [i for i, p in enumerate(found.parameters) if p.group != "place"]
     headers = (
         "parameter",
-        "unit",
         "determined",
-        "nominal",
-        "estimate",
-        "std. error",
-        "change",
+        "nominal [deg, mm]",
+        "estimate [deg, mm]",
+        "change [mrad, mm]",
+        "std. error [mrad, mm]",
         "change / std. error",
-        "prior",
+        "prior [mrad, mm]",
     )
     width = len(headers) - (not np.isfinite(found.prior).any())
-    table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=3)
+    table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=2)
     data = found.request.data
     points = len(data.point_names) if data.touches else 0
     extra = [f"The positions of {count(points, 'touched point')} are fitted too."] if points else []
@@ -91,30 +89,25 @@ def _place_cell(key: str, value: object) -> str:
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:
-    """One parameter as a row of the table, in deg or mm.
+    """One parameter as a row of the table: values in deg or mm, errors in mrad or mm.
 
     A parameter that the data do not determine has no estimate, except a frame, whose value goes with the others of
     this calibration only.
     """
     p, std, prior = found.parameters[i], float(found.std[i]), float(found.prior[i])
-    unit, factor = _unit(p)
-    believed = "" if math.isnan(prior) else number(prior * factor)
+    of_value = math.degrees(1.0) if p.unit == "rad" else 1e3
+    of_error, _ = ERROR_UNITS[p.unit]
+    believed = "" if math.isnan(prior) else number(prior * of_error)
     if not found.fixed[i]:
         # A free frame needs some value; this one goes with the rest of the arm as it was drawn.
-        some = fixed((p.nominal + float(found.x[i])) * factor, 3) if p.group in ("base", "tool") else ""
-        return p.name, unit, "no", fixed(p.nominal * factor, 3), some, "", "", "", believed
-    decimals = decimals_of(std * factor)
-    values = (fixed(value * factor, decimals) for value in (p.nominal, p.nominal + found.x[i], std, found.x[i]))
-    nominal, estimate, error, change = values
+        some = fixed((p.nominal + float(found.x[i])) * of_value, 3) if p.group in ("base", "tool") else ""
+        return p.name, "no", fixed(p.nominal * of_value, 3), some, "", "", "", believed
+    nominal, estimate = (fixed(v * of_value, decimals_of(std * of_value)) for v in (p.nominal, p.nominal + found.x[i]))
+    change, error = (fixed(v * of_error, decimals_of(std * of_error)) for v in (float(found.x[i]), std))
     how = "yes" if found.identifiability.determined[i] else "by prior"
     z = float(found.z[i])
     times = "" if math.isnan(z) else fixed(z, decimals_of(max(abs(z), 0.1)))
-    return p.name, unit, how, nominal, estimate, error, change, times, believed
-
-
-def _unit(parameter: Parameter) -> tuple[str, float]:
-    """The unit of a parameter in reports, and the factor from SI to it."""
-    return ("deg", math.degrees(1.0)) if parameter.unit == "rad" else ("mm", 1e3)
+    return p.name, how, nominal, estimate, change, error, times, believed
 
 
 def _significance(found: Calibration) -> list[str]:
@@ -167,10 +160,8 @@ def undetermined_names(found: Calibration, most: int) -> str:
 
 def _deviation(found: Calibration, i: int) -> str:
     """A parameter's deviation from the file with one standard error."""
-    unit, factor = _unit(found.parameters[i])
-    error = float(found.std[i]) * factor
-    change, error_text = (fixed(v, decimals_of(error)) for v in (float(found.x[i]) * factor, error))
-    return f"{found.parameters[i].name} by {change} ± {error_text} {unit}"
+    p = found.parameters[i]
+    return f"{p.name} by {plus_minus(float(found.x[i]), float(found.std[i]), *ERROR_UNITS[p.unit])}"
 
 
 def _judged(found: Calibration) -> list[int]:
@@ -191,11 +182,11 @@ def _far(found: Calibration, shown: list[int]) -> list[str]:
             and found.fixed[i]
             and abs(found.x[i]) > (LENGTH_TOLERANCE_M if p.unit == "m" else ANGLE_TOLERANCE_RAD)
         ):
-            unit, factor = _unit(p)
+            factor, unit = ERROR_UNITS[p.unit]
             far.append(f"{p.name} by {number(float(found.x[i]) * factor)} {unit}")
     if not far:
         return []
-    usual = f"{LENGTH_TOLERANCE_M * 1e3:g} mm, {math.degrees(ANGLE_TOLERANCE_RAD):g} deg"
+    usual = f"{LENGTH_TOLERANCE_M * 1e3:g} mm, {ANGLE_TOLERANCE_RAD * 1e3:.3g} mrad"
     return [f"Deviations beyond usual tolerances ({usual}): {', '.join(far)}. Is a zero or a length in the file wrong?"]
 
 

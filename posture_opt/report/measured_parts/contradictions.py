@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.model.effects import JointCoupling
 from posture_opt.report.measured_parts.error_table import mm
-from posture_opt.units import number, plus_minus, shown
+from posture_opt.units import ERROR_UNITS, number, plus_minus, shown
 
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.refuted_statements import Contradiction
@@ -76,10 +76,10 @@ def _preset(found: Calibration) -> tuple[str, ...]:
 def _implausible(found: Calibration) -> tuple[str, ...]:
     """The geometry that is farthest off its nominal value, where that is farther than any part is.
 
-    At most three parameters are named, each with its deviation and one standard error [deg or mm].
+    At most three parameters are named, each with its deviation and one standard error [mrad or mm].
     """
-    units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
-    texts = [f"{name} by {plus_minus(x, std, *units[unit])}" for name, (x, std, unit) in found.implausible.items()]
+    of = found.implausible
+    texts = [f"{name} by {plus_minus(x, std, *ERROR_UNITS[unit])}" for name, (x, std, unit) in of.items()]
     if not texts or found.other_preset is not None:  # which says what they are
         return ()
     more = f" and {len(texts) - _MAX_LISTED} more" if len(texts) > _MAX_LISTED else ""
@@ -136,7 +136,7 @@ def _off(found: Contradiction) -> str:
     texts = [plus_minus(length, std, 1e3, "mm")] if shift else []
     angle, error = _length(turn)
     if angle > max(_MIN_TURN_RAD, 3 * error):
-        texts.append(plus_minus(angle, error, math.degrees(1.0), "deg"))
+        texts.append(plus_minus(angle, error, *ERROR_UNITS["rad"]))
     return " and ".join(texts)
 
 

@@ -34,7 +34,7 @@ from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import length, percent
 from posture_opt.report.text.words import p_value, p_words
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.units import plus_minus
+from posture_opt.units import ERROR_UNITS, plus_minus
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
@@ -213,8 +213,7 @@ def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
     """The most certain parameters of the arm with its effects, with their standard errors [mrad or mm]."""
     far = [(abs(x / std), p.name, x, std, p.unit) for p, x, std in determined_geometry(found)]
     far.sort(reverse=True)
-    units = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}
-    texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_MAX_GEOMETRY]]
+    texts = [f"{name} {plus_minus(x, s, *ERROR_UNITS[unit])}" for _, name, x, s, unit in far[:_MAX_GEOMETRY]]
     return [("Most certain", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import rms
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import count, decimals_of, stated_length
+from posture_opt.report.text.units_text import angle_error, count, decimals_of, stated_length
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -70,10 +69,10 @@ def mm(metres: float) -> str:
 
 
 def reading_size(data: Measurements, sigma: float) -> str:
-    """The σ of a reading with its unit: a length, an angle in deg, or pixels with what they are at the marker."""
+    """The σ of a reading with its unit: a length, an angle in mrad, or pixels with what they are at the marker."""
     if data.lever is not None:
         return f"{number(sigma / rms(data.lever), 2)} {data.kind.unit}, {stated_length(sigma)} at the marker"
-    return stated_length(sigma) if data.kind.unit == "m" else f"{number(math.degrees(sigma), 2)} deg"
+    return stated_length(sigma) if data.kind.unit == "m" else angle_error(sigma)
 
 
 def rows_words(data: Measurements, robot: Robot) -> str:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from posture_opt.report.text.units_text import stated_length
-from posture_opt.units import number
+from posture_opt.report.text.units_text import angle_error, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.calibration.instrument_scatter import InstrumentScatter
@@ -24,5 +22,5 @@ def instrument_scatter_lead(found: InstrumentScatter | None) -> tuple[str, ...]:
 
 
 def _size(value: float, unit: str) -> str:
-    """A length, or an angle in deg."""
-    return stated_length(value) if unit == "m" else f"{number(math.degrees(value), 2)} deg"
+    """A length, or an angle in mrad."""
+    return stated_length(value) if unit == "m" else angle_error(value, 2)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from posture_opt.report.parts.collision_parts import clear_words
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts
-from posture_opt.report.text.units_text import count, length, percent, stated_angle, stated_length
+from posture_opt.report.text.units_text import angle_error, count, length, percent, stated_length
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def _measured(plan: MeasurementPlan) -> str:
     if plan.instruments:
         return f"a posture is for one instrument: {_by_instrument(plan)}"
     position = f"{', '.join(plan.axes)} to {_stated_sigma(plan)}"
-    turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
+    turned = f", orientation to {angle_error(plan.sigma_rotation)}" if plan.sigma_rotation else ""
     often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
     targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
     scatter = ""
@@ -68,7 +68,7 @@ def _measured(plan: MeasurementPlan) -> str:
 def _stated_sigma(plan: MeasurementPlan) -> str:
     """Standard deviation of one number of a reading."""
     angle = plan.given is not None and plan.given.kind.unit == "rad"
-    return stated_angle(plan.sigma) if angle else stated_length(plan.sigma)
+    return angle_error(plan.sigma) if angle else stated_length(plan.sigma)
 
 
 def _by_instrument(plan: MeasurementPlan) -> str:

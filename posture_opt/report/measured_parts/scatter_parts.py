@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import angle, length, stated_angle, stated_length
+from posture_opt.report.text.units_text import angle_error, length, stated_length
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def _joint_row(name: str, stated: float, values: tuple[float, float, float, floa
     """
     sigma, std, low, high = values
     slide = name.endswith(".d")
-    given = "" if not stated else stated_length(stated) if slide else stated_angle(stated)
+    given = "" if not stated else stated_length(stated) if slide else angle_error(stated)
     if not shown:
         return name, given, "undetermined", "", "hardly moves the tool point"
     write = _small_length if slide else _small_angle
@@ -82,8 +82,8 @@ def _small_length(metres: float) -> str:
 
 
 def _small_angle(radians: float) -> str:
-    """An angle [rad] in deg: to two digits below 0.01 rad."""
-    return angle(radians) if abs(radians) >= 1e-2 else f"{number(math.degrees(radians), 2)} deg"
+    """An angle [rad] in mrad, to two digits."""
+    return angle_error(radians, 2)
 
 
 def _prediction_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> str:

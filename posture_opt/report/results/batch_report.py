@@ -6,7 +6,6 @@ the standard errors of the estimates, and the correlations between parameters.
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -23,7 +22,7 @@ from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, decimals_of, percent
 from posture_opt.report.text.words import source_words
-from posture_opt.units import fixed, number
+from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
@@ -115,7 +114,7 @@ def _coverage_text(name: str, found: Batch) -> str:
 
 
 def _spread_block(problem: ProblemData, found: Batch) -> Block:
-    """Mean and standard deviation of each parameter across the batch, in deg or mm.
+    """Mean and standard deviation of each parameter across the batch, in mrad or mm.
 
     Columns:
       mean deviation: from the file, ± one standard error;
@@ -128,7 +127,7 @@ def _spread_block(problem: ProblemData, found: Batch) -> Block:
     sure = float(stdtrit(len(found.robots) - 1, 0.975))
     rows = []
     for k, p in enumerate(found.parameters):
-        unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+        factor, unit = ERROR_UNITS[p.unit]
         mean, error = factor * float(found.spread.mean[k]), factor * float(found.spread.mean_std[k])
         sigma, (low, high) = factor * float(found.spread.sigma[k]), factor * found.spread.interval[k]
         places = decimals_of(error)
@@ -228,7 +227,7 @@ def _varying(found: Batch) -> str:
     """The parameters that vary from robot to robot, each with its σ: those whose interval does not reach zero."""
     sizes = []
     for k, p in enumerate(found.parameters):
-        unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+        factor, unit = ERROR_UNITS[p.unit]
         if found.spread.interval[k][0] > 0:
             sizes.append(f"{p.name} by {number(factor * float(found.spread.sigma[k]), 2)} {unit}")
     more = f" and {len(sizes) - _MAX_NAMED_PARAMETERS} more" if len(sizes) > _MAX_NAMED_PARAMETERS else ""

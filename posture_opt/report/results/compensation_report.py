@@ -25,7 +25,7 @@ from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import angle, count, length, length_unit
-from posture_opt.units import number
+from posture_opt.units import ERROR_UNITS, number
 
 if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation
@@ -84,7 +84,7 @@ def _warning(found: Compensation) -> tuple[str, ...]:
 def gain_block(problem: ProblemData, found: Compensation) -> Block:
     """Errors before and after, in position and orientation; what the arm is computed with.
 
-    Rows: RMS and largest position error (µm or mm), and RMS orientation error [deg] where the targets have one. The
+    Rows: RMS and largest position error (µm or mm), and RMS orientation error [mrad] where the targets have one. The
     facts below name the inputs of the effects and the largest change of each joint over all rows.
     """
     left = length_unit([rms(found.off), rms(found.left)])
@@ -92,8 +92,9 @@ def gain_block(problem: ProblemData, found: Compensation) -> Block:
     sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
     rows = [(f"{label} [{unit}]", *_numbers([f(v) for v in (found.off, found.left)], factor)) for label, f in sizes]
     if found.oriented:
+        factor, unit = ERROR_UNITS["rad"]
         turned = (found.before.turned, found.after.rms_turned)
-        rows.append(("orientation, RMS [deg]", *(number(math.degrees(rms(v)), 2) for v in turned)))
+        rows.append((f"orientation, RMS [{unit}]", *(number(factor * rms(v), 2) for v in turned)))
     table = Table(("", "as given", "compensated"), tuple(rows))
     change = np.abs(found.q - found.near).max(axis=0)
     facts = (

@@ -29,7 +29,7 @@ from posture_opt.report.text.units_text import (
     percent,
     place,
 )
-from posture_opt.units import fixed, number
+from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.experiments.expected_errors import ExpectedErrors
@@ -128,7 +128,7 @@ def _value(value: float) -> str:
 
 
 def parameters_block(plan: MeasurementPlan) -> Block:
-    """Expected standard errors of every parameter in deg or mm, at the three stages.
+    """Expected standard errors of every parameter in mrad or mm, at the three stages.
 
     Parameters that no stage determines, or that are exact already, are left out; what no posture can separate with
     this instrument is named below the table.
@@ -136,7 +136,7 @@ def parameters_block(plan: MeasurementPlan) -> Block:
     rows = []
     for i, p in enumerate(plan.parameters):
         if is_listed(plan, i):
-            unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+            factor, unit = ERROR_UNITS[p.unit]
             rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
     table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
     text = f"Expected standard errors; '{_UNKNOWN}': not determined."

@@ -20,7 +20,7 @@ from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.measurement_plan_report import postures_block
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, percent, stated_length
-from posture_opt.units import fixed, number, plus_minus, shown
+from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus, shown
 
 if TYPE_CHECKING:
     from posture_opt.changes.visibility import Visibility
@@ -108,8 +108,8 @@ def size_words(change: LikelyChange) -> str:
         return shown(value, dimension, std)
     mean, covariance = change.estimate.mean, change.estimate.covariance
     if len(mean) == 1:
-        factor, unit = (1e3, "mrad") if change.possible.parameters[0].unit == "rad" else (1e3, "mm")
-        return plus_minus(float(mean[0]), math.sqrt(covariance[0, 0]), factor, unit)
+        written = ERROR_UNITS[change.possible.parameters[0].unit]
+        return plus_minus(float(mean[0]), math.sqrt(covariance[0, 0]), *written)
     shift = mean[:3]
     size = float(np.linalg.norm(shift))
     std = math.sqrt(max(float(shift @ covariance[:3, :3] @ shift), 0.0)) / size if size else 0.0
@@ -172,7 +172,8 @@ def _seen_from(visible: Visibility) -> str:
         return "not seen"
     if not math.isfinite(visible.size):
         return ""
-    return f"{number(1e3 * visible.size, 2)} {'mrad' if visible.unit == 'rad' else 'mm'}"
+    factor, unit = ERROR_UNITS[visible.unit]
+    return f"{number(factor * visible.size, 2)} {unit}"
 
 
 def _visible_name(visible: Visibility) -> str:

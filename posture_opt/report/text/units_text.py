@@ -1,4 +1,4 @@
-"""How numbers are written: lengths in mm (µm below 10 µm), angles in deg, shares in percent.
+"""How numbers are written: lengths in mm (µm below 10 µm), angles in deg, errors of angles in mrad, shares in percent.
 
 Inside the program everything is SI and radians; here, and only here, it becomes what people read.
 """
@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from posture_opt.units import UNKNOWN, fixed, number
+from posture_opt.units import ERROR_UNITS, UNKNOWN, fixed, number
 
 _MICROMETRE_LIMIT_M = 1e-5  # m: below this a length is written in µm
 _SHOWN_UNITS = ("N m",)  # units that are written after a number; ratios and lengths per radian have none
 _MAX_LISTED_LINES = 10  # of a file
 _ROUNDING_M = 1e-12  # m: below this it is rounding
+_COARSE_RAD = math.radians(0.5) * (1 - 1e-9)  # a σ from this one on is written as people state it, in deg
 
 
 def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
@@ -49,6 +50,23 @@ def stated_angle(radians: float) -> str:
     """An angle that somebody stated, as it was: 1 deg, 0.02 deg; any other number to three digits."""
     degrees = float(f"{math.degrees(radians):.9g}")
     return f"{degrees:g} deg" if float(f"{degrees:.4g}") == degrees else f"{number(degrees)} deg"
+
+
+def angle_error(radians: float, digits: int = 3) -> str:
+    """An error of an angle, its σ, or what is left of it: 0.349 mrad."""
+    factor, unit = ERROR_UNITS["rad"]
+    return f"{number(radians * factor, digits)} {unit}"
+
+
+def stated_sigma(value: float, unit: str) -> str:
+    """A σ that a file states or a data sheet gives: an angle in mrad, a coarse one as it was, 1 deg.
+
+    >>> stated_sigma(math.radians(0.02), "rad"), stated_sigma(math.radians(3), "rad"), stated_sigma(5e-5, "m")
+    ('0.349 mrad', '3 deg', '0.05 mm')
+    """
+    if unit == "rad":
+        return stated_angle(value) if value >= _COARSE_RAD else angle_error(value)
+    return stated_length(value)
 
 
 def stated(value: float, unit: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.model.arm import Arm
-from posture_opt.report.text.units_text import stated_angle, stated_length
+from posture_opt.report.text.units_text import stated_sigma
 from posture_opt.selection.registered_tasks import direction_name
 from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION
 from posture_opt.units import fixed, shown
@@ -88,9 +88,9 @@ def source_size(name: str, sigma: float, arm: Arm) -> str:
     if said := _spread_of_effect(name, sigma, arm):
         return said
     if name in _OF_WORKPIECE:
-        return stated_angle(sigma) if name == ANGLE else stated_length(sigma)
+        return stated_sigma(sigma, "rad" if name == ANGLE else "m")
     factor = arm.robot.parameters.get(name)
-    return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
+    return stated_sigma(sigma, "m" if factor is not None and factor.kind == "translate" else "rad")
 
 
 def _source_of_effect(name: str, arm: Arm) -> str:

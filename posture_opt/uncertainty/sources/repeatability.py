@@ -14,7 +14,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.sources.iso9283 import repeatabilities
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.units import number
+from posture_opt.units import ERROR_UNITS, number
 
 _MICROMETRES_BELOW_M = 1e-5
 
@@ -126,7 +126,7 @@ def _typical_lever(robot: Robot, columns: Array) -> float:
 def _matching_note(robot: Robot, sigma: Array, repeatability: float, count: int, weighted: bool) -> str:
     """One sentence on the sigmas (n,) [rad or m] and where they come from."""
     parts = []
-    for kind, written in (("revolute", _degrees), ("prismatic", _small_length)):
+    for kind, written in (("revolute", _small_angle), ("prismatic", _small_length)):
         values = {written(float(s)): None for s, j in zip(sigma, robot.joints, strict=True) if j.type == kind}
         if values:
             each = " each" if sum(j.type == kind for j in robot.joints) > 1 and len(values) == 1 else ""
@@ -141,9 +141,10 @@ def _matching_note(robot: Robot, sigma: Array, repeatability: float, count: int,
     )
 
 
-def _degrees(radians: float) -> str:
-    """A joint's σ in the unit of joint values."""
-    return f"{number(math.degrees(radians))} deg"
+def _small_angle(radians: float) -> str:
+    """A joint's σ, in the unit that reports use for errors of angles."""
+    factor, unit = ERROR_UNITS["rad"]
+    return f"{number(radians * factor)} {unit}"
 
 
 def _small_length(metres: float) -> str:

@@ -20,7 +20,7 @@ from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.units import DIMENSIONS, number, parse_quantity, shown
+from posture_opt.units import DIMENSIONS, parse_quantity, shown
 
 NOT_NEGATIVE = (0.0, math.inf)
 """Limits of a parameter [SI] that yields along a load: with the other sign it does not."""
@@ -284,8 +284,7 @@ class Effect(CatalogueEntry):
             name, dimension: of the parameter.
             value, std: estimate and standard error [SI].
         """
-        more = f" ({number(math.degrees(value) * 3600, 2)} arcsec)" if dimension == "angle" else ""
-        return Size(name.replace("_", " "), shown(value, dimension, std), more)
+        return Size(name.replace("_", " "), shown(value, dimension, std))
 
     @property
     def stated_size(self) -> str:

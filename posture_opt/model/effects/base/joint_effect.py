@@ -17,9 +17,8 @@ from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivit
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart, rotating_parts
 from posture_opt.robot.robot import Robot
-from posture_opt.units import Angle, fixed, number, shown
+from posture_opt.units import Angle, fixed, shown
 
-_ARCSEC_PER_RAD = math.degrees(1.0) * 3600
 """Arc seconds in a radian."""
 _LARGEST_AMPLITUDE = 3e-3
 """Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
@@ -177,12 +176,12 @@ class Harmonic(JointEffect):
         return over_phase(state, self.index(state), self.frequency)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Amplitude [mrad, arcsec] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x +
+        """Amplitude [mrad] and phase [deg], in place of sine and cosine: ``a sin x + b cos x = A sin(x +
         phase)``.
         """
         (a, _), (b, _) = estimate.entry("sin"), estimate.entry("cos")
         size, std = amplitude(a, b, estimate.covariance)
         return (
-            Size("amplitude", shown(size, "angle", std), f" ({number(_ARCSEC_PER_RAD * size, 2)} arcsec)"),
+            Size("amplitude", shown(size, "angle", std)),
             Size("phase", f"{fixed(math.degrees(math.atan2(b, a)), 0)} deg"),
         )
