@@ -110,7 +110,7 @@ def test_the_postures_lie_within_the_limits_in_the_middle_of_the_reach(name):
 def test_the_note_states_value_source_and_postures():
     (note,) = joint_sigmas(load_preset("ur10e"), 5e-5).notes
     assert note.startswith("joint sigma 0.0")
-    for part in ("deg each", "RP = 0.05 mm", "ISO 9283: mean + 3 s", "median over 200 postures"):
+    for part in ("mrad each", "RP = 0.05 mm", "ISO 9283: mean + 3 s", "median over 200 postures"):
         assert part in note
 
 

@@ -163,7 +163,8 @@ def _top_end(axes: Axes, seen: TaskSpread, B: Array, scale: float) -> Array:
 
 def mark_origin(axes: Axes, label: str) -> None:
     """A cross whose arms reach beyond every mark that may lie on it."""
-    axes.plot(0, 0, "+", color="black", ms=22, mew=1.4, zorder=6, ls="none", label=label)
+    axes.plot(0, 0, "+", color="black", ms=22, mew=1.4, zorder=6)
+    axes.plot([], [], "+", color="black", ms=9, mew=1.4, ls="none", label=label)  # in the legend no line is that high
 
 
 def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str, origin: str = "target") -> None:

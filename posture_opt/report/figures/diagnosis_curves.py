@@ -40,6 +40,7 @@ _MIN_BIN_ROWS = 4  # rows of a bin
 _MIN_LEVER_SHARE = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 _SIDE_COLOURS = {-1.0: ORANGE, 1.0: PURPLE}  # rows without a side are blue
 _SIDE_MARKS = {-1.0: "<", 1.0: ">"}
+_SIDE_NAMES = {-1.0: "joint arrives decreasing", 1.0: "joint arrives increasing"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ def _panel(axes: Axes, curve: Curve) -> None:
     look = _look(len(curve.x))
     for side in sides:
         mine = curve.side == side
-        colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDE_COLOURS.get(side, GREY), f"side {side:+.0f}")
+        colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDE_COLOURS.get(side, GREY), _SIDE_NAMES[side])
         mark = "." if len(sides) < 2 else _SIDE_MARKS.get(float(side), "o")
         some = dots[mine[dots]]
         axes.plot(curve.x[some], curve.errors[some], mark, color=colour, ls="none", label=name, **look)

@@ -43,6 +43,7 @@ _AXIS_LOOKS: tuple[Look, ...] = (
 _MIN_ARRIVALS = 10  # arrivals from a side
 _MIN_DISTINCT_VALUES = 3  # different ones that make a line
 _MAX_INPUT_BINS = 30
+_MAX_LABEL_LETTERS = 36  # of all names of joints side by side, upright
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,5 +254,10 @@ def _approach(axes: Axes, shown: Shown, errors: Array, joints: list[int]) -> Non
             capsize=3,
             label=f"joint arrives {label}",
         )
-    axes.set_xticks(range(len(joints)), [shown.robot.joint_names[k].replace("_", "\n") for k in joints])
+    names = [shown.robot.joint_names[k] for k in joints]
+    longest = max(len(part) for name in names for part in name.split("_"))
+    if longest * len(names) > _MAX_LABEL_LETTERS:
+        axes.set_xticks(range(len(joints)), names, rotation=30, ha="right", rotation_mode="anchor")
+    else:
+        axes.set_xticks(range(len(joints)), [name.replace("_", "\n") for name in names])
     axes.grid(axis="x", visible=False)

@@ -154,12 +154,28 @@
   const spans = [0, 1, 2].map((k) => data.high[k] - data.low[k]);
   const longest = Math.max(...spans);
   const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: spans[k] < 0.2 * longest ? 2 : 6, showspikes: false, visible: !(data.planar && name === "z") });
-  // So far off that the whole box is seen, in a narrow window too.
   view.classList.add("drawn");
-  const narrow = Math.max(1, 1.2 * plot.clientHeight / plot.clientWidth);
-  const away = narrow * (data.values ? 1.3 : 1.15) * 1.25 * Math.hypot(...spans) / longest;
-  const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.09 } };
-  let camera = start;
+  let camera;
+  const CORNERS = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((i) => ((k >> i) & 1 ? data.high : data.low)[i]));
+  // From a direction, so far off that the box is seen with the numbers and names of its axes, which stand outside of it.
+  const fitted = (direction) => {
+    const unit = (v) => v.map((c) => c / Math.hypot(...v)), vector = ([x, y, z]) => ({ x, y, z });
+    const wide = plot.clientWidth, high = plot.clientHeight, beside = wide < 560 ? 54 : 60;
+    const free = { left: beside, right: beside + (data.values ? 0.2 * wide : 0), top: beside, bottom: beside };
+    const back = unit(direction), right = unit([-back[1], back[0], 0]);
+    const up = [back[1] * right[2] - back[2] * right[1], back[2] * right[0] - back[0] * right[2], back[0] * right[1] - back[1] * right[0]];
+    let away = 1.25 * Math.hypot(...spans) / longest, middle = [0, 0, 0];
+    for (let round = 0; round < 12; round++) {
+      camera = { eye: vector(middle.map((c, k) => c + away * back[k])), center: vector(middle), up: { x: 0, y: 0, z: 1 } };
+      const corners = CORNERS.map(seen), ends = [0, 1].map((k) => corners.map((at) => at[k])).map((at) => [Math.min(...at), Math.max(...at)]);
+      const pixels = high / 2 / Math.tan(Math.PI / 8) / away, [x, y] = ends.map(([low, top]) => (low + top) / 2);
+      const off = [x - (free.left - free.right) / 2, y - (free.top - free.bottom) / 2].map((c) => c / pixels);
+      middle = middle.map((c, k) => c + off[0] * right[k] - off[1] * up[k]);
+      away *= Math.max((ends[0][1] - ends[0][0]) / (wide - free.left - free.right), (ends[1][1] - ends[1][0]) / (high - free.top - free.bottom));
+    }
+    return camera;
+  };
+  const start = fitted(data.eye);
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },
     scene: { xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
       aspectratio: { x: 1.25 * spans[0] / longest, y: 1.25 * spans[1] / longest, z: 1.25 * spans[2] / longest }, camera, annotations: labels(), dragmode: "turntable" } });
@@ -203,19 +219,17 @@
   }));
   plot.on("plotly_click", (event) => { const key = event.points[0].customdata; if (key !== undefined && named(key) >= 0) choose(named(key)); });
   const look = (to) => { camera = to; return Plotly.relayout(plot, { "scene.camera": to }); };
-  const distance = 1.15 * away;
-  const LOOKS = { start, x: { ...start, eye: { x: distance, y: 0, z: 0.05 } }, y: { ...start, eye: { x: 0, y: -distance, z: 0.05 } },
-    z: { ...start, eye: { x: 0, y: -0.01, z: distance } } };
-  view.querySelectorAll("[data-look]").forEach((button) => button.addEventListener("click", () => look(LOOKS[button.dataset.look])));
+  const LOOKS = { start: data.eye, x: [1, 0, 0.02], y: [0, -1, 0.02], z: [0, -0.01, 1] };
+  view.querySelectorAll("[data-look]").forEach((button) => button.addEventListener("click", () => look(fitted(LOOKS[button.dataset.look]))));
   find(".stage").addEventListener("keydown", (event) => {
     const step = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.15], ArrowDown: [0, -0.15] }[event.key];
     const scale = { "+": 0.9, "-": 1.1 }[event.key];
     if (!step && !scale) return;
     event.preventDefault();
-    const now = plot._fullLayout.scene._scene.getCamera(), { x, y, z } = now.eye;
+    const now = plot._fullLayout.scene._scene.getCamera(), about = now.center, x = now.eye.x - about.x, y = now.eye.y - about.y, z = now.eye.z - about.z;
     const r = Math.hypot(x, y, z) * (scale || 1), [turn, rise] = step || [0, 0];
     const around = Math.atan2(y, x) + turn, up = Math.max(-1.5, Math.min(1.5, Math.asin(z / Math.hypot(x, y, z)) + rise));
-    look({ ...now, eye: { x: r * Math.cos(up) * Math.cos(around), y: r * Math.cos(up) * Math.sin(around), z: r * Math.sin(up) } });
+    look({ ...now, eye: { x: about.x + r * Math.cos(up) * Math.cos(around), y: about.y + r * Math.cos(up) * Math.sin(around), z: about.z + r * Math.sin(up) } });
   });
   view.dataset.ready = "true";
 })();
