@@ -11,7 +11,7 @@ import yaml
 from posture_opt.errors import InputError
 from posture_opt.robot import PresetRobot, load_preset, preset_names, preset_text
 from posture_opt.robot.preset import PresetFile
-from tests.helpers.factors import frame, pose, random_postures
+from tests.helpers.factors import elementary, frame, pose, random_postures
 from tests.helpers.pin import PinArm, robots_folder
 from tests.helpers.urdf_chains import CHAINS
 from tests.helpers.urdfs import IIWA14, IRB120, UNIVERSAL_ROBOTS, urdf_text
@@ -19,7 +19,7 @@ from tests.helpers.urdfs import IIWA14, IRB120, UNIVERSAL_ROBOTS, urdf_text
 ALL = [
     "crb15000", "crx10ia", "gen3", "gp25", "gp7", "iiwa14", "iiwa7", "irb120", "irb1200", "irb1600", "irb6700",
     "kr10_r1100", "kr210_r2700", "kr6_r900", "lrmate200id", "m1013", "m10id", "panda", "planar_2r", "puma560",
-    "r2000ic", "scara", "tx2_60", "tx2_90", "ur10", "ur10e", "ur16e", "ur20", "ur3e", "ur5", "ur5e", "vs060",
+    "r2000ic", "scara", "ts2_60", "tx2_60", "tx2_90", "ur10", "ur10e", "ur16e", "ur20", "ur3e", "ur5", "ur5e", "vs060",
     "vs087", "xarm6", "xarm7",
 ]  # fmt: skip
 ROUNDING = 1e-12  # a few dozen factors of rounding 1e-16 each
@@ -89,7 +89,7 @@ def test_unknown_preset_offers_the_nearest():
     ("abb irb-120", "'irb120'"), ("irb140", "'irb120'"), ("lbr iiwa 14", "'iiwa14'"), ("gofa", "'crb15000'"),
     ("VS-068", "'vs087'"), ("denso", "'vs060' or 'vs087'"),
     ("TX2-60L", "'tx2_60'"), ("panta", "'panda'"), ("kr120", "'kr10_r1100', 'kr210_r2700' or 'kr6_r900'"),
-    ("staubli", "'tx2_60' or 'tx2_90'"), ("FANUC", "'crx10ia', 'lrmate200id', 'm10id' or 'r2000ic'"),
+    ("staubli", "'ts2_60', 'tx2_60' or 'tx2_90'"), ("FANUC", "'crx10ia', 'lrmate200id', 'm10id' or 'r2000ic'"),
 ])  # fmt: skip
 def test_a_mistyped_name_or_a_maker_finds_its_arms(typed, meant):
     with pytest.raises(InputError, match=f"there is no preset .* did you mean {meant}\\? presets: crb15000, "):
@@ -149,7 +149,7 @@ def test_against_the_description_of_the_maker_or_of_ros(name, rows):
 
 
 def test_every_arm_is_held_against_a_description_or_a_book():
-    assert {*CHAINS, *UNIVERSAL_ROBOTS, "irb120", "iiwa14", "panda", "puma560", "scara", "planar_2r"} == set(ALL)
+    assert {*CHAINS, *UNIVERSAL_ROBOTS, "irb120", "iiwa14", "panda", "puma560", "scara", "ts2_60", "planar_2r"} == set(ALL)
 
 
 def test_panda_against_franka_description():
@@ -271,6 +271,17 @@ def test_scara_work_envelope():
     np.testing.assert_allclose(tool(0, 0)[:3, 3], [0.35, 0, 0], atol=ROUNDING)
     np.testing.assert_allclose(tool(0, 0, robot.upper[2])[:3, 3], [0.35, 0, -0.15], atol=ROUNDING)
     np.testing.assert_allclose(tool(30, -20)[:3, 2], [0, 0, -1], atol=ROUNDING)
+
+
+def test_ts2_60_by_the_rows_of_the_catalogue():
+    """Craig's rows: a of 380 and 240 mm before joints 2 and 3, 123 mm of height, half a turn about x before joint 4."""
+    robot = load_preset("ts2_60")
+    for q in random_postures(robot, 10):
+        upper = elementary("rotate", 2, q[0]) @ elementary("translate", 0, 0.38) @ elementary("rotate", 2, q[1])
+        lower = elementary("translate", 0, 0.24) @ elementary("translate", 2, 0.123 + q[2])
+        shaft = elementary("rotate", 0, np.pi) @ elementary("rotate", 2, q[3])
+        np.testing.assert_allclose(pose(robot, q), upper @ lower @ shaft, atol=ROUNDING)
+    assert at(robot, (0, 0, 0, 0))[0, 3] == pytest.approx(0.62)  # the reach that Stäubli names its arm after
 
 
 def test_planar_arm_of_the_lecture():

@@ -13,7 +13,7 @@ from posture_opt.errors import InputError
 from posture_opt.robot import load_preset, preset_names
 from tests.helpers.pin import PinArm, robots_folder
 
-UNKNOWN = {"planar_2r", "puma560", "scara"}  # none is published, or none was at hand
+UNKNOWN = {"planar_2r", "puma560", "scara", "ts2_60"}  # none is published, or none was at hand
 
 
 def problem(robot):
