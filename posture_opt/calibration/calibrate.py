@@ -37,6 +37,7 @@ from posture_opt.calibration.estimation.tolerances import sigmas_of_data
 from posture_opt.calibration.geometry_notes import place_notes, size_notes, tolerance_notes
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.second_file import OtherFile, predict_other_file
+from posture_opt.errors import InsufficientDataError
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_FITTED
 from posture_opt.measurements.measurements import Measurements
@@ -228,11 +229,16 @@ def stated_errors(
 
     Args:
         folds, by: of the cross-validation, as in `calibrate`.
+
+    Raises:
+        InsufficientDataError: all rows are of one group, so that none can be predicted without it.
     """
     problem, _ = consistent_problem(problem, data, priors=True)
     residuals = Chart.of(arm_and_data(problem, data)[0]).fitted
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
+    if len(np.unique(groups)) < 2:
+        raise InsufficientDataError("one pose cannot be predicted from the others: measure several")
     # A file that states what it learned has more unknowns than its data determine: few rows suffice all the same.
     found = _fit_arm(problem, residuals, len(np.unique(groups)), priors=True, enough=True).found
     return refitted_errors(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept

@@ -159,12 +159,23 @@ class Explorer:
         self.close()
 
     def _dragged(self, place: Array, _let_go: bool) -> None:
-        self._ask(place)
-        self._panel.place(place)
+        if self._tried(place):
+            self._panel.place(place)
 
     def _typed(self, place: Array) -> None:
-        self._ask(place)
-        self._scene.place_handle(place)
+        if self._tried(place):
+            self._scene.place_handle(place)
+
+    def _tried(self, place: Array) -> bool:
+        """Have a target solved that somebody put there; one that no problem can have is refused, in words."""
+        try:
+            self._ask(place)
+        except InputError as error:
+            self._scene.place_handle(self._target)
+            self._panel.place(self._target)
+            self._panel.say(str(error))
+            return False
+        return True
 
     def _actions(self) -> Actions:
         return Actions(

@@ -49,6 +49,7 @@ class Measured:
         self._server, self._asked, self._extent, self._turned = server, asked, extent, turned
         self._process, self._one, self._ended = OtherProcess(), threading.Lock(), threading.Event()
         self._data: Measurements | None = None
+        self._names = " ", " "  # what an uploaded file is called here, and where it comes from
         self._errors: tuple[Array, Mask] | None = None
         gui, problem = server.gui, asked()
         self._upload: Any = gui.add_upload_button("Open measurements (CSV)", mime_type=".csv,.txt,.dat")
@@ -71,10 +72,11 @@ class Measured:
         with TemporaryDirectory() as folder:
             file = Path(folder) / "measurements.csv"  # a name that a browser sent is not one for this machine
             file.write_bytes(content)
+            self._names = str(file), name
             try:
                 data = read_measurements(file, self._asked())
             except PostureOptError as error:
-                self._say(str(error).replace(str(file), name))
+                self._say(str(error))
                 return
         self.show(data)
 
@@ -163,17 +165,17 @@ class Measured:
         data, errors = self._data, self._errors
         if data is None or errors is None:
             return ""
-        row = int(self._row.value) - 1
+        row = min(int(self._row.value), len(data)) - 1
         words = f"Row {row + 1}: {data.kind.error_words} {stated(float(np.linalg.norm(errors[0][row])), 'm')}"
         return _line(words + ("." if errors[1][row] else ", an outlier."))
 
     def _show_row(self) -> None:
         if self._data is not None:
-            self._turned(tuple(self._data.q[int(self._row.value) - 1].tolist()))
+            self._turned(tuple(self._data.q[min(int(self._row.value), len(self._data)) - 1].tolist()))
             self._row_words.content = self._of_row()
 
     def _say(self, words: str) -> None:
-        self._words.content = _line(sentence(words))
+        self._words.content = _line(sentence(words.replace(*self._names)))
 
 
 def _named(effect: dict[str, Any]) -> str:

@@ -124,6 +124,8 @@ class ObstaclesPanel:
         return field
 
     def _put(self, entry: _Entry, shown: Any) -> None:
+        if self._which.value not in self._names():  # another browser has removed it meanwhile
+            return
         entries = copy.deepcopy(self._entries)
         entries[self._names().index(self._which.value)][entry.key] = entry.written(shown)
         self._send(entries)

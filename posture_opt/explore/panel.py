@@ -104,6 +104,7 @@ class Panel:
             def clicked(event: Any) -> None:
                 self._saved.content = _line(doing)
                 self._saved.content = _line(done(event.client))
+                self._text.value = self._actions.command()  # names the file that was written
 
             return clicked
 

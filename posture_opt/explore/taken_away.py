@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from posture_opt.selection.answer.solution import Solution
 
 _EXPLORED = "_explored"
 """What the names of written files end in."""
+_MOST_NAMES = 1000  # that are tried, where files that were not written here have the first
 _PICTURE = 1600, 1000
 """Width and height of a picture in pixels."""
 
@@ -38,7 +39,8 @@ class TakenAway:
         self._stated = stated
         self.folder: Path = folder
         file = stated.origin.file
-        self._stem = f"{Path(file).stem if file else 'problem'}{_EXPLORED}"
+        self._first = self._stem = f"{Path(file).stem if file else 'problem'}{_EXPLORED}"
+        self._wrote: dict[Path, bytes] = {}
 
     def command(self, problem: Problem, changed: bool) -> str:
         """The command line that gives the answer to a problem; ``changed``: in more than its target."""
@@ -50,11 +52,36 @@ class TakenAway:
 
     def save(self, problem: Problem) -> str:
         """Writes a problem with what it needs; the comments of its file stay. Returns what to say of it."""
-        name, files = f"{self._stem}.yaml", problem.files(self._stem)
+        try:
+            for stem in self._stems():
+                files = self._files(problem, stem)
+                if not any(self._is_anothers(name, content) for name, content in files.items()):
+                    self._stem = stem
+                    return self._written(files)
+        except InputError as error:
+            return str(error)
+        return "There is no free name."
+
+    def _files(self, problem: Problem, stem: str) -> dict[str, bytes]:
+        """A problem file with what it needs, by their names."""
+        name, files = f"{stem}.yaml", problem.files(stem)
         kept = edited(self._text(), parse_yaml(files[name].decode()).data)
-        if kept is not None:
-            files[name] = kept.encode()
-        return self._written(files)
+        return files if kept is None else {**files, name: kept.encode()}
+
+    def _stems(self) -> Iterator[str]:
+        """Names without their endings, the first one first."""
+        yield self._first
+        yield from (f"{self._first}_{k}" for k in range(2, _MOST_NAMES))
+
+    def _is_anothers(self, name: str, content_of_it: bytes) -> bool:
+        """Whether a file says something that this page did not write: it was there before, or was changed since."""
+        path = self.folder / name
+        if not path.exists():
+            return False
+        try:
+            return content(path, max(MAX_BYTES, len(content_of_it))) not in (content_of_it, self._wrote.get(path))
+        except InputError:
+            return True
 
     def report(self, found: Solution | None) -> str:
         """Writes the report of an answer into a folder, as ``--out`` does."""
@@ -71,7 +98,9 @@ class TakenAway:
         if client is None:
             return "No browser asked for it."
         width, height = _PICTURE
-        return self._written({f"{self._stem}.png": png(client.get_render(height=height, width=width))})
+        pixels = png(client.get_render(height=height, width=width))
+        name = next((name for stem in self._stems() if not (self.folder / (name := f"{stem}.png")).exists()), "")
+        return self._written({name: pixels}) if name else "There is no free name."
 
     def _text(self) -> str:
         """The file that the page was opened with, if it still says what it said; else nothing."""
@@ -86,6 +115,7 @@ class TakenAway:
         try:
             for name, content_of_it in files.items():
                 write_file(self.folder / name, content_of_it)
+                self._wrote[self.folder / name] = content_of_it
         except InputError as error:
             return str(error)
         return f"{next(iter(files))} written to {self.folder.resolve()}"

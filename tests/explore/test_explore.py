@@ -215,6 +215,51 @@ def test_a_target_of_numbers_only(page: Any) -> None:
         page.target = (0.5, float("nan"), 0.0)
 
 
+def test_a_file_that_was_changed_meanwhile_is_kept(page: Any, tmp_path: Path) -> None:
+    """What is saved then has the next name, which the command names too."""
+    page._away.folder = tmp_path
+    page.change("task", {"task__criterion": "trace"})
+    page._away.save(page.problem)
+    (first,) = tmp_path.iterdir()
+    page.change("task", {"task__criterion": "worst"})
+    page._away.save(page.problem)
+    assert [*tmp_path.iterdir()] == [first]  # nobody has changed what this page wrote
+    first.write_text(mine := first.read_text() + "# mine\n")
+    assert "_explored_2.yaml written" in page._away.save(page.problem)
+    assert first.read_text() == mine
+    assert f"{first.stem}_2.yaml" in page.command()
+    assert po.load_problem(tmp_path / f"{first.stem}_2.yaml").to_dict() == page.problem.to_dict()
+
+
+def test_a_typed_target_that_no_file_can_state_is_refused_in_words(page: Any) -> None:
+    before = page.target
+    page._typed(np.array([1e12, 0.0, 0.0]))
+    assert "not plausible" in page._panel._state.content
+    assert page.target == before
+    assert page._panel._place.value == pytest.approx([1e3 * v for v in before])
+
+
+def test_an_obstacle_that_another_browser_removed_moves_no_more() -> None:
+    problem, sent = po.load_problem("insert_scara_cell"), []
+    with problem.explore(port=18145) as page:
+        panel = page._panel.obstacles
+        panel._which.value = panel._names()[0]
+        panel._choose()
+        panel._which.value = "none"
+        panel._changed = sent.append
+        panel.move(np.array([0.1, 0.2, 0.3]))
+    assert not sent
+
+
+def test_one_measured_pose_has_no_error_of_its_own(tmp_path: Path) -> None:
+    problem = po.load_problem("insert_ur10_measured")
+    rows = (problems_folder() / "ur10_measured.csv").read_text(encoding="utf-8").splitlines()
+    data = [row for row in rows if not row.startswith("#")]
+    (tmp_path / "one.csv").write_text("\n".join(data[:2]), encoding="utf-8")
+    with pytest.raises(po.errors.InsufficientDataError, match="one pose"):
+        stated_errors(problem, po.read_measurements(tmp_path / "one.csv", problem))
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
