@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.frame_coordinates import Chart
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames, held_length
-from posture_opt.calibration.assumptions.instrument import rotation_sigma
+from posture_opt.calibration.assumptions.instrument import further_ratio
 from posture_opt.calibration.assumptions.refuted_statements import consistent_problem
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted_errors
@@ -147,7 +147,7 @@ def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
     )
     if ratio == 1.0 and not quieter:
         return None
-    used = 1.0 if ratio == 1.0 else calibration.residuals.sigma_rotation / rotation_sigma(calibration.request.problem)
+    used = 1.0 if ratio == 1.0 else further_ratio(calibration.request.problem, calibration.residuals.further)
     seen = _Scatter(used * ratio if ratio != 1.0 else None, max(noise, 1.0) if quieter else np.inf)
     found, *_ = _calibration_of(calibration.request, calibration.by, True, lambda: None, seen)
     return replace(found, contradictions=calibration.contradictions, large=calibration.large)
@@ -209,7 +209,7 @@ def _weighed_arm(
     """
     turning = seen.turning
     given, notes = arm_and_data(problem, data)
-    given = replace(given, sigma_rotation=given.sigma_rotation * (turning or 1.0))
+    given = replace(given, further={key: sigma * (turning or 1.0) for key, sigma in given.further.items()})
     chart = Chart.of(given)
     fitted = _fit_arm(problem, chart.fitted, groups, priors, noise=seen.noise)
     ratio = orientation_ratio(fitted.found) if turning is None else 1.0

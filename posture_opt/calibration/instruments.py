@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from math import isfinite, nan
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.instrument import position_sigma, stated_sigma_of
+from posture_opt.calibration.assumptions.instrument import further_sigmas, position_sigma, stated_sigma_of
+from posture_opt.calibration.cross_validation import residual_indices
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.measurements.kinds.mixed import SLOTS, Mixed
+from posture_opt.measurements.kinds.mixed import Mixed
 from posture_opt.numerics import Array, Codes, Json, rms, rms_length
 from posture_opt.selection.problem_data import ProblemData
+
+
+@dataclass(frozen=True)
+class FurtherReading:
+    """What an instrument reads beside the numbers in which errors count: of poses the orientation.
+
+    Args:
+        sigma: as stated [unit]; scatter: by what the fit leaves; p_value: of one as far from the other by chance.
+    """
+
+    sigma: float
+    unit: str
+    scatter: float
+    p_value: float
+
+    def to_json(self) -> dict[str, Json]:
+        """Its entry in that of the instrument."""
+        p_value = self.p_value if isfinite(self.p_value) else None
+        return {"sigma": self.sigma or None, "unit": self.unit, "scatter": self.scatter, "p_value": p_value}
 
 
 @dataclass(frozen=True)
@@ -29,6 +49,7 @@ class Instrument:
         blind_spot: what such data cannot show, and what to add; empty where they show all.
         scatter: σ of a reading by what the fit leaves, beside other instruments [unit]; 0 where it was not estimated.
         p_value: of a scatter as far from the stated σ by chance; NaN without either.
+        further: what else it reads, by its key.
     """
 
     kind: str
@@ -41,6 +62,7 @@ class Instrument:
     blind_spot: str = ""
     scatter: float = 0.0
     p_value: float = nan
+    further: Mapping[str, FurtherReading] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Json]:
         """The entry under ``instruments`` of ``calibration.json``."""
@@ -54,7 +76,7 @@ class Instrument:
         }
         if self.scatter:
             document |= {"scatter": self.scatter, "p_value": self.p_value if isfinite(self.p_value) else None}
-        return document
+        return document | {key: one.to_json() for key, one in self.further.items()}
 
 
 def instruments_of(
@@ -74,7 +96,23 @@ def instruments_of(
     places = {name or kind.kind: kind.described(name, values[k]) for k, name in named}
     sigma = position_sigma(problem, data) if data.lever is None else stated_sigma_of(problem, data)
     blind = f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
-    return {kind.kind: Instrument(kind.kind, kind.noun, len(kept), left, sigma, kind.unit, places, blind)}
+    further = _further_readings(problem, residuals, fit, kept) if kind.further else {}
+    one = Instrument(kind.kind, kind.noun, len(kept), left, sigma, kind.unit, places, blind, further=further)
+    return {kind.kind: one}
+
+
+def _further_readings(problem: ProblemData, residuals: Residuals, fit: Fit, kept: Codes) -> dict[str, FurtherReading]:
+    """What the one instrument of a file reads beside; arguments are those of `instruments_of`."""
+    further, block = residuals.data.kind.further, residuals.block
+    group = np.array([1 + k for k, one in enumerate(further) for _ in one.slots])
+    every = np.tile(np.r_[np.zeros(len(residuals.axes), dtype=np.intp), group], len(residuals.data))
+    variances = variance_components(fit, residual_indices(kept, block), every)
+    stated, found = further_sigmas(problem), {}
+    for one, (variance, freedom) in zip(further, variances[1:], strict=True):
+        used, sigma = residuals.further[one.key], stated[one.key]
+        p = _chance(variance * (used / sigma) ** 2, freedom)
+        found[one.key] = FurtherReading(sigma, one.unit, used * variance**0.5, p)
+    return found
 
 
 def _of_mixed(
@@ -86,23 +124,38 @@ def _of_mixed(
     assert data.part is not None, "a file of several instruments"
     left = errors[:, 0] if data.lever is None else errors[:, 0] / data.lever
     described = {name: data.kind.described(name, values[k]) for k, name in enumerate(data.place_names)}
-    weighed = data.kind.sigmas(problem.measurement)
-    variances = variance_components(fit, kept, data.part // SLOTS)
-    found = {}
-    for k, member in enumerate(data.kind.members):
-        own, kind = kept[data.part[kept] // SLOTS == k], member.kind
-        count = len(np.unique(data.line[own]))
+    found = dict[str, Instrument]()
+    scatters = _scatters(problem, residuals, fit, kept)
+    for (member, quantity), (own, seen) in zip(data.kind.quantities, scatters, strict=True):
+        kind, count = member.kind, len(np.unique(data.line[own]))
+        if quantity in kind.further:
+            whole = found[member.name]
+            found[member.name] = replace(whole, further={**whole.further, quantity.key: seen})
+            continue
         places = {key: described[key] for key in (*member.keys, *member.more) if described[key]}
-        sigma = float(getattr(problem.measurement, kind.sigma_key, None) or 0.0)
         held_out = float(np.sqrt(np.sum(left[own] ** 2) / max(count, 1)))
         blind = f"{kind.blind_spot}; {kind.remedy}" if kind.blind_spot else ""
-        variance, freedom = variances[k]
-        scatter = rms(np.array([weighed[data.point_names[code]] for code in data.point[own]])) * variance**0.5
-        p = _chance(variance, freedom) if sigma else nan
         found[member.name] = Instrument(
-            kind.kind, kind.noun, count, held_out, sigma, kind.unit, places, blind, scatter, p
+            kind.kind, kind.noun, count, held_out, seen.sigma, kind.unit, places, blind, seen.scatter, seen.p_value
         )
     return found
+
+
+def _scatters(
+    problem: ProblemData, residuals: Residuals, fit: Fit, kept: Codes
+) -> Iterator[tuple[Codes, FurtherReading]]:
+    """Of each quantity of a mixed file its rows that count, and how far these scatter."""
+    data = residuals.data
+    assert isinstance(data.kind, Mixed), "a file of several instruments"
+    assert data.part is not None, "a file of several instruments"
+    group, (names, place) = data.kind.quantity_of(data.part), data.weighed
+    weighed = data.kind.sigmas(problem.measurement)
+    every = np.array([weighed[name] for name in names])[place]
+    for k, (variance, freedom) in enumerate(variance_components(fit, kept, group)):
+        own, (_, one) = kept[group[kept] == k], data.kind.quantities[k]
+        sigma = float(getattr(problem.measurement, one.key, None) or 0.0)
+        p = _chance(variance, freedom) if sigma else nan
+        yield own, FurtherReading(sigma, one.unit, rms(every[own]) * variance**0.5, p)
 
 
 def variance_components(fit: Fit, kept: Codes, group: Codes) -> list[tuple[float, float]]:

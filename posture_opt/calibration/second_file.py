@@ -112,7 +112,7 @@ def match_targets(learned: Measurements, other: Measurements) -> Measurements:
     known, file = learned.target_names, other.file
     if len(other.robot_names) > 1:
         raise InputError(Issue("the test file holds several robots", hint="test with one robot at a time", file=file))
-    if other.kind.kind != learned.kind.kind:
+    if other.without_orientation().kind.kind != learned.without_orientation().kind.kind:
         seen, taught = other.kind.noun, learned.kind.noun
         raise InputError(
             Issue(f"the test file holds {seen}, the first file {taught}", hint="test with data of one kind", file=file)

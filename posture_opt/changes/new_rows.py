@@ -58,7 +58,7 @@ class NewRows:
         """The rows of ``data`` against the arm of a problem; free frames and touched points are fitted first."""
         residuals, notes = arm_and_data(problem, data)
         x0 = fit_frames(residuals)
-        changes = possible_changes(residuals.robot, data, oriented=residuals.oriented)
+        changes = possible_changes(residuals.robot, residuals.data)
         free = {residuals.parameters[i].name: float(x0[i]) for i in residuals.free}
         wide = _in_all_parameters(residuals, x0, changes, problem.sources)
         x = np.array([free.get(p.name, 0.0) for p in wide.parameters])
@@ -117,7 +117,7 @@ class NewRows:
         R = self.residuals
         names = list(dict.fromkeys([*_FRAMES, *(p for change in self.changes for p in change.names)]))
         found = R.arm.twists(names, R.q, R.walk(self.x), R.deviations(self.x))
-        levers = [1.0] * 3 + [TURN_LEVER_M * R.oriented] * 3
+        levers = [1.0] * 3 + [TURN_LEVER_M * R.data.kind.oriented] * 3
         rows = [stacked_rows([f * v for f, v in zip(levers, (*s, *w), strict=True)], len(R.data)) for s, w in found]
         return {name: row.ravel() for name, row in zip(names, rows, strict=True)}
 

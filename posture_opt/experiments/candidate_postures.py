@@ -223,7 +223,7 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
     anywhere = rng.uniform(workspace.lower, workspace.upper, (_RANDOM_CANDIDATES, robot.n))
     q = workspace.rounded(np.concatenate([known[:_MEASURED_CANDIDATES], swung, anywhere]))
     q = q[workspace.allowed(q)]
-    rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], residuals.oriented)
+    rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], oriented=data.rotation is not None)
     loads = available_payloads(data, robot.payload)
     return replace(
         rows,

@@ -33,7 +33,7 @@ def change_model(problem: ProblemData, measuring: MeasurementModel, pool: Array)
     """
     residuals, sources = measuring.residuals, problem.sources
     places = {p.name: p for p in residuals.parameters if p.group in OF_PLACES}
-    changes = possible_changes(residuals.robot, residuals.data, oriented=residuals.oriented)
+    changes = possible_changes(residuals.robot, residuals.data)
     zeros = np.zeros(len(residuals.parameters))
     wide = residuals.with_effects(effects_of(changes), zeros)
     factors, of_effects = residuals.robot.parameters, set(wide.arm.effect_parameters)

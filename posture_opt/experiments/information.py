@@ -19,10 +19,10 @@ from posture_opt.calibration.assumptions.frames import (
     unknown_parameters,
 )
 from posture_opt.calibration.assumptions.instrument import (
+    further_sigmas,
     planned_sigma,
     position_sigma,
     reading_sigmas,
-    rotation_sigma,
     usable_share,
 )
 from posture_opt.calibration.estimation.fit import estimate_parameters
@@ -115,8 +115,8 @@ class MeasurementModel:
         ``b`` is `coordinates`. An instrument whose noise grows with the range is less certain at far postures.
         """
         template = self.residuals.data
-        own = q[:, : self.residuals.robot.n]
-        data = planned_rows(self.residuals.robot, own, template.measured_axes, self.targets, self.residuals.oriented)
+        own, turned = q[:, : self.residuals.robot.n], template.rotation is not None
+        data = planned_rows(self.residuals.robot, own, template.measured_axes, self.targets, oriented=turned)
         data = data if self.places is None else self.places.rows(data, q)
         _, J = self.residuals.of_data(data).residuals_and_jacobian(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
@@ -139,7 +139,7 @@ class MeasurementModel:
         The rows of ``basis`` (t, 3) are directions about the arm as its nominal base is; they turn with a base found
         elsewhere.
         """
-        data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
+        data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets).take([0])
         here = self.residuals.of_data(data)
         own = [k for k, p in enumerate(self.parameters) if p.source and p.code <= 0]
         twists = here.arm.twists([self.parameters[k].source for k in own], here.q, here.walk(x), here.deviations(x))
@@ -154,7 +154,9 @@ class MeasurementModel:
         return np.array(walk(factors, factor_values(factors, (), values)).columns, dtype=float).T
 
 
-def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], oriented: bool) -> Measurements:
+def planned_rows(
+    robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], *, oriented: bool = False
+) -> Measurements:
     """Measurements of every target at the postures q (N, n) [rad or m], with nothing measured yet: positions are zero.
 
     Args:
@@ -184,15 +186,15 @@ def measurement_model(
     """
     if given is not None and given.position is None:
         return _model_of_kind(problem, given, repeats)
-    robot, rotation = problem.robot, rotation_sigma(problem)
+    robot, further = problem.robot, further_sigmas(problem)
     sigma = planned_sigma(problem, reach_of(robot)) if given is None else position_sigma(problem, given)
     notes = [] if sigma else [f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} mm taken"]
     axes = ~still_axes(robot) if given is None else given.measured_axes
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
-    data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
-    parameters = unknown_parameters(problem, data, orientation=rotation > 0)
+    data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, oriented=bool(further))
+    parameters = unknown_parameters(problem, data)
     return MeasurementModel(
-        Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, rotation), problem, repeats
+        Residuals.of(problem.arm, data, parameters, sigma or DEFAULT_SIGMA_M, further), problem, repeats
     ), tuple(notes)
 
 

@@ -26,6 +26,7 @@ from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, S
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
+from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.above_mounting import above_mounting
@@ -228,7 +229,7 @@ def plan_postures(
         tried=len(pool), draws=_RANDOM_PLANS, target=target, tour=way, workspace=workspace, share=share,
         reach=nominal_poses(problem.robot, pool[:_MAX_SHOWN_POINTS, :n])[0], given=given,
         spread=float(np.sqrt(known.variance)),
-        sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
+        sigma=residuals.sigma, sigma_rotation=residuals.further.get(ORIENTATION.key, 0.0),
         axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
         columns=_columns(measuring, q), second=_second(measuring, q),
         keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),

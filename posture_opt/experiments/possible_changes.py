@@ -56,13 +56,10 @@ class PossibleChange:
         return ((0, 1, 2), (0, 1, 5), every) if len(every) == len(FRAME_PARTS) else (every,)
 
 
-def possible_changes(robot: Robot, data: Measurements, *, oriented: bool) -> tuple[PossibleChange, ...]:
+def possible_changes(robot: Robot, data: Measurements) -> tuple[PossibleChange, ...]:
     """Everything that may have changed, whether or not these rows can show it, from the tool to effects of joints.
 
     A frame that is free in the file is no candidate: it is found from every file of data again.
-
-    Args:
-        oriented: whether orientations are measured.
     """
     found = [_geometric(f"{name}_frame", name, _frame(robot, name)) for name in ("tool", "base")]
     free = {"base": robot.base_free, "tool": robot.tool_free}
@@ -76,7 +73,7 @@ def possible_changes(robot: Robot, data: Measurements, *, oriented: bool) -> tup
         owner = factor.parameter.rpartition(".")[0]
         if owner in robot.joint_names and index not in driven:
             found.append(_geometric("link", factor.parameter, (_parameter(factor, "geometry"),)))
-    case = case_of(data, robot, orientation=oriented)
+    case = case_of(data, robot)
     for kind, share in _EFFECTS:
         found += [
             PossibleChange(e.kind, e.target, share, tuple(effect_parameters(e)), e) for e in kind.candidates(case)

@@ -15,6 +15,7 @@ from posture_opt.limits import MOST_CELLS
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS
+from posture_opt.measurements.kinds.pose import ORIENTATIONS
 from posture_opt.measurements.kinds.position import COORDINATES
 from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RowBlock
@@ -91,7 +92,11 @@ class Cells:
 
 
 def read_cells(
-    blocks: Iterable[RowBlock], columns: Iterable[Column], faults: Faults, spec: DataSpec | None = None
+    blocks: Iterable[RowBlock],
+    columns: Iterable[Column],
+    faults: Faults,
+    spec: DataSpec | None = None,
+    joints: Iterable[str] = (),
 ) -> Cells:
     """All rows of the known columns; cells that cannot be used join ``faults``, each with its line.
 
@@ -100,12 +105,13 @@ def read_cells(
         columns: which columns to read, and how.
         faults: of the file.
         spec: may state decimal mark and mark of thousands; else the first rows decide.
+        joints: their columns are of every row, whatever their names.
 
     Raises:
         InputError: more cells than are accepted.
     """
     cells, known, marks, count = Cells(), list(columns), None, 0
-    own = columns_of_kinds(spec or DataSpec())
+    own = columns_of_kinds(spec or DataSpec()) - {*joints}
     for block in blocks:
         count += len(block.lines) * len(known)
         if count > MOST_CELLS.most:
@@ -128,7 +134,7 @@ def read_cells(
 
 def columns_of_kinds(spec: DataSpec) -> set[str]:
     """Columns that rows of one kind have and those of another leave empty, where a file mixes them."""
-    return {*_NAMES_OF_KINDS, *(name for kind in KINDS for name in kind.columns_in(spec))}
+    return {*_NAMES_OF_KINDS, *ORIENTATIONS, *(name for kind in KINDS for name in kind.columns_in(spec))}
 
 
 def check_inputs(cells: Cells, faults: Faults) -> None:

@@ -12,8 +12,9 @@ from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS, Position
+from posture_opt.measurements.kinds.pose import QUATERNION
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
-from posture_opt.measurements.orientation_columns import QUATERNION, angle_columns, incomplete_orientation
+from posture_opt.measurements.orientation_columns import angle_columns, incomplete_orientation
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 
@@ -372,6 +373,7 @@ def _contradiction_faults(
     measured = [axis for axis in AXES if axis in there]
     kinds = [(kind, sorted(kind.required(spec, ()) & {*header.found})) for kind in KINDS]
     others = [(kind, columns) for kind, columns in kinds if columns]
+    incomplete_orientation(there, robot, line, faults)
     if "instrument" in there:
         return
     if (others and measured) or len(others) > 1:
@@ -382,4 +384,3 @@ def _contradiction_faults(
     for kind, columns in others if len(others) == 1 else ():
         for name in sorted(kind.required(spec, ()) - {*columns, *there}):
             faults.add(f"{columns[0]} is given without {name}", name, hint=f"add {kind.example}", line=line)
-    incomplete_orientation(there, robot, line, faults)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.kinds import Kind, PointContact, Position, Seen
+from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import Vector
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
@@ -17,7 +18,7 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 
-_POSITION, _POINT = Position(), PointContact()
+_POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
 _REST_TOLERANCE_M = 1e-9
 """Motion below which a tool point is at rest; rounding of half turns at a reach of metres is 1e-15."""
 
@@ -115,7 +116,7 @@ class Measurements(Summarised):
     @property
     def kind(self) -> Kind:
         """What the rows show of the pose of the tool."""
-        return self.instrument or (_POINT if self.position is None else _POSITION)
+        return self.instrument or (_POINT if self.position is None else _POSITION if self.rotation is None else _POSE)
 
     @property
     def touches(self) -> bool:
@@ -128,14 +129,28 @@ class Measurements(Summarised):
         Args:
             values: (P, u) unknowns of the places.
         """
-        reading = self.reading if self.position is None else self.position
-        empty = np.zeros((len(self), 0))
         own = values[self.point]
         if self.second is None:
-            return Seen(position, columns, empty if reading is None else reading, self.point, own)
+            return Seen(position, columns, self._shown, self.point, own)
         own = own + values[self.kind.second_place(self.second)]
         part = np.zeros(0, dtype=np.intp) if self.part is None else self.part
-        return Seen(position, columns, empty if reading is None else reading, self.point, own, self.second, part)
+        return Seen(position, columns, self._shown, self.point, own, self.second, part)
+
+    @cached_property
+    def _shown(self) -> Array:
+        """(N, D) what the instrument showed: of a pose the tool point, then the quaternion."""
+        if self.position is None:
+            return np.zeros((len(self), 0)) if self.reading is None else self.reading
+        return self.position if self.rotation is None else np.concatenate([self.position, self.rotation], axis=1)
+
+    @property
+    def weighed(self) -> tuple[Sequence[str], Codes]:
+        """What may have a standard deviation of its own, as planes of another flatness, and which of it each row is."""
+        return self.kind.weighed(self.point_names, self.point, self.part)
+
+    def without_orientation(self) -> Measurements:
+        """The same rows as positions; they themselves where no orientation was measured."""
+        return self if self.rotation is None else replace(self, rotation=None)
 
     @property
     def place_names(self) -> Sequence[str]:

@@ -10,8 +10,9 @@ from posture_opt.errors import listed
 from posture_opt.measurements.columns import AXES, Cells, columns_of_kinds
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, Member, Mixed, Position
+from posture_opt.measurements.kinds import KINDS, Kind, Member, Mixed
 from posture_opt.measurements.kinds.mixed import SLOTS
+from posture_opt.measurements.kinds.pose import ORIENTATIONS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.units import DIMENSIONS
@@ -40,15 +41,16 @@ def mixed_rows(data: Measurements, cells: Cells, known: DataSpec, base_free: boo
     """
     named = cells.code("instrument")
     assert named is not None, "a file without the column is not mixed"
-    found = [_rows_of(name, np.flatnonzero(named[0] == k), cells, known, faults) for k, name in enumerate(named[1])]
+    found = [
+        _rows_of(name, np.flatnonzero(named[0] == k), data, cells, known, faults) for k, name in enumerate(named[1])
+    ]
     parts = [one for one in found if one is not None]
     if len(parts) < len(found):
         return data
     members, first = [], 0
     for one in parts:
         kind = one.listed.of(known, one.places, one.seconds)
-        if base_free and isinstance(kind, Position):  # a tracker, whose frame is unknown then
-            kind = FramedPosition()
+        kind = kind.in_own_frame() if base_free else kind  # of a tracker, whose frame is unknown then
         members.append(Member(one.name, kind, first, one.places, one.seconds))
         first += len(one.places)
     fixed = base_free or all(member.kind.fixed_to_base or not member.kind.fixes_size for member in members)
@@ -66,21 +68,23 @@ def _in_numbers(data: Measurements, parts: list[_Rows], kind: Mixed) -> Measurem
         reading[one.rows, : one.reading.shape[1]], point[one.rows] = one.reading, member.first + one.place
         if member.seconds:
             second[one.rows], first = first + one.second, first + len(member.seconds)
-        axes = member.kind.axes(one.measured)
-        part[one.rows[:, None], axes] = SLOTS * k + axes
+        numbers = member.kind.numbers(one.measured)
+        part[one.rows[:, None], numbers] = SLOTS * k + numbers
     at, slot = np.nonzero(part >= 0)
     seconds = ("", *(name for member in kind.members for name in member.seconds))
     return replace(
-        data.take(at), position=None, reading=reading[at], point=point[at], point_names=tuple(kind.names),
-        second=second[at], second_names=seconds, part=part[at, slot], instrument=kind,
+        data.take(at), position=None, rotation=None, reading=reading[at], point=point[at],
+        point_names=tuple(kind.names), second=second[at], second_names=seconds, part=part[at, slot], instrument=kind,
     )  # fmt: skip
 
 
-def _rows_of(name: str, rows: Codes, cells: Cells, known: DataSpec, faults: Faults) -> _Rows | None:
+def _rows_of(name: str, rows: Codes, data: Measurements, cells: Cells, known: DataSpec, faults: Faults) -> _Rows | None:
     """What an instrument read; None with a fault where its rows are of no kind, or of several."""
-    there = columns_of_kinds(known) & {*cells.numbers, *cells.codes}
+    there = (columns_of_kinds(known) & {*cells.numbers, *cells.codes}) - {*data.joint_names}
+    there -= {*ORIENTATIONS} if data.rotation is None else set()
     filled = {column for column in there if _filled(cells, column, rows).any()}
-    fits = [kind for kind in KINDS if (own := kind.required(known, filled)) and own <= filled]
+    needs = {kind: own for kind in KINDS if (own := kind.required(known, filled)) and own <= filled}
+    fits = [kind for kind, own in needs.items() if not any(own < other for other in needs.values())]
     line = int(cells.line[rows[0]])
     if len(fits) != 1:
         what = f"columns of {listed(kind.noun for kind in fits)}" if fits else "the columns of no kind"
@@ -96,6 +100,8 @@ def _rows_of(name: str, rows: Codes, cells: Cells, known: DataSpec, faults: Faul
     for k, column in enumerate(numbers):
         if column in filled:
             reading[:, k] = np.nan_to_num(_number(cells, column)[rows])
+    if kind.further and data.rotation is not None:
+        reading = np.concatenate([reading, np.nan_to_num(data.rotation[rows])], axis=1)
     places, place = _names(cells, kind.label, rows) if kind.label else (("",), np.zeros(len(rows), dtype=np.intp))
     seconds, second = _names(cells, kind.second_label, rows) if kind.second_label else ((), place)
     measured = np.array([axis in filled for axis in AXES])
@@ -142,7 +148,7 @@ def unmixed(data: Measurements) -> tuple[Measurements, dict[str, list[object]]]:
         for slot, (name, dimension) in enumerate(kind.read_columns.items()):
             if name in AXES and slot not in read:
                 continue
-            title = f"{name} [{DIMENSIONS[dimension][0]}]"
+            title = f"{name} [{DIMENSIONS[dimension][0]}]" if dimension else name
             cells = columns.setdefault(title, [np.nan] * rows)
             for i in own:
                 cells[i] = float(whole.reading[i, slot])  # type: ignore[index]

@@ -8,18 +8,14 @@ import numpy as np
 
 from posture_opt.measurements.columns import Cells, Column
 from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.kinds.pose import ANGLES, QUATERNION, VECTOR
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
-QUATERNION = ("qw", "qx", "qy", "qz")
-"""Columns of a unit quaternion; either sign is one rotation."""
-ANGLES = ("roll", "pitch", "yaw")
-"""Columns of angles about fixed axes: ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
-VECTOR = ("rx", "ry", "rz")
-"""Columns of a rotation vector: unit axis times angle [rad]."""
 DEGREES = ("deg", "°", "º", "Grad", "Grd")
 """How files write degrees."""
 _GROUP_WORDS = {QUATERNION: "the quaternion", ANGLES: "the orientation", VECTOR: "the rotation vector"}
+NO_ORIENTATION_NOTE = "orientations are left out: measurement.orientation states no σ for them"
 _NORM_TOLERANCE = 5e-3
 """How far the norm of a quaternion written with three decimals may be off one."""
 _UNIT_TOLERANCE = 1e-15
@@ -53,7 +49,7 @@ def incomplete_orientation(there: Container[str], robot: Robot, line: int, fault
 
 
 def rotation_of(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Array | None:
-    """(N, 4) unit quaternions (w, x, y, z) with w >= 0; ``None`` where no orientation was measured."""
+    """(N, 4) unit quaternions (w, x, y, z) with w >= 0, NaN where cells are empty; ``None`` without such columns."""
     if QUATERNION[0] in columns:
         return unit_quaternions(cells, cells.line, faults)
     known = angle_columns(robot)

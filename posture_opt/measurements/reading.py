@@ -15,9 +15,10 @@ from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
+from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.mixing import mixed_rows
-from posture_opt.measurements.orientation_columns import rotation_of
+from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
@@ -31,7 +32,7 @@ _MAX_LISTED_LINES = 10
 
 
 class HasData(Protocol):
-    """Anything that names a robot and what is known about the data, such as a ``Problem``."""
+    """Anything that names a robot, and what is known about data and instruments, such as a ``Problem``."""
 
     @property
     def arm(self) -> Arm: ...
@@ -40,6 +41,9 @@ class HasData(Protocol):
 
     @property
     def data(self) -> DataSpec: ...
+
+    @property
+    def measurement(self) -> object: ...
 
 
 def read_measurements(source: TableLike, problem: HasData) -> Measurements:
@@ -52,7 +56,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
 
     Args:
         source: the path, or the table.
-        problem: names ``arm``, ``robot`` and ``data``.
+        problem: names ``arm``, ``robot``, ``data`` and ``measurement``.
 
     Returns:
         ``Measurements``: all rows in SI units and radians, in the order of the file.
@@ -69,7 +73,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     table = open_table(source, column_kinds(problem.robot, problem.data), problem.data)
     faults = table.faults
     columns, left_out = read_header(table.titles, problem.robot, table.line, faults, problem.data)
-    cells = read_cells(table.blocks, columns.values(), faults, problem.data)
+    cells = read_cells(table.blocks, columns.values(), faults, problem.data, problem.robot.joint_names)
     if not cells.line.size and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
@@ -86,7 +90,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     data = apart(data) if problem.data.repeats == "visits" else data
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
-    return replace(data, warnings=tuple(notes), notes=(*table.notes, *unused))
+    return replace(data, warnings=tuple(notes), notes=(*data.notes, *table.notes, *unused))
 
 
 def _check_labels(cells: Cells, faults: Faults) -> None:
@@ -125,7 +129,7 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         q=q,
         position=_measured_position(cells, q, robot, faults) if measured.any() and not mixed else None,
         measured_axes=measured,
-        rotation=None if mixed else rotation_of(cells, columns, robot, faults),
+        rotation=rotation_of(cells, columns, robot, faults),
         pose=poses,
         goal=goal[0] if goal else poses.copy(),
         target=target[0],
@@ -189,6 +193,8 @@ def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults:
 
 def _mixed(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
     """The rows of several instruments, see `mixed_rows`."""
+    if data.rotation is not None and not getattr(problem.measurement, ORIENTATION.key, None):
+        data = replace(data.without_orientation(), notes=(NO_ORIENTATION_NOTE,))
     try:
         found = mixed_rows(data, cells, problem.data, problem.robot.base_free, faults)
         return found if found.part is None else _prepared(found, problem)

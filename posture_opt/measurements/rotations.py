@@ -1,4 +1,4 @@
-"""Small turns about a reference orientation: ``Rz(c) Ry(b) Rx(a)`` and its derivatives."""
+"""Rotations: small turns about a reference ``Rz(c) Ry(b) Rx(a)``, matrices of quaternions, rotation vectors."""
 
 from __future__ import annotations
 
@@ -29,6 +29,33 @@ def inverted_poses(position: Array, rotation: Array) -> tuple[Array, Array]:
     """``T⁻¹`` of poses: (N, 3) ``−Rᵀ p`` [m] and (N, 4) conjugate quaternions, w first."""
     w, v, p = rotation[:, :1], -rotation[:, 1:], -position
     return p + 2 * np.cross(v, np.cross(v, p) + w * p), np.concatenate([w, v], axis=1)
+
+
+def rotation_matrices(quaternions: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first.
+
+    ``R(q) v`` turns v as the quaternion does (Hamilton's convention, active rotation).
+    """
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def rotation_vectors(R: Array) -> Array:
+    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion.
+
+    ``log(R)``: axis times angle, ``θ = atan2(|w|, (tr R − 1)/2)`` with w the vector of the skew part; exact near zero,
+    and not defined at half a turn.
+    """
+    skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1) / 2
+    sine = np.linalg.norm(skew, axis=-1)
+    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
+    ratio = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0)
+    return skew * ratio[:, None]
 
 
 def roll_pitch_yaw(R: Array) -> dict[str, float]:

@@ -9,10 +9,11 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration, calibrated_parts
-from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices, rotation_vectors
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
@@ -163,9 +164,9 @@ def assess(
     stated = position_sigma(problem, data)
     residuals = calibration.residuals.take(kept)
     codes = repeat_groups(used, prismatic_joints(residuals))
-    rotations = _rotation_errors(residuals, calibration.x, codes)
+    rotations = _rotation_errors(residuals, calibration.x, used, codes)
     deviations = {name: e[:, axes] for name, e in errors.items()}
-    oriented = calibration.residuals.oriented
+    oriented = bool(calibration.residuals.data.kind.further)
     return Assessment(
         calibration=calibration,
         rows=len(kept),
@@ -235,14 +236,13 @@ def _joint_motions(residuals: Residuals, x: Array) -> list[Array]:
     return residuals.reading_shifts(residuals.robot.driven, x)
 
 
-def _rotation_errors(residuals: Residuals, x: Array, codes: Codes) -> Array | None:
+def _rotation_errors(residuals: Residuals, x: Array, data: Measurements, codes: Codes) -> Array | None:
     """Measured minus model (N, 3) [rad] as small rotations in the world; ``None`` without orientations."""
-    rotation = residuals.data.rotation
-    if rotation is None:
+    if data.rotation is None:
         return None
-    if residuals.oriented:
-        return -residuals.rotation_error(residuals.walk(x))
+    if residuals.data.kind.further:
+        return -residuals.further_error(x)
     # The model's orientation is not fitted: each posture is set against its own first repeat, which shows the scatter.
     _, first, own = np.unique(codes, return_index=True, return_inverse=True)
-    R = rotation_matrices(rotation)
+    R = rotation_matrices(data.rotation)
     return rotation_vectors(R @ np.swapaxes(R[first][own], -1, -2))

@@ -169,7 +169,7 @@ def covariance_under(calibration: Calibration, scatter: JointScatter, without: C
         return calibration.covariance  # sums over blocks of rows hold what each row makes of it
     left_out = np.zeros(0, dtype=np.intp) if without is None else without
     A = _inverse_without_rows(calibration.covariance / s2, residuals.take(left_out), calibration.x)
-    if not scatter.measured or residuals.oriented or residuals.distances or residuals.place_sigmas:
+    if not scatter.measured or residuals.data.kind.further or residuals.distances or residuals.place_sigmas:
         return s2 * A
     rows = np.setdiff1d(calibration.kept_rows, left_out)
     kept = residuals.take(rows)

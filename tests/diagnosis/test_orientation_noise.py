@@ -56,7 +56,7 @@ def test_wrong_noise_of_orientations_is_named_and_hides_no_eccentricity(seed: in
     assert noise.noise is not None
     assert noise.noise.to_dict()["quantity"] == "orientation"
     # Positions and orientations were weighed as they scatter.
-    assert found.calibration.residuals.sigma_rotation == pytest.approx(factor * ORIENTATION, rel=0.5)
+    assert found.calibration.residuals.further["orientation"] == pytest.approx(factor * ORIENTATION, rel=0.5)
 
 
 @pytest.mark.parametrize("seed", conformance(range(311, 317), []))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.instrument import place_sigmas, position_sigma, rotation_sigma
+from posture_opt.calibration.assumptions.instrument import further_sigmas, place_sigmas, position_sigma
 from posture_opt.calibration.estimation.fit import Fit, Prior, estimate_parameters, minimum_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.least_squares import robust_noise
@@ -18,11 +18,12 @@ from posture_opt.calibration.estimation.parameters import (
     prior_covariance,
     tool_unknown,
 )
-from posture_opt.calibration.estimation.residuals import Distance, Residuals
+from posture_opt.calibration.estimation.residuals import Distance, Residuals, counted
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, starting_deviations, tool_sigma
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE
 from posture_opt.numerics import Array
 from posture_opt.selection.problem_data import ProblemData
 
@@ -50,29 +51,26 @@ def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, t
         sigma = DEFAULT_SIGMA_M
         unit = "mm at the tool" if data.lever is not None else f"m{data.kind.unit}"
         notes.append(f"no σ of the instrument is stated: {DEFAULT_SIGMA_M * 1e3:g} {unit} taken")
-    rotation = rotation_sigma(problem)
-    if data.rotation is not None and not rotation:
-        notes.append("orientations are left out: measurement.orientation states no σ for them")
+    further, given = further_sigmas(problem), data
+    data = counted(given, further)
+    if data is not given:
+        notes.append(NO_ORIENTATION_NOTE)
     if data.kind.fixed_to_base:
         offset = problem.robot.factors[problem.robot.driven[0]].parameter
         moved = f"it moves arm and {data.kind.place_noun} together"
         notes.append(f"{data.kind.noun} say nothing of {offset} and what lies before it: {moved}")
-    used = rotation if data.rotation is not None else 0.0
-    parameters = unknown_parameters(problem, data, orientation=used > 0)
+    parameters = unknown_parameters(problem, data)
     distances = _known_distances(problem, data, sigma)
     own = place_sigmas(problem, data)
-    return Residuals.of(problem.arm, data, parameters, sigma, used, distances, own), tuple(notes)
+    return Residuals.of(problem.arm, data, parameters, sigma, further, distances, own), tuple(notes)
 
 
-def unknown_parameters(problem: ProblemData, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
+def unknown_parameters(problem: ProblemData, data: Measurements) -> tuple[Parameter, ...]:
     """The candidates without what the problem file states as known: frames neither free nor given a σ.
 
     Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
-
-    Args:
-        orientation: whether orientations are measured, which the tool's rotation needs.
     """
-    found = candidate_parameters(problem.robot, data, orientation=orientation)
+    found = candidate_parameters(problem.robot, data)
     stated = prior_covariance(problem, found)[0]
     free = {"base": problem.robot.base_free, "tool": tool_unknown(problem.robot, data)}
     return tuple(p for i, p in enumerate(found) if free.get(p.group, True) or i in stated)
@@ -169,7 +167,7 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)
     effects = tuple(p for p in residuals.parameters if p.group == "effect")
-    wide = replace(residuals, parameters=(*candidate_parameters(robot, data, orientation=residuals.oriented), *effects))
+    wide = replace(residuals, parameters=(*candidate_parameters(robot, data), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
     determined = _determined_directions(wide, start_at, {"base", "tool", "place"})

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from posture_opt.measurements.kinds.pose import ORIENTATION
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, rms
@@ -30,7 +33,8 @@ def position_sigma(problem: ProblemData, data: Measurements) -> float:
     ``√(mean σ_i²)`` over the rows; where all rows have one σ, that one exactly.
     """
     if data.part is not None:
-        every = np.array([data.kind.sigmas(problem.measurement)[name] for name in data.point_names])[data.point]
+        (names, place), stated = data.weighed, data.kind.sigmas(problem.measurement)
+        every = np.array([stated[name] for name in names])[place]
         return rms(every if data.lever is None else every * data.lever)
     if data.lever is not None:
         return stated_sigma_of(problem, data) * rms(data.lever)
@@ -69,6 +73,17 @@ def rotation_sigma(problem: ProblemData) -> float:
     for effect in _noise_effects(problem):
         sigma = effect.turning(sigma)
     return sigma
+
+
+def further_sigmas(problem: ProblemData) -> dict[str, float]:
+    """Key -> σ of what may be read beside positions, in its unit; what has none is not in it."""
+    sigma = rotation_sigma(problem)
+    return {ORIENTATION.key: sigma} if sigma else {}
+
+
+def further_ratio(problem: ProblemData, used: Mapping[str, float]) -> float:
+    """The σ by which orientations are weighed over the stated one."""
+    return used[ORIENTATION.key] / rotation_sigma(problem)
 
 
 def usable_share(problem: ProblemData) -> float:

@@ -421,9 +421,7 @@ class _Statements(Generic[_P]):
         sensitivities, share = EffectSensitivities(some, now.x), np.sqrt(len(rows) / len(self.data))
         wanted = _negative_log_likelihood(best.e[rows], share * (best.known @ best.x), self._scale) + best.count
         below = np.zeros((len(now.known), 1))
-        for effect in (
-            e for kind in EFFECTS for e in kind.candidates(case_of(some.data, some.robot, orientation=some.oriented))
-        ):
+        for effect in (e for kind in EFFECTS for e in kind.candidates(case_of(some.data, some.robot))):
             Z = sensitivities.columns(effect)
             Z = np.concatenate([Z, np.repeat(below, Z.shape[1], axis=1)])
             Z = Z - Q @ (Q.T @ Z)

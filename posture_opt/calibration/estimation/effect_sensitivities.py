@@ -19,8 +19,8 @@ _MIN_INPUT_RANGE = {"payload": 0.05, "temperature": 0.3}  # kg, K: less shows no
 _MIN_SIDED_SHARE = 0.5  # of the rows must know the side from which their joints arrived
 
 
-def case_of(data: Measurements, robot: Robot, *, orientation: bool = False) -> Excitation:
-    """What these measurements can show of effects; ``orientation`` says whether measured orientations count.
+def case_of(data: Measurements, robot: Robot) -> Excitation:
+    """What these measurements can show of effects.
 
     An input counts as varied from `_MIN_INPUT_RANGE` on; the side of arrival where most rows state it and both occur.
     """
@@ -35,7 +35,7 @@ def case_of(data: Measurements, robot: Robot, *, orientation: bool = False) -> E
     known |= {"masses"} if state.weighed else set()
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))
     times = np.asarray(state.inputs.time, dtype=float)
-    oriented = orientation or len(np.unique(data.target)) > 1
+    oriented = data.kind.oriented or len(np.unique(data.target)) > 1
     return Excitation(robot, frozenset(known), span, float(np.ptp(times)), tuple(times.tolist()), oriented)
 
 

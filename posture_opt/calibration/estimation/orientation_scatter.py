@@ -26,7 +26,7 @@ def orientation_ratio(fit: Fit) -> float:
     does not find them different, where they differ by less than half, and where no orientation counts.
     """
     residuals = fit.residuals
-    if not residuals.oriented:
+    if not residuals.data.kind.further:
         return 1.0
     kept = np.flatnonzero(fit.kept)
     data = residuals.data.take(kept)

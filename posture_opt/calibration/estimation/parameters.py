@@ -57,15 +57,13 @@ def tool_unknown(robot: Robot, data: Measurements) -> bool:
     return robot.tool_free or len(data.target_names) > 1
 
 
-def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
+def candidate_parameters(robot: Robot, data: Measurements) -> tuple[Parameter, ...]:
     """Every parameter that measurements of this kind could say something about, from base to tool.
 
     Touched points, planes and anchors are in the frame of the base, which is then no unknown, nor is what moves arm and
     places together: all before the first joint, and its own offset. ``beta`` is a candidate only between
-    nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
-
-    Args:
-        orientation: whether orientations are measured: they show a tool's rotation too.
+    nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own. Orientations
+    show a tool's rotation too.
     """
     at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
     found = []
@@ -77,7 +75,7 @@ def candidate_parameters(robot: Robot, data: Measurements, *, orientation: bool 
         if data.kind.fixed_to_base and (group == "base" or index <= robot.driven[0]):
             continue
         if group == "tool":
-            if orientation or last in _AXES:
+            if data.kind.oriented or last in _AXES:
                 found += _tool_parameters(robot, data, name, index)
             continue
         found.append(_of_factor(robot, name, group, index))

@@ -36,9 +36,8 @@ class Residuals:
     """Model minus measurement as a function of the deviations ``x`` (k,) of ``parameters`` from nominal [rad, m].
 
     Row i has the residuals ``(h(T(q_i; x)) − m_i) / σ`` [1], h what the `Kind` of measurement shows of the pose T: of
-    positions the measured axes of the world. Then comes the rotation vector between measured and modelled orientation
-    over its σ; known distances follow behind all rows. All rows are walked at
-    once: a call costs a few hundred array operations, whatever N.
+    positions the measured axes of the world, of poses the orientation behind them; known distances follow behind all
+    rows. All rows are walked at once: a call costs a few hundred array operations, whatever N.
 
     Any parameter of the arm can be among them: geometry, frames and effects alike; and places: touched points, planes,
     anchors.
@@ -46,7 +45,8 @@ class Residuals:
     Args:
         arm: under the inputs of every row of ``data``, see `Residuals.of`.
         sigma: standard deviation of each measured coordinate [m].
-        sigma_rotation: of each component of the measured rotation [rad]; 0 leaves orientations out.
+        further: σ of what is read beside that, by its key, as of the components of a measured rotation [rad]; what has
+            none does not count.
         distances: (first point, second point, distance [m], standard deviation [m]) known between points.
         place_sigmas: standard deviations of a reading at some places, as planes of another flatness.
         lever: root mean square of the levers of the rows that ``sigma`` is of [m per unit]; 1 of readings in metres.
@@ -56,7 +56,7 @@ class Residuals:
     data: Measurements
     parameters: tuple[Parameter, ...]
     sigma: float
-    sigma_rotation: float = 0.0
+    further: Mapping[str, float] = field(default_factory=dict)
     distances: tuple[Distance, ...] = ()
     place_sigmas: Mapping[str, float] = field(default_factory=dict)
     lever: float = 1.0
@@ -64,33 +64,39 @@ class Residuals:
     @classmethod
     def of(
         cls, arm: Arm, data: Measurements, parameters: tuple[Parameter, ...], sigma: float,
-        sigma_rotation: float = 0.0, distances: tuple[Distance, ...] = (),
+        further: Mapping[str, float] | None = None, distances: tuple[Distance, ...] = (),
         place_sigmas: Mapping[str, float] | None = None,
     ) -> Residuals:  # fmt: skip
         """Of an arm whose effects see the inputs of every row."""
-        own = dict(place_sigmas or {})
+        own, data = dict(place_sigmas or {}), counted(data, further or {})
+        others = {one.key: (further or {})[one.key] for one in data.kind.further}
         lever = 1.0 if data.lever is None else rms(data.lever)
-        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, sigma_rotation, distances, own, lever)
+        return cls(arm_for(arm.for_fit(), data), data, parameters, sigma, others, distances, own, lever)
 
     @property
     def robot(self) -> Robot:
         """The arm without its effects."""
         return self.arm.robot
 
-    @property
-    def oriented(self) -> bool:
-        """Whether orientations count."""
-        return self.sigma_rotation > 0 and self.data.rotation is not None
-
     @cached_property
     def axes(self) -> Codes:
-        """Where in a vector of three the numbers of a reading are: of positions, the measured coordinates."""
+        """Which numbers of a reading errors count in: of positions, and poses, the measured coordinates."""
         return self.data.kind.axes(self.data.measured_axes)
+
+    @cached_property
+    def slots(self) -> tuple[tuple[int, Any], ...]:
+        """Which numbers of a reading count, and the σ of each in its unit, (N,) where it is not the same in all rows.
+
+        Those of `axes` come first.
+        """
+        further = {slot: self.further[one.key] for one in self.data.kind.further for slot in one.slots}
+        numbers = self.data.kind.numbers(self.data.measured_axes).tolist()
+        return tuple((slot, further.get(slot, self._unit_sigma)) for slot in numbers)
 
     @property
     def block(self) -> int:
         """The number of residuals of one row."""
-        return len(self.axes) + 3 * self.oriented
+        return len(self.slots)
 
     @property
     def free_groups(self) -> frozenset[str]:
@@ -118,6 +124,7 @@ class Residuals:
 
     def of_data(self, data: Measurements, distances: tuple[Distance, ...] = ()) -> Residuals:
         """The same arm and parameters against other measurements."""
+        data = counted(data, self.further)
         return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
 
     def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
@@ -225,21 +232,18 @@ class Residuals:
         return [self._rows(self.data.kind.slope(seen, shift, turn)) for shift, turn in twists]
 
     def _rows(self, slots: Slots) -> Array:
-        """(N, 3) [m] of the numbers of a reading; zeros behind them."""
-        rows = stacked_rows([*slots, *[0.0] * (3 - len(slots))], len(self.data))
+        """(N, 3) [m] of the numbers of a reading that errors count in; zeros behind them."""
+        rows = stacked_rows([*slots[:3], *[0.0] * (3 - len(slots))], len(self.data))
         return rows if self.data.lever is None else rows * self.data.lever[:, None]
 
     def whiten(self, twists: Sequence[Twist], x: Array, reached: Walk) -> Array:
         """(N, block, K) of K shifts and small rotations of the tool at deviations ``x`` (k,), in units of the σ's."""
         found = np.empty((len(self.data), self.block, len(twists)))
-        axes, kind, seen, sigma = self.axes, self.data.kind, self.seen(x, reached), self._unit_sigma
+        kind, seen = self.data.kind, self.seen(x, reached)
         for k, (shift, turn) in enumerate(twists):
-            slots = kind.slope(seen, shift, turn)
-            for slot, axis in enumerate(axes):
-                found[:, slot, k] = slots[axis] / sigma
-            if self.oriented:
-                for axis in range(3):
-                    found[:, len(axes) + axis, k] = turn[axis] / self.sigma_rotation
+            changed = kind.slope(seen, shift, turn)
+            for place, (slot, sigma) in enumerate(self.slots):
+                found[:, place, k] = changed[slot] / sigma
         return found
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
@@ -274,8 +278,8 @@ class Residuals:
         """Standard deviation of a reading in the unit of the kind, (N,) where it is not the same in all rows."""
         if not self.place_sigmas:
             return self.sigma / self.lever
-        every = np.array([self.place_sigmas.get(name, self.sigma) for name in self.data.point_names])
-        return every[self.data.point]
+        names, own = self.data.weighed
+        return np.array([self.place_sigmas.get(name, self.sigma) for name in names])[own]
 
     def metres(self, whitened: Array, rows: Codes | slice = slice(None)) -> Array:
         """What values (n, …) of some rows, in units of the σ's, are in [m]."""
@@ -284,11 +288,10 @@ class Residuals:
         sigma = self.row_sigma[rows]
         return np.asarray(whitened * sigma.reshape(-1, *[1] * (whitened.ndim - 1)))
 
-    def rotation_error(self, reached: Walk) -> Array:
-        """Rotation vector (N, 3) [rad] in the world that turns the measured orientation into the model's."""
-        assert self.data.rotation is not None
-        R = np.stack([stacked_rows(column, len(self.data)) for column in reached.columns], axis=-1)
-        return rotation_vectors(R @ np.swapaxes(rotation_matrices(self.data.rotation), -1, -2))
+    def further_error(self, x: Array) -> Array:
+        """(N, d) reading of the model minus the measured one in what is read beside `axes`: of poses, the rotation."""
+        found = self.data.kind.error(self.seen(x, self.walk(x)))
+        return stacked_rows([found[slot] for slot, _ in self.slots[len(self.axes) :]], len(self.data))
 
     def whitened(self, x: Array) -> Array:
         """Residuals (N·block + distances,) in units of the instrument's σ.
@@ -307,10 +310,8 @@ class Residuals:
 
     def _vector(self, x: Array, reached: Walk) -> Array:
         """Whitened residuals (m,) of rows, then of known distances."""
-        parts = [self.error(x, reached)[:, self.axes] / np.reshape(self.row_sigma, (-1, 1))]
-        if self.oriented:
-            parts.append(self.rotation_error(reached) / self.sigma_rotation)
-        rows = np.concatenate(parts, axis=1).ravel() / self._size(x)
+        off = self.data.kind.error(self.seen(x, reached))
+        rows = stacked_rows([off[slot] / sigma for slot, sigma in self.slots], len(self.data)).ravel() / self._size(x)
         return np.concatenate([rows, self._distance_residuals(x)[0]])
 
     def _jacobian(self, x: Array, reached: Reached) -> Array:
@@ -348,10 +349,10 @@ class Residuals:
 
     def _place_columns(self, columns: Array, parameter: Parameter, seen: Seen) -> None:
         """Puts what an unknown of a place changes into ``columns`` (N, block): its own rows alone."""
-        slots = self.data.kind.unknown_slope(seen, parameter.axis)
+        changed = self.data.kind.unknown_slope(seen, parameter.axis)
         own = self.data.at_place(parameter.code)
-        for slot, axis in enumerate(self.axes):
-            columns[own, slot] = np.broadcast_to(slots[axis] / self._unit_sigma, own.shape)[own]
+        for place, (slot, sigma) in enumerate(self.slots):
+            columns[own, place] = np.broadcast_to(changed[slot] / sigma, own.shape)[own]
 
     @cached_property
     def _touched_distances(self) -> list[int]:
@@ -375,6 +376,11 @@ class Residuals:
         return r, J
 
 
+def counted(data: Measurements, further: Mapping[str, float]) -> Measurements:
+    """The measurements without what has no σ: orientations, unless ``further`` states theirs."""
+    return data if all(one.key in further for one in data.kind.further) else data.without_orientation()
+
+
 def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
     """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
 
@@ -391,30 +397,3 @@ def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float,
     cosine = float(g @ turn @ g) / float(g @ g)
     x, y, z = g if cosine > np.cos(_LEVEL_TOLERANCE_RAD) else turn @ g
     return float(x), float(y), float(z)
-
-
-def rotation_matrices(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first.
-
-    ``R(q) v`` turns v as the quaternion does (Hamilton's convention, active rotation).
-    """
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
-def rotation_vectors(R: Array) -> Array:
-    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion.
-
-    ``log(R)``: axis times angle, ``θ = atan2(|w|, (tr R − 1)/2)`` with w the vector of the skew part; exact near zero,
-    and not defined at half a turn.
-    """
-    skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1) / 2
-    sine = np.linalg.norm(skew, axis=-1)
-    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
-    ratio = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0)
-    return skew * ratio[:, None]

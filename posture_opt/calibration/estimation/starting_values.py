@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.estimation.parameters import Parameter, tool_unknown
-from posture_opt.calibration.estimation.residuals import Residuals, rotation_matrices
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import carried_joint_values, group_means
 from posture_opt.measurements.rotations import roll_pitch_yaw
@@ -62,21 +62,16 @@ def starting_deviations(residuals: Residuals) -> Array:
     tool_free = tool_unknown(robot, data)
     flange = _Flange.of(residuals)
     values: dict[str, float] = {}
-    offset = flange.nominal
+    offset, (R_b, t_b) = flange.nominal, _base_pose(residuals)
     if data.position is None:
         offset = _socket_start(flange, data.point) if tool_free and data.touches else offset
         values |= _place_starts(residuals, flange, offset)
     elif robot.base_free or tool_free:
-        R_b, t_b, offset = _frames_start(flange, data.position, (robot.base_free, tool_free), _base_pose(residuals))
+        R_b, t_b, offset = _frames_start(flange, data.position, (robot.base_free, tool_free), (R_b, t_b))
         if robot.base_free:
             values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _named_angles(robot.base, R_b)
-        if tool_free and residuals.oriented:
-            assert data.rotation is not None
-            for k in range(len(offset)):
-                turn = np.swapaxes(R_b @ flange.R, -1, -2) @ rotation_matrices(data.rotation)
-                found = _named_angles(robot.tool, nearest_rotation(turn[flange.codes == k].sum(axis=0)))
-                values |= {name.replace("tool", _tool_name(residuals, k), 1): angle for name, angle in found.items()}
     if tool_free:
+        values |= _tool_turns(residuals, flange, R_b) if data.kind.oriented else {}
         for k in range(len(offset)):
             values |= {f"{_tool_name(residuals, k)}.{a}": offset[k, i] for i, a in enumerate("xyz")}
     return np.array([values.get(q.name, q.nominal) - q.nominal for q in residuals.parameters])
@@ -250,6 +245,20 @@ def _place_starts(residuals: Residuals, flange: _Flange, offset: Array) -> dict[
         for k, place in enumerate(data.place_names)
         for i, (name, _) in zip(kind.slots(place), kind.unknowns(place), strict=True)
     }
+
+
+def _tool_turns(residuals: Residuals, flange: _Flange, R_b: Array) -> dict[str, float]:
+    """The turns of each tool on the flange, the mean of those that rows with an orientation show, by name."""
+    data, found = residuals.data, dict[str, float]()
+    columns = np.moveaxis(R_b @ flange.R, 0, -1).swapaxes(0, 1)
+    none = np.zeros((max(len(data.place_names), 1), data.kind.width))
+    turn = np.swapaxes(R_b @ flange.R, -1, -2) @ data.kind.orientations(data.seen(flange.p.T, list(columns), none))
+    for k in range(len(flange.nominal)):
+        own = turn[(flange.codes == k) & np.isfinite(turn[:, 0, 0])]
+        if len(own):
+            angles = _named_angles(residuals.robot.tool, nearest_rotation(own.sum(axis=0)))
+            found |= {name.replace("tool", _tool_name(residuals, k), 1): angle for name, angle in angles.items()}
+    return found
 
 
 def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Array:

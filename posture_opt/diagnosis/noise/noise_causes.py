@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.instrument import position_sigma, relative_sigma, rotation_sigma
+from posture_opt.calibration.assumptions.instrument import further_ratio, position_sigma, relative_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
@@ -23,7 +23,7 @@ from posture_opt.diagnosis.noise.noise_candidates import (
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
-from posture_opt.measurements.kinds.mixed import SLOTS, Mixed
+from posture_opt.measurements.kinds.mixed import Mixed
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes
@@ -82,23 +82,23 @@ def noise_causes(
 
 
 def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
-    """Instruments of a mixed file that scatter more than stated while another one is as stated.
+    """Instruments of a mixed file that scatter more than stated while another one is as stated; so with orientations.
 
     What the model cannot explain shows in all of them; the σ of one is wrong where it alone scatters.
     """
     data, kind = model.residuals.data, model.residuals.data.kind
     assert isinstance(kind, Mixed), "a file of several instruments"
     assert data.part is not None, "a file of several instruments"
-    group, r = data.part // SLOTS, model.whitened
-    level, found, agree = levels.NOISE_LEVEL / len(kind.members), list[UnevenErrors](), False
+    group, r = kind.quantity_of(data.part), model.whitened
+    level, found, agree = levels.NOISE_LEVEL / len(kind.quantities), list[UnevenErrors](), False
     for k, (variance, freedom) in enumerate(variance_components(model, np.arange(len(data)), group)):
-        member, own = kind.members[k], r[group == k]
-        if not getattr(problem.measurement, member.kind.sigma_key, None) or freedom < levels.MIN_REPEAT_FREEDOM:
+        (_, quantity), own = kind.quantities[k], r[group == k]
+        if not getattr(problem.measurement, quantity.key, None) or freedom < levels.MIN_REPEAT_FREEDOM:
             continue
         kurtosis = max(float(np.mean(own**4) / np.mean(own**2) ** 2 - 3), 0.0)
         score = score_stated_sigma(variance, int(freedom), kurtosis)
         if score.p_value < level and score.size > levels.STATED_SIGMA_RATIO:
-            effect = StatedSigma(quantity=member.name, factor=score.size)
+            effect = StatedSigma(quantity=kind.quantity_names[k], factor=score.size)
             found.append(UnevenErrors(effect, score.p_value, False, np.zeros(0)))
         agree = agree or score.p_value >= level
     return found if agree else []
@@ -150,9 +150,9 @@ class _Quantity:
 def _quantities(problem: ProblemData, residuals: Residuals) -> tuple[_Quantity, ...]:
     """What is measured and has a stated σ: position, and orientation; where it is both, they share the level."""
     estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
-    if not residuals.oriented:
+    if not residuals.data.kind.further:
         return (_Quantity(None, slice(None), 1.0, levels.NOISE_LEVEL, estimated),)
-    axes, used = len(residuals.axes), residuals.sigma_rotation / rotation_sigma(problem)
+    axes, used = len(residuals.axes), further_ratio(problem, residuals.further)
     return (
         _Quantity("position", slice(axes), 1.0, levels.FURTHER_NOISE_LEVEL, estimated),
         _Quantity("orientation", slice(axes, None), used, levels.FURTHER_NOISE_LEVEL, estimated),

@@ -85,7 +85,7 @@ def linearise_calibration(calibration: Calibration, flips: int = 299, seed: int 
     groups = np.unique(np.concatenate([poses, apart]), return_inverse=True)[1]
     G = J @ calibration.identifiability.directions
     stated = position_sigma(calibration.request.problem, residuals.data)
-    excitation = case_of(residuals.data, residuals.robot, orientation=residuals.oriented)
+    excitation = case_of(residuals.data, residuals.robot)
     return LinearisedData(
         sensitivities, excitation, r, G, groups, flips, seed,
         instrument=stated / residuals.sigma if stated else np.inf,

@@ -2,17 +2,18 @@
 
 from posture_opt.measurements.kinds.camera import MarkerPixels
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
-from posture_opt.measurements.kinds.kind import Kind, Seen
+from posture_opt.measurements.kinds.kind import Kind, Quantity, Seen
 from posture_opt.measurements.kinds.level import Level
 from posture_opt.measurements.kinds.mixed import Member, Mixed
 from posture_opt.measurements.kinds.pair import PairContact
 from posture_opt.measurements.kinds.plane import PlaneContact, PlaneSpec
 from posture_opt.measurements.kinds.point import PointContact
+from posture_opt.measurements.kinds.pose import Pose
 from posture_opt.measurements.kinds.position import FramedPosition, Position
 from posture_opt.measurements.kinds.second_arm import PairSpec
 
 KINDS: tuple[type[Kind], ...] = (
-    Position, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level, PairContact,
+    Position, Pose, PointContact, PlaneContact, AnchorDistance, MarkerPixels, Level, PairContact,
 )  # fmt: skip
 """All kinds; the columns of a file say which of them it holds."""
 
@@ -31,6 +32,8 @@ __all__ = [
     "PlaneContact",
     "PlaneSpec",
     "PointContact",
+    "Pose",
     "Position",
+    "Quantity",
     "Seen",
 ]

@@ -43,6 +43,20 @@ class Seen:
     part: Codes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
+@dataclass(frozen=True)
+class Quantity:
+    """Numbers of a reading that share a unit and a standard deviation.
+
+    Args:
+        key: under ``uncertainty: {measurement: …}``, and in documents.
+        unit: SI; slots: places of the numbers in a reading.
+    """
+
+    key: str
+    unit: str
+    slots: tuple[int, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Kind:
     """A kind of measurement: ``reading = h(T_world_tool; unknowns of its place) + noise``.
@@ -73,6 +87,8 @@ class Kind:
     """Headers to add to a file that measures nothing."""
     sigma_key: ClassVar[str] = "position"
     """Key under ``uncertainty: {measurement: …}`` that states its standard deviation."""
+    further: ClassVar[tuple[Quantity, ...]] = ()
+    """What is read beside the numbers in which errors count, as the orientation of a pose."""
     settings: ClassVar[str] = ""
     """Key of the section ``data`` with what is known of its places."""
     size_known: ClassVar[bool] = True
@@ -87,6 +103,8 @@ class Kind:
     """What a cross-validation leaves out together."""
     fixed_to_base: ClassVar[bool] = True
     """Whether its places are taken in the frame of the base, which is then no unknown."""
+    oriented: ClassVar[bool] = False
+    """Whether it shows how the tool is turned."""
     about_mean: ClassVar[bool] = False
     """Whether errors count from the mean of a place, as nothing else says where it is."""
     error_words: ClassVar[str] = "position error"
@@ -134,6 +152,14 @@ class Kind:
     def axes(self, measured: Mask) -> Codes:
         """(d,) places of the numbers of a reading in a vector of three; ``measured`` (3,) are coordinates in a file."""
         return np.arange(1)
+
+    def numbers(self, measured: Mask) -> Codes:
+        """(b,) places of all numbers of a reading: those of `axes`, then those of `further`."""
+        return np.array([*self.axes(measured), *(slot for one in self.further for slot in one.slots)], dtype=np.intp)
+
+    def in_own_frame(self) -> Kind:
+        """The same instrument in a frame of its own of which nothing is known; itself where it measures in none."""
+        return self
 
     def prepared(self, seen: Seen, moving: Mask, up: Array) -> Kind:
         """The kind with reference values for its unknowns, by the nominal arm.
@@ -197,6 +223,10 @@ class Kind:
         """(N,) length that one unit of a reading is at the tool, at the nominal arm [m]; None for one of metres."""
         return None
 
+    def orientations(self, seen: Seen) -> Array:
+        """(N, 3, 3) R_world_tool as it was read, NaN in rows that do not show it; of kinds that are `oriented`."""
+        raise NotImplementedError(f"{self.kind} does not show how the tool is turned")
+
     def start(self, seen: Seen, places: int) -> Array:
         """(P, u) the unknowns that suit the tool at N rows best, roughly; NaN nowhere."""
         return np.zeros((places, 0))
@@ -224,6 +254,14 @@ class Kind:
     def expected(self, seen: Seen) -> Array:
         """(N, D) the reading that such rows would show, as far as slopes depend on it."""
         return np.zeros((len(seen.place), 3))
+
+    def weighed(self, names: Sequence[str], place: Codes, part: Codes | None) -> tuple[Sequence[str], Codes]:
+        """What may have a standard deviation of its own, and which of it each row is of: the places, by their names.
+
+        Args:
+            names: of places; place: (N,) of each row; part: as of `Seen`, None where one instrument reads.
+        """
+        return names, place
 
     def sigmas(self, measurement: object) -> dict[str, float]:
         """Standard deviation of a reading at each place by the section ``measurement``; 0 where none is stated.

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
 
 from posture_opt.errors import enumerated
-from posture_opt.measurements.kinds.kind import Kind, Seen, Slots, Vector
+from posture_opt.measurements.kinds.kind import Kind, Quantity, Seen, Slots, Vector
 from posture_opt.measurements.kinds.second_arm import SecondArm
 from posture_opt.numerics import Array, Codes, Json, Mask
 
-SLOTS = 3
+SLOTS = 6
 """Numbers of a reading at most."""
 _DEFAULT_SIGMAS = {"m": 1e-4, "rad": 1e-4, "px": 0.2}
 """SI unit of a reading -> its standard deviation where the file states none."""
@@ -42,6 +42,12 @@ class Member:
         return tuple(f"{self.kind.label}[{place}]" if place else self.name for place in self.places)
 
     @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What it reads that has a standard deviation of its own: the numbers in which errors count come first."""
+        main = tuple(slot for slot in range(SLOTS) if not any(slot in one.slots for one in self.kind.further))
+        return (Quantity(self.kind.sigma_key, self.kind.unit, main), *self.kind.further)
+
+    @property
     def more(self) -> tuple[str, ...]:
         """The places that its second column leads to."""
         return tuple(self.kind.places(self.places))[len(self.places) :] if self.seconds else ()
@@ -51,8 +57,9 @@ class Member:
 class Mixed(Kind):
     """``h_i = h_k(i)(T; unknowns)_s(i)``: number s of a reading of the instrument k, for each row i.
 
-    ``Measurements.part`` holds ``3 k + s``. A position is three rows of one posture, a picture of a marker two. All
-    places are in the frame of the base unless positions are measured in a known frame.
+    ``Measurements.part`` holds ``6 k + s``. A position is three rows of one posture, a pose six, a picture of a marker
+    two. Turns count as what they shift at a lever of 1 m. All places are in the frame of the base unless positions are
+    measured in a known frame.
 
     Args:
         members: the instruments; their places follow each other, a place of nothing comes last.
@@ -69,6 +76,7 @@ class Mixed(Kind):
     width: int = 6  # type: ignore[misc]
     noun: str = "readings"  # type: ignore[misc]
     fixed_to_base: bool = True  # type: ignore[misc]
+    oriented: bool = False  # type: ignore[misc]
     blind_spot: str = ""  # type: ignore[misc]
     remedy: str = ""  # type: ignore[misc]
 
@@ -80,6 +88,7 @@ class Mixed(Kind):
             names=tuple(key for member in members for key in member.keys), members=tuple(members), fixed=fixed,
             width=max(member.kind.width for member in members),
             noun=enumerated(dict.fromkeys(member.kind.noun for member in members)), fixed_to_base=fixed,
+            oriented=any(member.kind.oriented for member in members),
             blind_spot="; ".join(dict.fromkeys(m.kind.blind_spot for m in members)) if blind else "",
             remedy=next((m.kind.remedy for m in members if m.kind.remedy), ""),
         )  # fmt: skip
@@ -88,6 +97,50 @@ class Mixed(Kind):
     def fixes_size(self) -> bool:
         """Whether any of the instruments shows a length."""
         return any(member.kind.fixes_size for member in self.members)
+
+    @cached_property
+    def quantities(self) -> tuple[tuple[Member, Quantity], ...]:
+        """What has a standard deviation of its own: each instrument with each quantity that it reads."""
+        return tuple((member, one) for member in self.members for one in member.quantities)
+
+    @property
+    def quantity_names(self) -> tuple[str, ...]:
+        """What `quantities` are called: the instrument, or what it reads beside, with its name where several do."""
+        further = [one.key for member, one in self.quantities if one in member.kind.further]
+        return tuple(
+            member.name
+            if one.key not in further
+            else one.key
+            if further.count(one.key) < 2
+            else f"{member.name} {one.key}"
+            for member, one in self.quantities
+        )
+
+    def quantity_of(self, part: Codes) -> Codes:
+        """(N,) which of `quantities` each row is."""
+        found = np.zeros(SLOTS * len(self.members), dtype=np.intp)
+        for code, (member, one) in enumerate(self.quantities):
+            found[SLOTS * self.members.index(member) + np.array(one.slots, dtype=np.intp)] = code
+        return found[part]
+
+    def weighed(self, names: Sequence[str], place: Codes, part: Codes | None) -> tuple[Sequence[str], Codes]:
+        """The places, and behind them what instruments read beside."""
+        own, further = np.array(place), [*names]
+        assert part is not None, "rows of a mixed file are numbers of readings"
+        code = self.quantity_of(part)
+        for k, (member, one) in enumerate(self.quantities):
+            if one in member.kind.further:
+                own[code == k] = len(further)
+                further.append(_key(member, one))
+        return further, own
+
+    def orientations(self, seen: Seen) -> Array:
+        """(N, 3, 3) of the instruments that read any."""
+        found = np.full((len(seen.place), 3, 3), np.nan)
+        for member, part in zip(self.members, _parts(self, seen), strict=True):
+            if member.kind.oriented:
+                found[part.rows] = member.kind.orientations(part.seen)
+        return found
 
     def touched_points(self, names: Sequence[str]) -> Mapping[str, int]:
         """Those of all instruments."""
@@ -194,6 +247,8 @@ class Mixed(Kind):
             stated = float(getattr(measurement, member.kind.sigma_key, None) or 0.0)
             own = [member.kind.sigma_of(place, stated) for place in member.places]
             found |= {key: s or _DEFAULT_SIGMAS[member.kind.unit] for key, s in zip(member.keys, own, strict=True)}
+            for one in member.kind.further:
+                found[_key(member, one)] = float(getattr(measurement, one.key, None) or _DEFAULT_SIGMAS[one.unit])
         return found
 
     def gathered(self, seen: Seen, of_part: Callable[[Kind, _Part], Slots]) -> Slots:
@@ -213,6 +268,11 @@ class Mixed(Kind):
                 if key == place and place:
                     return member, name
         return None
+
+
+def _key(member: Member, quantity: Quantity) -> str:
+    """What an instrument reads beside the numbers in which errors count, among all that has a σ of its own."""
+    return f"{member.name}.{quantity.key}"
 
 
 @dataclass(frozen=True, eq=False)

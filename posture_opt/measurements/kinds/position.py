@@ -45,6 +45,10 @@ class Position(Kind):
         """The coordinates that were measured."""
         return np.flatnonzero(measured)
 
+    def in_own_frame(self) -> FramedPosition:
+        """Positions in the frame of a tracker."""
+        return FramedPosition()
+
     def error(self, seen: Seen) -> Slots:
         """``p − m``, in all three coordinates: those that were not measured hold the nominal model's value."""
         return tuple(seen.position[a] - seen.reading[:, a] for a in range(3))
