@@ -10,7 +10,7 @@ from posture_opt.errors import listed
 from posture_opt.measurements.columns import AXES, Cells, columns_of_kinds
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.kinds import KINDS, Kind, Member, Mixed
+from posture_opt.measurements.kinds import KINDS, Kind, Member, Mixed, Position
 from posture_opt.measurements.kinds.mixed import SLOTS
 from posture_opt.measurements.kinds.pose import ORIENTATIONS
 from posture_opt.measurements.measurements import Measurements
@@ -83,15 +83,9 @@ def _rows_of(name: str, rows: Codes, data: Measurements, cells: Cells, known: Da
     there = (columns_of_kinds(known) & {*cells.numbers, *cells.codes}) - {*data.joint_names}
     there -= {*ORIENTATIONS} if data.rotation is None else set()
     filled = {column for column in there if _filled(cells, column, rows).any()}
-    needs = {kind: own for kind in KINDS if (own := kind.required(known, filled)) and own <= filled}
-    fits = [kind for kind, own in needs.items() if not any(own < other for other in needs.values())]
-    line = int(cells.line[rows[0]])
-    if len(fits) != 1:
-        what = f"columns of {listed(kind.noun for kind in fits)}" if fits else "the columns of no kind"
-        hint = "every row is of one kind: leave the columns of the others empty"
-        faults.add(f"the rows of the instrument '{name}' fill {what}", "instrument", name, hint, line)
+    kind = _kind_of(name, filled, known, int(cells.line[rows[0]]), faults)
+    if kind is None:
         return None
-    kind = fits[0]
     for column in sorted(kind.required(known, filled)):
         for row in rows[~_filled(cells, column, rows)]:
             faults.add("the cell is empty", column, hint=f"'{name}' reads it in other rows", line=int(cells.line[row]))
@@ -106,6 +100,28 @@ def _rows_of(name: str, rows: Codes, data: Measurements, cells: Cells, known: Da
     seconds, second = _names(cells, kind.second_label, rows) if kind.second_label else ((), place)
     measured = np.array([axis in filled for axis in AXES])
     return _Rows(name, rows, kind, measured, reading, places, place, seconds, second)
+
+
+def _kind_of(name: str, filled: set[str], known: DataSpec, line: int, faults: Faults) -> type[Kind] | None:
+    """The kind whose columns are ``filled``: of two, the one that needs those of the other and more.
+
+    None with a fault where there is none, or several, or where there is more than the kind has.
+    """
+    needs = {kind: own for kind in KINDS if (own := kind.required(known, filled)) and own <= filled}
+    fits = [kind for kind, own in needs.items() if not any(own < other for other in needs.values())]
+    more, turned = sorted(filled - needs[fits[0]]) if fits else [], filled & {*ORIENTATIONS}
+    if len(fits) == 1 and not more:
+        return fits[0]
+    what, hint = "the columns of no kind", "every row is of one kind: leave the columns of the others empty"
+    if len(fits) > 1:
+        what = f"columns of {listed(kind.noun for kind in fits)}"
+    elif fits:
+        what = f"{listed(more)} beside the columns of {fits[0].noun}"
+    elif turned:
+        what = "the columns of an orientation without those of a position"
+        hint = f"add {Position.example}: orientations are read beside them"
+    faults.add(f"the rows of the instrument '{name}' fill {what}", "instrument", name, hint, line)
+    return None
 
 
 def _number(cells: Cells, column: str) -> Array:

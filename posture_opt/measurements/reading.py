@@ -80,7 +80,9 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     _check_labels(cells, faults)
     data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
-    data = _of_camera(data, problem) if problem.data.frame == "camera" else data
+    if problem.data.frame == "camera":
+        _check_alone(cells, faults)
+        data = _of_camera(data, problem)
     data = _with_instrument(data, cells, problem, faults)
     faults.refuse()
     notes = plausibility_checks(
@@ -152,6 +154,18 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
     )
+
+
+def _check_alone(cells: Cells, faults: Faults) -> None:
+    """Refuses poses of a board beside other instruments.
+
+    Raises:
+        InputError: the file has the column ``instrument``.
+    """
+    if "instrument" in cells.codes:
+        message = "poses of a board that a camera reports cannot stand beside other instruments"
+        hint = "give them a file of their own, or the pixels: u [px], v [px], marker, camera"
+        raise InputError(Issue(message, ("data", "frame"), "camera", hint, faults.file))
 
 
 def _of_camera(data: Measurements, problem: HasData) -> Measurements:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 UR10 = np.array(
     [
@@ -214,3 +215,22 @@ def deviations(found: Any, arm: TrueArm) -> np.ndarray:
     """Of determined geometry of a calibration from the truth, in standard errors."""
     rows = zip(found.parameters, found.x, found.std, found.fixed, strict=True)
     return np.array([(x - arm.error_of(p.name)) / std for p, x, std, fixed in rows if p.group == "geometry" and fixed])
+
+
+def pose_table(
+    arm: TrueArm, rng: np.random.Generator, n: int, sigmas: tuple[float, float], T: np.ndarray, mount: np.ndarray
+) -> dict[str, object]:
+    """Poses in the frame of a tracker that T (4, 4) takes the base to, as unit quaternions; sides of approach stated.
+
+    Args:
+        sigmas: of a coordinate [m] and of a component of the rotation vector [rad]; mount: (3, 3) of the target.
+    """
+    q = postures(rng, n)
+    side = rng.choice([-1.0, 1.0], q.shape)
+    at = T @ arm.pose(q, side)
+    p = at[:, :3, 3] + rng.normal(0, sigmas[0], (n, 3))
+    noise = Rotation.from_rotvec(rng.normal(0, sigmas[1], (n, 3)))
+    turned = (noise * Rotation.from_matrix(at[:, :3, :3] @ mount)).as_quat(scalar_first=True)
+    columns = {f"{axis} [m]": p[:, i] for i, axis in enumerate("xyz")}
+    columns |= {f"{name}.approach": side[:, i] for i, name in enumerate(JOINTS)}
+    return table_of(q, **columns, **dict(zip(("qw", "qx", "qy", "qz"), turned.T, strict=True)))

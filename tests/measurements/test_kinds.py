@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.measurements.kinds import KINDS, Kind, PairSpec, Seen
+from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, PairSpec, Seen
 from posture_opt.measurements.kinds.kind import stacked
+from posture_opt.measurements.kinds.pose import FramedPose
 from tests.helpers.instruments import JOINTS, TrueArm, distance_table, level_table, plane_table
 
 ROWS, PLACES = 12, 3
@@ -21,19 +23,32 @@ SAID = DataSpec(pairs={"right": PairSpec(problem="right.yaml").with_arm(po.load_
 UP = np.array([0.6, 0.0, 0.8])
 
 
-def seen_by(kind: Kind, position: np.ndarray, R: np.ndarray, values: np.ndarray) -> Seen:
-    """Rows of three places with readings of about a metre."""
+READING = np.full((ROWS, 7), 0.9) + 0.02 * np.arange(7.0 * ROWS).reshape(ROWS, 7) % 0.7
+"""About a metre, or a radian."""
+
+
+def seen_by(position: np.ndarray, R: np.ndarray, values: np.ndarray, reading: np.ndarray = READING) -> Seen:
+    """Rows of three places."""
     place = np.arange(ROWS) % PLACES
-    reading = np.full((ROWS, 6), 0.9) + 0.02 * np.arange(6.0 * ROWS).reshape(ROWS, 6) % 0.7  # [m] or [rad]
     return Seen(list(position.T), [list(R[:, :, j].T) for j in range(3)], reading, place, values[place])
+
+
+def readings_of(kind: Kind, position: np.ndarray, R: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Readings whose orientations are those of the tool, as errors of orientations are small."""
+    if not kind.oriented:
+        return READING
+    none = np.concatenate([READING[:, :3], np.tile([1.0, 0, 0, 0], (ROWS, 1))], axis=1)
+    frame = kind.orientations(seen_by(position, R, values, none))
+    turned = Rotation.from_matrix(np.swapaxes(frame, 1, 2) @ R).as_quat(scalar_first=True)
+    return np.concatenate([READING[:, :3], turned], axis=1)
 
 
 def a_kind(listed: type[Kind], rng: np.random.Generator) -> tuple[Kind, np.ndarray, np.ndarray, np.ndarray]:
     """A kind prepared for random rows, their points (N, 3), rotations (N, 3, 3), and unknowns (P, u)."""
     names = tuple("abc")
-    position, R = rng.uniform(-1, 1, (ROWS, 3)), np.linalg.qr(rng.normal(size=(ROWS, 3, 3)))[0]
+    position, R = rng.uniform(-1, 1, (ROWS, 3)), Rotation.from_quat(rng.normal(size=(ROWS, 4))).as_matrix()
     kind = replace(listed.of(SAID, names), names=names)
-    kind = kind.prepared(seen_by(kind, position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool), UP)
+    kind = kind.prepared(seen_by(position, R, np.zeros((PLACES, 0))), np.ones(3, dtype=bool), UP)
     return kind, position, R, rng.uniform(-0.2, 0.2, (PLACES, kind.width))
 
 
@@ -43,19 +58,19 @@ def small_turn(w: np.ndarray) -> np.ndarray:
     return np.eye(3) + W + W @ W / 2
 
 
-@pytest.mark.parametrize("listed", [kind for kind in KINDS if not kind.second_label])
+@pytest.mark.parametrize("listed", [*(kind for kind in KINDS if not kind.second_label), FramedPosition, FramedPose])
 def test_derivatives_are_those_of_differences(listed: type[Kind]) -> None:
     rng = np.random.default_rng(3)
     kind, position, R, values = a_kind(listed, rng)
-    h, n = 1e-6, 3
+    h, n, seen = 1e-6, 6, readings_of(kind, position, R, values)
 
     def reading(shift: np.ndarray, turn: np.ndarray, more: np.ndarray) -> np.ndarray:
         moved = np.einsum("ij,njk->nik", small_turn(turn), R)
-        slots = kind.error(seen_by(kind, position + shift, moved, values + more))
-        return stacked([*slots, *[0.0] * (3 - len(slots))], ROWS)
+        slots = kind.error(seen_by(position + shift, moved, values + more, seen))
+        return stacked([*slots, *[0.0] * (n - len(slots))], ROWS)
 
     zero, none = np.zeros(3), np.zeros_like(values)
-    at = seen_by(kind, position, R, values)
+    at = seen_by(position, R, values, seen)
     for v, w in ((rng.normal(size=3), zero), (zero, rng.normal(size=3))):
         slots = kind.slope(at, v, w)
         numeric = (reading(h * v, h * w, none) - reading(-h * v, -h * w, none)) / (2 * h)
