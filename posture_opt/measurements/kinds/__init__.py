@@ -2,7 +2,7 @@
 
 from posture_opt.measurements.kinds.camera import MarkerPixels
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
-from posture_opt.measurements.kinds.kind import Kind, Quantity, Seen
+from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen
 from posture_opt.measurements.kinds.level import Level
 from posture_opt.measurements.kinds.mixed import Member, Mixed
 from posture_opt.measurements.kinds.pair import PairContact
@@ -25,6 +25,7 @@ __all__ = [
     "Kind",
     "Level",
     "MarkerPixels",
+    "MeasuredQuantity",
     "Member",
     "Mixed",
     "PairContact",
@@ -34,6 +35,5 @@ __all__ = [
     "PointContact",
     "Pose",
     "Position",
-    "Quantity",
     "Seen",
 ]

@@ -44,7 +44,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MeasuredQuantity:
     """Numbers of a reading that share a unit and a standard deviation.
 
     Args:
@@ -87,7 +87,7 @@ class Kind:
     """Headers to add to a file that measures nothing."""
     sigma_key: ClassVar[str] = "position"
     """Key under ``uncertainty: {measurement: …}`` that states its standard deviation."""
-    further: ClassVar[tuple[Quantity, ...]] = ()
+    further: ClassVar[tuple[MeasuredQuantity, ...]] = ()
     """What is read beside the numbers in which errors count, as the orientation of a pose."""
     settings: ClassVar[str] = ""
     """Key of the section ``data`` with what is known of its places."""

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from posture_opt.errors import enumerated
-from posture_opt.measurements.kinds.kind import Kind, Quantity, Seen, Slots, Vector
+from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen, Slots, Vector
 from posture_opt.measurements.kinds.second_arm import SecondArm
 from posture_opt.numerics import Array, Codes, Json, Mask
 
@@ -42,10 +42,10 @@ class Member:
         return tuple(f"{self.kind.label}[{place}]" if place else self.name for place in self.places)
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:
+    def quantities(self) -> tuple[MeasuredQuantity, ...]:
         """What it reads that has a standard deviation of its own: the numbers in which errors count come first."""
         main = tuple(slot for slot in range(SLOTS) if not any(slot in one.slots for one in self.kind.further))
-        return (Quantity(self.kind.sigma_key, self.kind.unit, main), *self.kind.further)
+        return (MeasuredQuantity(self.kind.sigma_key, self.kind.unit, main), *self.kind.further)
 
     @property
     def more(self) -> tuple[str, ...]:
@@ -99,7 +99,7 @@ class Mixed(Kind):
         return any(member.kind.fixes_size for member in self.members)
 
     @cached_property
-    def quantities(self) -> tuple[tuple[Member, Quantity], ...]:
+    def quantities(self) -> tuple[tuple[Member, MeasuredQuantity], ...]:
         """What has a standard deviation of its own: each instrument with each quantity that it reads."""
         return tuple((member, one) for member in self.members for one in member.quantities)
 
@@ -270,7 +270,7 @@ class Mixed(Kind):
         return None
 
 
-def _key(member: Member, quantity: Quantity) -> str:
+def _key(member: Member, quantity: MeasuredQuantity) -> str:
     """What an instrument reads beside the numbers in which errors count, among all that has a σ of its own."""
     return f"{member.name}.{quantity.key}"
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from posture_opt.measurements.kinds.kind import Quantity, Seen, Slots, Vector, stacked
+from posture_opt.measurements.kinds.kind import MeasuredQuantity, Seen, Slots, Vector, stacked
 from posture_opt.measurements.kinds.position import FramedPosition, Position
 from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors, turned_by
 from posture_opt.numerics import Array
@@ -22,7 +22,7 @@ VECTOR = ("rx", "ry", "rz")
 """Columns of a rotation vector: unit axis times angle [rad]."""
 ORIENTATIONS = (*QUATERNION, *ANGLES, *VECTOR)
 """All columns that hold an orientation."""
-ORIENTATION = Quantity("orientation", "rad", (3, 4, 5))
+ORIENTATION = MeasuredQuantity("orientation", "rad", (3, 4, 5))
 """Rotation vector, about axes of the world."""
 
 
@@ -37,7 +37,7 @@ class Pose(Position):
     kind: ClassVar[str] = "pose"
     noun: ClassVar[str] = "poses"
     example: ClassVar[str] = "qw, qx, qy, qz beside these for poses"
-    further: ClassVar[tuple[Quantity, ...]] = (ORIENTATION,)
+    further: ClassVar[tuple[MeasuredQuantity, ...]] = (ORIENTATION,)
     oriented: ClassVar[bool] = True
 
     @classmethod
@@ -75,7 +75,7 @@ class FramedPose(FramedPosition):
 
     kind: ClassVar[str] = "pose"
     noun: ClassVar[str] = "poses"
-    further: ClassVar[tuple[Quantity, ...]] = (ORIENTATION,)
+    further: ClassVar[tuple[MeasuredQuantity, ...]] = (ORIENTATION,)
     oriented: ClassVar[bool] = True
 
     @property
