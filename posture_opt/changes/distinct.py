@@ -1,4 +1,4 @@
-"""Changes that rows can tell apart at all: lengths that act alike are one, those that act as a frame are the frame."""
+"""Changes that rows can tell apart at all: links that act alike are one, those that act as a frame or zero are that."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ _LEAST_LENGTH_M = 5e-3
 
 
 def distinct_rows(rows: NewRows) -> NewRows:
-    """The rows with links that act as a shift of a frame left to the frame, and links that act alike as one.
+    """The rows with links that act as a frame, or as the zero of a joint, left to it, and links that act alike as one.
 
-    Parallel axes have one distance along them between all: the longest link stands for it.
+    Parallel axes have one distance along them between all: the longest link stands for it. A twist about the axis of a
+    joint is its zero by another name.
     """
     factors = rows.residuals.robot.parameters
     lengths = {name: abs(factor.nominal) for name, factor in factors.items()}
     frames = {name: rows.twists([f"{name}.{part}" for part in FRAME_PARTS]) for name in ("base", "tool")}
     alike: dict[str, list[str]] = {name: [] for name in frames}
-    own: dict[str, Array] = {}
+    zeros = [change for change in rows.changes if change.kind == "joint_offset"]
+    own = {change.target: rows.twists(change.names) for change in zeros}
     links = [change.target for change in rows.changes if change.kind == "link"]
     for link in sorted(links, key=lambda link: -lengths[link]):
         motion = rows.twists([link])
@@ -33,7 +35,7 @@ def distinct_rows(rows: NewRows) -> NewRows:
         same = next((name for name, other in others.items() if _unlike(motion[0], other) < _ALIKE_SHARE), None)
         if same is None:
             own[link], alike[link] = motion, []
-        elif factors[link].kind == "rotate" or lengths[link] > _LEAST_LENGTH_M:
+        elif same in alike and (factors[link].kind == "rotate" or lengths[link] > _LEAST_LENGTH_M):
             alike[same].append(link)
     gone = set(links) - set(own)
     kept = [change for change in rows.changes if change.target not in gone]

@@ -25,7 +25,7 @@ from posture_opt.changes.gaussian_evidence import (
 )
 from posture_opt.changes.new_rows import NewRows
 from posture_opt.experiments.possible_changes import PossibleChange
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 
 PRIOR = {"unchanged": 0.6, "one": 0.3, "two": 0.07, "unexplained": 0.03, "gross": 0.03}
 """Before the new rows: an arm is checked after an incident, and is most often found as it was."""
@@ -215,6 +215,26 @@ class Hypotheses:
             self._of_parameters(first, Estimate(mean[:p], covariance[:p, :p])),
             self._of_parameters(second, Estimate(mean[p:], covariance[p:, p:])),
         )
+
+    def expected_preference(self, one: int, other: int) -> float:
+        """Log Bayes factor by which rows are expected to prefer a change, of its estimated size, to another one.
+
+        At the likeliest noise level; expected over the noise of rows in which the first change is made.
+        """
+        theta = self._estimate(one).mean
+        at = self.forms[one][-1].columns
+        return self._expected_gain(one, at, theta) - self._expected_gain(other, at, theta)
+
+    def _expected_gain(self, index: int, at: Codes, theta: Array) -> float:
+        """Expected log evidence of a change over no change, where the parameters ``at`` (p,) deviate by theta."""
+        level = self._likeliest[1]
+        G, _ = self.own[index][1].normal[level]
+        gains = []
+        for form in self.forms[index]:
+            values, V, _ = self.sized(index, form, level).spectrum
+            z = V.T @ form.W.T @ G[np.ix_(form.columns, at)] @ theta
+            gains.append(log_gains(values, np.sqrt(z**2 + values), form.sizes) + LOG_SIZES)
+        return log_sum(np.array(gains)) - math.log(len(gains))
 
     def power(self, index: int, shift: float, draws: Array) -> float:
         """Probability that a change of this root mean square motion [m] is detected, in its least visible direction.

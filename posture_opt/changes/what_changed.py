@@ -97,7 +97,8 @@ class Recheck(Result):
         errors_before, errors_after: (N, 3) position errors of the arm as it is in the file, and with what is named [m];
             0 where a coordinate was not measured.
         named_count: so many of the changes, from the first, are what the verdict names: 1, 2 or none.
-        updated: the problem with the one change; None where none is named.
+        shared_count: so many behind the one that is named share the headline: these postures cannot tell them apart.
+        updated: the problem with the one change; None where none is named alone.
         gross: the rows that are left out, as all others contradict them.
         plan: the postures to measure next, where more than one thing changed or it is not clear which.
         notes: sentences for the report.
@@ -112,6 +113,7 @@ class Recheck(Result):
     errors_before: Array
     errors_after: Array
     named_count: int
+    shared_count: int
     updated: ProblemData | None
     gross: tuple[GrossRow, ...] = ()
     plan: MeasurementPlan | None = None
@@ -138,9 +140,15 @@ class Recheck(Result):
         return self.changes[: self.named_count]
 
     @property
+    def shared(self) -> tuple[LikelyChange, ...]:
+        """What may have changed in place of the one that is named, as these postures cannot tell them apart."""
+        return self.changes[self.named_count : self.named_count + self.shared_count]
+
+    @property
     def rivals(self) -> tuple[LikelyChange, ...]:
-        """The changes that are nearly as likely as the first one."""
-        return tuple(c for c in self.changes[1:] if c.probability > RIVAL_SHARE * self.changes[0].probability)
+        """The changes that are nearly as likely as the first one, beside those that share the headline with it."""
+        others = self.changes[1 + self.shared_count :]
+        return tuple(c for c in others if c.probability > RIVAL_SHARE * self.changes[0].probability)
 
     @property
     def detectable(self) -> dict[str, float]:
@@ -159,6 +167,7 @@ class Recheck(Result):
             "unchanged": p.unchanged,
             "probability": {"unchanged": p.unchanged, "one": p.one, "several": p.several},
             "named": [{"kind": c.kind, "target": c.target} for c in self.named],
+            "shared": [{"kind": c.kind, "target": c.target} for c in self.shared],
             "rivals": [{"kind": c.kind, "target": c.target} for c in self.rivals],
             "detectable": {kind: v if np.isfinite(v) else None for kind, v in self.detectable.items()},
             "visible": [visible.to_json() for visible in self.visible],

@@ -147,7 +147,14 @@ def is_named(found: po.Recheck, truth: Truth) -> bool:
         return found.verdict == "unchanged"
     first = found.changes[0]
     same = (first.kind, first.target) == truth or truth[1] in first.possible.alike
-    return found.verdict == "changed" and same
+    return found.verdict == "changed" and same and not found.shared
+
+
+def is_in_headline(found: po.Recheck, truth: Truth) -> bool:
+    """Whether the verdict is the truth, or says that it is this or one of those that share the headline."""
+    either = (found.changes[0], *found.shared)
+    said = any((c.kind, c.target) == truth or truth[1] in c.possible.alike for c in either)
+    return is_named(found, truth) or (found.verdict == "changed" and said)
 
 
 @pytest.mark.parametrize("what", KINDS)
@@ -155,7 +162,8 @@ def test_one_change_is_named_with_its_size(what: str) -> None:
     cell, rng = stated(), np.random.default_rng(5)
     arm, truth = cell.changed(what, rng)
     found = po.recheck(cell.problem, cell.measured(arm, rng))
-    assert is_named(found, truth), found.summary()
+    # This shift of the tool is across the last axis, whose zero shares the headline with it.
+    assert (is_in_headline if what == "tool" else is_named)(found, truth), found.summary()
     assert found.after <= found.before
     total = sum(change.probability for change in found.changes) + found.unchanged
     assert total == pytest.approx(1.0)
@@ -163,6 +171,27 @@ def test_one_change_is_named_with_its_size(what: str) -> None:
         value, std, unit = found.changes[0].values["theta"]
         assert unit == "rad"
         assert abs(abs(value) - 0.2e-3) < 3 * std < 0.1e-3
+
+
+@pytest.mark.long
+def test_changes_that_the_postures_cannot_tell_apart_share_the_headline() -> None:
+    """1 mrad of the second wrist moves the tool as 0.21 mm of the length beside it, but for less than the noise."""
+    cell, rng = stated(), np.random.default_rng(5)
+    slipped = cell.with_error("wrist_2.theta", 1e-3)
+    moved, length = (a.points(cell.q) - cell.arm.points(cell.q) for a in (slipped, cell.with_error("wrist_2.a", 1e-3)))
+    best = np.sum(moved * length) / np.sum(length**2)
+    assert np.sqrt(np.mean((moved - best * length) ** 2)) < NOISE
+    found = po.recheck(cell.problem, cell.measured(slipped, rng))
+    assert found.verdict == "changed"
+    assert not is_named(found, ("joint_offset", "wrist_2"))
+    assert is_in_headline(found, ("joint_offset", "wrist_2"))
+    assert [c.target for c in found.shared] == ["wrist_2.a"]
+    assert found.to_json()["shared"] == [{"kind": "link", "target": "wrist_2.a"}]
+    assert found.updated is None
+    assert found.plan is not None
+    text = " ".join(found.report(full=False).split())
+    assert "the zero of wrist_2 or the length wrist_2.a; these postures cannot tell which" in text
+    assert not any(c.target == "wrist_2.beta" for c in found.changes)  # the same turn about the same axis
 
 
 @pytest.mark.long
@@ -252,10 +281,13 @@ def test_update_writes_the_file_with_only_that_changed(tmp_path: Path) -> None:
 def test_changes_are_named_nine_times_in_ten(name: str) -> None:
     """40 draws each of tool 0.3 mm, base 0.5 mm, zero 0.2 mrad, link 0.2 mm and nothing, ten planned postures."""
     cell, rng = calibrated(name), np.random.default_rng(1)
-    named = dict.fromkeys(KINDS, 0)
+    alone, said = dict.fromkeys(KINDS, 0), dict.fromkeys(KINDS, 0)
     for what in KINDS:
         for _ in range(40):
             arm, truth = cell.changed(what, rng)
-            named[what] += is_named(po.recheck(cell.problem, cell.measured(arm, rng)), truth)
-    assert named["nothing"] >= 38, named
-    assert min(named.values()) >= 36, named
+            found = po.recheck(cell.problem, cell.measured(arm, rng))
+            alone[what] += is_named(found, truth)
+            said[what] += is_in_headline(found, truth)
+    assert said["nothing"] >= 38, said
+    assert min(said.values()) >= 36, said
+    assert min(alone.values()) >= 30, alone

@@ -181,6 +181,18 @@ def test_planned_lengths_are_within_the_stroke_that_was_used() -> None:
     assert [one["place"] for one in plan.to_json()["postures"]] == list(plan.places)
 
 
+def test_a_plan_for_a_recheck_reads_lengths_to_the_anchors_of_the_given_rows() -> None:
+    rng = np.random.default_rng(37)
+    arm, given = TrueArm.drawn(rng), problem("distance")
+    data = po.read_measurements(distance_table(arm, rng, 8, SIGMA), given)
+    plan = po.plan_measurements(given, 6, given=data, purpose="recheck", candidates=40)
+    code = np.array([int(name.removeprefix("bar")) for name in plan.places])
+    length = np.linalg.norm(arm.point(plan.q) - ANCHORS[code], axis=1)
+    assert np.all(length < data.reading.max() + 5e-3)
+    assert {p.name for p in plan.parameters if p.group == "place"} >= {f"anchor[bar{k}].x" for k in range(4)}
+    assert plan.gain > 1
+
+
 @pytest.mark.conformance
 def test_planned_touches_are_on_the_plates_where_they_were_touched() -> None:
     rng = np.random.default_rng(32)

@@ -57,9 +57,11 @@ def _answer(found: Recheck) -> tuple[str, ...]:
     first, errors = found.changes[0], _errors(found)
     if found.verdict == "unchanged":
         return (f"Nothing changed that these rows can show (probability {percent(found.unchanged)}).", _power(found))
+    if found.shared:
+        return (*_one_of(found), errors, *_next(found), *_looked_at(found))
     if found.verdict == "changed":
         changed = f"One thing changed: {sized(first)}; probability {percent(first.probability)}."
-        return (changed, errors, _rivals(found), _ended(f"Look at: {inspection(found, first)}"))
+        return (changed, errors, _rivals(found), *_looked_at(found))
     if found.verdict == "unclear":
         names = enumerated([short(change) for change in (first, *found.rivals)])
         return (f"Something changed, and these rows do not tell what: {names}.", errors, *_next(found))
@@ -67,6 +69,22 @@ def _answer(found: Recheck) -> tuple[str, ...]:
         both = enumerated([sized(change) for change in found.named])
         return (f"More than one thing changed; likeliest: {both}.", errors, *_next(found))
     return ("The rows err in a way that neither one change nor two explain.", errors, *_next(found))
+
+
+def _one_of(found: Recheck) -> tuple[str, str]:
+    """The changes of which one is made, which these postures cannot tell apart; sizes, each of it alone."""
+    either = (found.changes[0], *found.shared)
+    total = percent(sum(change.probability for change in either))
+    names = " or ".join(f"the {short(change)}" for change in either)
+    sizes = ", or ".join(f"{sized(change)} ({percent(change.probability)})" for change in either)
+    first = f"One thing changed: {names}; these postures cannot tell which (probability together {total})."
+    return first, f"Each alone: {sizes}."
+
+
+def _looked_at(found: Recheck) -> tuple[str, ...]:
+    """What to look at on the arm: of all that may be the one change."""
+    words = dict.fromkeys(inspection(found, change) for change in (found.changes[0], *found.shared))
+    return tuple(_ended(f"{'Look at' if k == 0 else 'Or'}: {text}") for k, text in enumerate(words))
 
 
 def _ended(text: str) -> str:
