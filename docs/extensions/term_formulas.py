@@ -60,7 +60,7 @@ FORMULAS = {  # kind -> formula, its own symbols, when to use it, an entry of a 
         "subject_to: [{kind: joint_torque, at_most: {shoulder_lift: 150 N m}}]",
     ),
     "near_posture": (
-        r"\sqrt{\tfrac{1}{k} \sum_i (q_i - w_i)^2} \le d \qquad \text{or} \qquad \lvert q_i - w_i \rvert \le d_i",
+        r"\sqrt{\tfrac{1}{k} \sum_i (q_i - w_i)^2} \le d \;\;\text{or}\;\; \lvert q_i - w_i \rvert \le d_i",
         "wᵢ: the preferred values of k joints, strokes divided by the length of the arm; d: `at_most`",
         "A program exists already, cables hold, or the arm comes from a known posture.",
         "subject_to: [{kind: near_posture, posture: {shoulder_pan: 20 deg, elbow: -90 deg}, at_most: 30 deg}]",

@@ -51,10 +51,10 @@ def select_posture(
 ) -> Solution:
     """The posture whose spread hurts the task least, with alternatives and evidence; for a path one at each point.
 
-    By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that the task
-    minds: C (3, 3) [m²] the covariance of the tool point, B (3, m) a basis of those directions, both world; subject to
-    the target, the tool axis, the limits of the joints and what the task adds. A task with features has a posture for
-    each of them and one placement of the workpiece, chosen together.
+    By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that count
+    for the task: C (3, 3) [m²] the covariance of the tool point, B (3, m) a basis of those directions, both world;
+    subject to the target, the tool axis, the limits of the joints and what the task adds. A task with features has a
+    posture for each of them and one placement of the workpiece, chosen together.
 
     Args:
         problem: with a task and uncertain parameters.

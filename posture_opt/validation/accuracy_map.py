@@ -1,4 +1,4 @@
-"""``map_accuracy``: where the arm lands without its corrections, and how it scatters, over a grid of targets."""
+"""``map_accuracy``: errors of the arm without its corrections, and how it scatters, over a grid of targets."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
     """``q -> (objective, gradient, hessian)``, a number, ``∂objective/∂q`` (n,) and ``∂²objective/∂q²`` (n, n), with a
     description of each.
 
-    By the criterion ``worst`` the objective is the largest variance [m²] in the directions that the task minds, as the
+    By the criterion ``worst`` the objective is the largest variance [m²] in the directions that count, as the
     selection has it, errors of the workpiece included; further terms of the task are added with their weights, and the
     variance is not scaled.
 

@@ -29,7 +29,7 @@ def compare(
     problems: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1,
     progress: Progress | None = None,
 ) -> Comparison:  # fmt: skip
-    """Solve the task of the first problem with every arm, and predict the errors of each answer by all arms.
+    """Solve the task of the first problem with every arm, and predict the errors of each answer on all arms.
 
     Arms with the same joints predict each other's postures: mean error from the target, and spread about it.
 

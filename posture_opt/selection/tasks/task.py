@@ -141,7 +141,7 @@ class Task(Spec):
 
     @property
     def part(self) -> HeldPart | None:
-        """The part in the tool whose two ends count; None for a task that minds the tool point alone."""
+        """The part in the tool whose two ends count; None where the tool point alone counts."""
         return None
 
     @property

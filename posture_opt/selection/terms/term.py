@@ -40,7 +40,7 @@ class Quantities:
         bias: (3,) exact mean minus nominal [m].
         jacobian: (r, n) Jacobian of the tool point in the r directions that the arm can move it in [m/rad].
         bases: (3, m) orthonormal bases, for each part of the spread that can be asked for.
-        within: the part of the spread that the task minds; ``part`` is the peg whose other end it minds too.
+        within: the part of the spread that counts for the task; ``part`` is the peg whose other end counts too.
         yaw_lever: on which the yaw about the direction counts [m]; zero where it does not.
         clearance: radial clearance of the hole [m]; ``has_hole`` says whether the task states one.
     """
