@@ -11,10 +11,11 @@ import pytest
 
 import posture_opt as po
 from posture_opt.diagnosis.scores.candidates import list_candidates
+from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.line_atoms import LineAtoms
 from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates, pursue_in_folds
+from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates, pursue_in_folds
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection, clearly_less
 from posture_opt.diagnosis.search.search import search_effects
 from posture_opt.model.effects.cyclic_error import CyclicError

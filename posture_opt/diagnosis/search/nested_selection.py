@@ -26,9 +26,10 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.matching_pursuit import Pursued, nested_subsets, pursue_in_folds
+from posture_opt.diagnosis.search.matching_pursuit import Pursued, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes

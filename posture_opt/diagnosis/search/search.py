@@ -10,13 +10,14 @@ import numpy as np
 from posture_opt.calibration.data_checks import spread_poses
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate, absorbed_candidates, list_candidates
+from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
 from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
 from posture_opt.diagnosis.scores.subset_selection import exchange_members
 from posture_opt.diagnosis.search.aliases import find_aliases
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.initial_scores import InitialScores
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
-from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue_candidates
+from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.search.selection_criterion import (
     beyond_instrument,
@@ -68,7 +69,7 @@ class SearchResult:
     @property
     def size(self) -> int:
         """How many candidates were chosen, every line of a joint counted."""
-        return sum(len(s.what.lines) if isinstance(s.what, CyclicError) else 1 for s in self.chosen)
+        return _count(self.chosen)
 
     @property
     def detached(self) -> SearchResult:
@@ -88,6 +89,30 @@ class SearchResult:
         """By its place among the named ones, the rivals of every effect that has some."""
         named = [rivals for s, rivals in zip(self.chosen, self.rivals, strict=True) if s.named]
         return {place: rivals for place, rivals in enumerate(named) if rivals}
+
+
+@dataclass(frozen=True, eq=False)
+class _Selection:
+    """A set that was chosen from some of the candidates, before it is known what could replace its members.
+
+    Args:
+        chosen, nested, considered: as of a `SearchResult`; ``others`` could replace members.
+    """
+
+    chosen: tuple[Candidate, ...]
+    nested: NestedSelections
+    others: tuple[Candidate, ...] = ()
+    considered: tuple[Candidate, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """How many candidates were chosen, every line of a joint counted."""
+        return _count(self.chosen)
+
+
+def _count(chosen: Sequence[Candidate]) -> int:
+    """How many candidates these are, every line of a joint counted."""
+    return sum(len(s.what.lines) if isinstance(s.what, CyclicError) else 1 for s in chosen)
 
 
 def search_effects(
@@ -125,20 +150,21 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
         rows = linearised.sensitivities.residuals
         raise InsufficientDataError(f"the parameters take up all that was measured; {spread_poses(rows)}")
     if start.best_p_value >= levels.FIRST_EFFECT_LEVEL:
-        return _search_result(start, NestedSelections.of(Dictionary(linearised, ()), 0, foldings), (), ())
+        return _search_result(start, _Selection((), NestedSelections.of(Dictionary(linearised, ()), 0, foldings)))
     # What is only compared is judged by the strictest way to leave rows out, for time.
     found = _select_allowed(start, foldings[-1:], lambda c: True)
     report_step()
     if all(s.persistent for s in found.considered):
-        return _select_allowed(start, foldings, lambda c: c.persistent)
+        return _search_result(start, _select_allowed(start, foldings, lambda c: c.persistent))
     names = _named_model(start, foldings)
     report_step()
     if all(s.named for s in found.chosen):
-        return names
+        return _search_result(start, names)
     alone = NestedSelections(names.nested.each[-1:])
     if alone.explained >= levels.NAMED_SHARE * found.nested.explained:
-        return replace(found, names=names)
-    return found if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: True)
+        return replace(_search_result(start, found), names=_search_result(start, names))
+    every = found if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: True)
+    return _search_result(start, every)
 
 
 def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
@@ -146,7 +172,7 @@ def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
     return list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
 
 
-def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
+def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> _Selection:
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
     What stays constant for a while, or bends with the place in the room, imitates much that has another cause. Yet one
@@ -171,7 +197,7 @@ def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> SearchRes
 
 def _select_allowed(
     start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]
-) -> SearchResult:
+) -> _Selection:
     """The best set of those candidates that are allowed.
 
     Pursuit, exchange, elimination, and a size by nested folds; each step only removes or replaces members of the one
@@ -196,7 +222,7 @@ def _select_allowed(
         return _select_allowed(start, foldings, lambda c: allowed(c) and c.key not in impossible)
     # What this set may not hold can explain it all the same: drift for growth, an unnamed curve for a gear error.
     others = merged_candidates(shortlisted, start.shortlist)
-    return replace(_search_result(start, nested, chosen, others), considered=members)
+    return _Selection(chosen, nested, others, members)
 
 
 def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
@@ -286,15 +312,14 @@ def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[i
     return replace(found, chosen=members, p_values=p_values, rivals=rivals)
 
 
-def _search_result(
-    start: InitialScores, nested: NestedSelections, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
-) -> SearchResult:
+def _search_result(start: InitialScores, found: _Selection) -> SearchResult:
     """The members by their weight, each with its p-value given the others and its rivals."""
-    chosen, weights = rank_members(start.linearised, members)
+    chosen, weights = rank_members(start.linearised, found.chosen)
     p_values = tuple(start.null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
-    rivals = _all_rivals(start.linearised, start.baseline, shortlisted, chosen)
+    rivals = _all_rivals(start.linearised, start.baseline, found.others, chosen)
     hidden = absorbed_candidates(start.baseline, start.candidates, start.scored)
-    return SearchResult(chosen, p_values, rivals, tuple(start.scored), start.null, nested, hidden)
+    scored = tuple(start.scored)
+    return SearchResult(chosen, p_values, rivals, scored, start.null, found.nested, hidden, found.considered)
 
 
 def _all_rivals(

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
 from posture_opt.diagnosis.scores.score_tests import (
     NullDistribution,
     ProjectedBaseline,
@@ -200,19 +201,20 @@ def substantial_members(linearised: LinearisedData, members: Sequence[Candidate]
 
     A member stays with `levels.MIN_EFFECT_SHARE` of what all explain, or `levels.MIN_EFFECT_RISE` of what they leave.
     """
-    kept, (linearised, reduced) = list(members), linearised.reduced(members)
-    while len(kept) > 1:
-        small, reduced = linearised.reduced(reduced)
-        whole = float(small.baseline(flips=0).rss[0])
-        least = float(small.baseline(reduced, flips=0).rss[0])
-        without = [[s for s in reduced if s is not member] for member in reduced]
-        lost = [float(small.baseline(rest, flips=0).rss[0]) - least for rest in without]
-        worst = int(np.argmin(lost))
-        if lost[worst] >= levels.MIN_EFFECT_SHARE * (whole - least) or lost[worst] >= levels.MIN_EFFECT_RISE * least:
+    if len(members) < 2:
+        return tuple(members)
+    small, reduced = linearised.reduced(members)
+    columns = [s.Z for s in reduced]
+    subsets = nested_subsets(columns, small.G, small.r)
+    A = np.concatenate([small.G, *columns], axis=1)
+    rss = [float(np.sum((small.r - A @ subset.coefficients) ** 2)) for subset in subsets]
+    size = len(members)
+    while size > 1:
+        lost, explained = rss[size - 1] - rss[size], rss[0] - rss[size]
+        if lost >= levels.MIN_EFFECT_SHARE * explained or lost >= levels.MIN_EFFECT_RISE * rss[size]:
             break
-        del kept[worst], reduced[worst]
-        linearised = small
-    return tuple(kept)
+        size -= 1
+    return tuple(members[i] for i in subsets[size].members)
 
 
 def rank_members(
