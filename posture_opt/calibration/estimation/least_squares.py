@@ -15,6 +15,7 @@ MAX_ITERATIONS = 500
 _RELATIVE_OFFSET_TOLERANCE = (
     1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
 )
+_ROUNDING_SHARE = 1e-13  # of |r|²: a step that promised no more, and failed, failed by rounding
 _RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
 
@@ -97,9 +98,9 @@ def least_squares(
         if lower is None:
             return _minimum_at(x, r, R, step, True)
         move, r_new, J_new, damping = lower
-        expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
+        expected = _expected_gain(R, projected, move)
         gained = float(r @ r - r_new @ r_new)
-        ratio = 1.0 if gained >= expected else gained / float(expected)
+        ratio = 1.0 if gained >= expected else gained / expected
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
     return _minimum_at(x, r, triangular_factor(J), max_steps, False)
@@ -123,6 +124,8 @@ def _descent_step(
             gain = r @ r - r_new @ r_new
         if np.isfinite(gain) and np.all(np.isfinite(J_new)) and gain > 0:
             return move, r_new, J_new, damping
+        if _expected_gain(R, projected, move) <= _ROUNDING_SHARE * (r @ r):
+            return None
         damping, growth = damping * growth, growth * 2
         if first and np.any(x):
             reach = float(np.linalg.norm(D * x))
@@ -150,6 +153,11 @@ def reduced_jacobian(J: Array, directions: Array) -> Array:
     whole = len(J) // 64 * 64
     blocks = J[:whole].reshape(whole // 64, 64, J.shape[1]) @ directions
     return np.concatenate([blocks.reshape(whole, directions.shape[1]), J[whole:] @ directions])
+
+
+def _expected_gain(R: Array, projected: Array, move: Array) -> float:
+    """By how much a step (k,) would lower ``|r|²`` if the tangent were the function."""
+    return float(np.sum(projected**2) - np.sum((projected + R @ move) ** 2))
 
 
 def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:

@@ -157,25 +157,20 @@ class _Fit:
     variances: Array
 
     @classmethod
-    def of(cls, sets: Array, pattern: Pattern) -> _Fit:
-        """Of residuals (1 + F, N, d), the first set the one that was measured.
+    def of(cls, sets: Array, total: Array, pattern: Pattern) -> _Fit:
+        """Of residuals (1 + F, N, d), the first set the one that was measured, and their squared lengths (1 + F, N).
 
         The ratio is the largest on the grid, in all sets alike.
         """
         _, N, d = sets.shape
-        total = np.einsum("fnd,fnd->fn", sets, sets)
         along = pattern.along(sets)
         null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
-        best, first = np.full(len(sets), -np.inf), []
-        for value in map(float, pattern.grid):
-            likelihood, s2 = _log_likelihood(pattern, value, total, along, d)
-            first.append((float(likelihood[0]), float(s2[0])))
-            best = np.maximum(best, likelihood)
-        heights, variances = np.array(first).T
-        top = float(np.interp(_parabola_peak(list(heights)), np.arange(len(heights)), pattern.grid))
-        s2 = _log_likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
-        ratios = 2 * (best - null)
-        return cls(float(ratios[0]), ratios[1:], top, float(s2[0]), 2 * (heights - null[0]), variances)
+        likelihoods, s2 = _log_likelihoods(pattern, pattern.grid, total, along, d)
+        heights, variances = likelihoods[:, 0], s2[:, 0]
+        top = float(np.interp(_parabola_peak(heights.tolist()), np.arange(len(heights)), pattern.grid))
+        least = _log_likelihoods(pattern, np.array([top]), total[:1], None if along is None else along[:1], d)[1]
+        ratios = 2 * (likelihoods.max(axis=0) - null)
+        return cls(float(ratios[0]), ratios[1:], top, float(least[0, 0]), 2 * (heights - null[0]), variances)
 
     def candidate(self, pattern: Pattern, most: Array) -> NoiseCandidate:
         """The noise with its p-value by the largest ratios of draws (F,)."""
@@ -203,33 +198,36 @@ def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) ->
     while left > 0:
         count = min(left, max(_MAX_NULL_NUMBERS // e.size, 1))
         sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
-        found.append([_Fit.of(sets, pattern) for pattern in patterns])
+        total = np.einsum("fnd,fnd->fn", sets, sets)
+        found.append([_Fit.of(sets, total, pattern) for pattern in patterns])
         left -= count
     each = zip(*found, strict=True)
     return [replace(parts[0], drawn=np.concatenate([fit.drawn for fit in parts])) for parts in each]
 
 
-def _log_likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
-    """Log likelihood (F,) and likeliest s² (F,) of noise of one size in F data sets.
+def _log_likelihoods(pattern: Pattern, values: Array, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
+    """Log likelihoods (G, F) and likeliest s² (G, F) of noise of several sizes in F data sets.
 
     Args:
-        value: the size, as on the pattern's grid.
+        values: (G,) sizes, as on the pattern's grid.
         total: (F, N) squared lengths of residuals; along: (F, N) their squared part along the pattern's direction, or
             None.
     """
-    weights, determinant, count = np.ones(total.shape[1]), 0.0, total.shape[1] * d
-    level = pattern.level(value)
-    if level is not None:
-        weights, determinant = np.exp(-level), d * float(level.sum())
-    weighted = total @ weights
+    N, determinants = total.shape[1], np.zeros(len(values))
+    weights, along_weights = np.ones((len(values), N)), np.zeros((len(values), N))
+    for i, value in enumerate(map(float, values)):
+        level = pattern.level(value)
+        if level is not None:
+            weights[i], determinants[i] = np.exp(-level), d * float(level.sum())
+        if along is not None:
+            inflation = pattern.inflation(value)
+            along_weights[i] = weights[i] / inflation - weights[i]
+            determinants[i] += pattern.rank * np.log(inflation).sum()
+    weighted = weights @ total.T
     if along is not None:
-        inflation = pattern.inflation(value)
-        weighted, determinant = (
-            weighted + along @ (weights / inflation - weights),
-            determinant + pattern.rank * np.log(inflation).sum(),
-        )
-    s2 = weighted / count
-    return -count / 2 * np.log(s2) - 0.5 * determinant, s2
+        weighted += along_weights @ along.T
+    s2 = weighted / (N * d)
+    return -N * d / 2 * np.log(s2) - 0.5 * determinants[:, None], s2
 
 
 def _parabola_peak(values: list[float]) -> float:

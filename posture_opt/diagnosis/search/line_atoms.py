@@ -74,7 +74,8 @@ class LineAtoms(Atoms):
         N, block = self.lever.shape
         lever = self.lever * learn[: N * block].reshape(N, block)
         weights = np.einsum("nb,nb->n", lever, lever)
-        along = np.column_stack([np.einsum("nb,nbp->np", lever, Q[: N * block].reshape(N, block, -1)), self._of(e)])
+        parts = Q.T[:, : N * block].reshape(-1, N, block)  # a basis is kept by columns: nothing is copied
+        along = np.column_stack([sum(parts[:, :, b] * lever[:, b] for b in range(block)).T, self._of(e)])
         cycles = float(self.lines.cycles[index])
         middle = np.exp(1j * cycles * self.q)
         for step in (self._step / (2 * _STEPS_TO_HALF_WAY), self._step / (2 * _STEPS_TO_HALF_WAY) ** 2):
