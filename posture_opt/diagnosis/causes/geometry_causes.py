@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,15 +60,44 @@ def geometry_causes(
     Returns:
         Empty where the F test of all geometry is not significant at `levels.GEOMETRY_LEVEL`.
     """
-    nominal = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
+    fits = _FewParameters(residuals, x_frames, free, effects)
+    nominal = fits.with_only(())
     p = _f_test(nominal, full)
     if p > levels.GEOMETRY_LEVEL:
         return []
-    few = _few_parameters(residuals, x_frames, free, full, effects)
+    few = _needed_parameters(fits, full)
     if few is not None:
-        return _single_causes(residuals, x_frames, free, few, effects, folds)
+        return _single_causes(fits, few, folds)
     gain = _gain(full, nominal, folds)
     return [GeometryCause(GeometricDeviation.of_all(), {}, p, gain)] if gain > 0 else []
+
+
+@dataclass(frozen=True, eq=False)
+class _FewParameters:
+    """Fits of an arm with free frames, effects and some parameters, all other geometry as in the file; each made once.
+
+    Args:
+        residuals, x_frames, free, effects: as of `geometry_causes`.
+    """
+
+    residuals: Residuals
+    x_frames: Array
+    free: Array
+    effects: Sequence[Effect]
+    _made: dict[tuple[int, ...], Fit] = field(default_factory=dict)
+
+    @property
+    def others(self) -> list[int]:
+        """The parameters that are not of free frames."""
+        return [i for i in range(len(self.x_frames)) if not np.any(self.free[i])]
+
+    def with_only(self, chosen: Sequence[int]) -> Fit:
+        """The one with so many single parameters."""
+        key = tuple(chosen)
+        if key not in self._made:
+            directions = _with_parameters(self.free, chosen, len(self.x_frames))
+            self._made[key] = fit_with_effects(self.residuals, self.x_frames, directions, self.effects, shapes=False)
+        return self._made[key]
 
 
 def _gain(model: Fit, without: Fit, folds: Folds) -> float:
@@ -101,20 +130,15 @@ def _f_test(small: Fit, large: Fit) -> float:
     return float(fdtrc(more, left, gain / more / (_sum_of_squares(large) / left)))
 
 
-def _few_parameters(
-    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
-) -> list[int] | None:
+def _needed_parameters(fits: _FewParameters, full: Fit) -> list[int] | None:
     """The fewest parameters given which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
-    model = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
-    frames = {i for i in range(len(x_frames)) if np.any(free[i])}
     while len(chosen) < levels.MAX_NAMED_PARAMETERS:
-        gains = _gains_alone(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
+        gains = _gains_alone(fits.with_only(chosen), [i for i in fits.others if i not in chosen])
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
-        model = _with_only(residuals, x_frames, free, chosen, effects)
-        if _f_test(model, full) > levels.GEOMETRY_LEVEL:
+        if _f_test(fits.with_only(chosen), full) > levels.GEOMETRY_LEVEL:
             return chosen
     return None
 
@@ -155,28 +179,17 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
     return gains
 
 
-def _single_causes(
-    residuals: Residuals, x_frames: Array, free: Array, chosen: Sequence[int], effects: Sequence[Effect], folds: Folds
-) -> list[GeometryCause]:
+def _single_causes(fits: _FewParameters, chosen: Sequence[int], folds: Folds) -> list[GeometryCause]:
     """The chosen parameters as causes; without the one that held-out rows need least, if they do not need it."""
-    fitted = _with_only(residuals, x_frames, free, chosen, effects)
-    without = [_with_only(residuals, x_frames, free, [j for j in chosen if j != i], effects) for i in chosen]
+    fitted = fits.with_only(chosen)
+    without = [fits.with_only([j for j in chosen if j != i]) for i in chosen]
     gains = [_gain(fitted, other, folds) for other in without]
     worst = int(np.argmin(gains)) if gains else 0
     if gains and gains[worst] <= 0:
-        rest = [*chosen[:worst], *chosen[worst + 1 :]]
-        return _single_causes(residuals, x_frames, free, rest, effects, folds)
-    others = [j for j in range(len(x_frames)) if j not in chosen and not np.any(free[j])]
+        return _single_causes(fits, [*chosen[:worst], *chosen[worst + 1 :]], folds)
+    others = [j for j in fits.others if j not in chosen]
     rows = zip(chosen, without, gains, strict=True)
     return [_single_cause(fitted, other, i, others, gain) for i, other, gain in rows]
-
-
-def _with_only(
-    residuals: Residuals, x_frames: Array, free: Array, chosen: Sequence[int], effects: Sequence[Effect]
-) -> Fit:
-    """The arm with free frames, some parameters and effects fitted, all other geometry as in the file."""
-    directions = _with_parameters(free, chosen, len(x_frames))
-    return fit_with_effects(residuals, x_frames, directions, effects, shapes=False)
 
 
 def _single_cause(model: Fit, without: Fit, i: int, others: Sequence[int], gain: float) -> GeometryCause:

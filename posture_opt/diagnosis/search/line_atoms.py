@@ -75,12 +75,12 @@ class LineAtoms(Atoms):
         lever = self.lever * learn[: N * block].reshape(N, block)
         weights = np.einsum("nb,nb->n", lever, lever)
         parts = Q.T[:, : N * block].reshape(-1, N, block)  # a basis is kept by columns: nothing is copied
-        along = np.column_stack([sum(parts[:, :, b] * lever[:, b] for b in range(block)).T, self._of(e)])
+        along = np.column_stack([(np.swapaxes(parts, 0, 1) @ lever[:, :, None])[:, :, 0], self._of(e)])
         cycles = float(self.lines.cycles[index])
         middle = np.exp(1j * cycles * self.q)
         for step in (self._step / (2 * _STEPS_TO_HALF_WAY), self._step / (2 * _STEPS_TO_HALF_WAY) ** 2):
             waves = _waves_about(middle, np.exp(1j * step * self.q))
-            inner = np.stack([waves.imag @ along, waves.real @ along], axis=1)
+            inner = np.swapaxes((np.concatenate([waves.imag, waves.real]) @ along).reshape(2, len(waves), -1), 0, 1)
             best = int(np.argmax(projected_gains(_line_grams(waves, weights), inner[:, :, :-1], inner[:, :, -1])))
             cycles, middle = cycles + step * (best - _STEPS_TO_HALF_WAY), waves[best]
         return self.lines.candidate(cycles, self._sensitivities)
