@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from posture_opt.calibration.estimation.least_squares import Minimum, least_squares
 
@@ -190,3 +191,22 @@ def test_standard_errors_do_not_hang_on_the_units_of_the_parameters() -> None:
     fit = fitted("misra1a", problem.starts[1], units=units)
     assert digits(fit.x * units, problem.estimates) > 7
     assert digits(fit.std * units, problem.deviations) > 7
+
+
+def test_a_fit_to_rounded_values_ends_where_their_rounding_begins() -> None:
+    """Residuals of 1 m in units of 10 µm, rounded as if of few digits: no step is tried over and over."""
+    rng, t = np.random.default_rng(4), np.linspace(0.0, 3.0, 400)
+    measured, evaluations = np.sin(1.3 * t) + rng.normal(0, 1e-5, t.size), []
+
+    def function(x: Values) -> tuple[Values, Values]:
+        evaluations.append(x)
+        reached = np.round(x[0] * np.sin(x[1] * t), 13)
+        return (reached - measured) / 1e-5, np.stack([np.sin(x[1] * t), x[0] * t * np.cos(x[1] * t)], axis=1) / 1e-5
+
+    found = least_squares(function, np.array([0.9, 1.2]), tolerance=1e-9)
+    exact = scipy.optimize.least_squares(
+        lambda x: (x[0] * np.sin(x[1] * t) - measured) / 1e-5, [0.9, 1.2], xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    assert found.converged
+    assert np.all(np.abs(found.x - exact.x) < 1e-4 * found.std)
+    assert len(evaluations) < 8

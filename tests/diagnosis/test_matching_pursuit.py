@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.scores.candidates import list_candidates
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.candidates import Candidate, list_candidates
 from posture_opt.diagnosis.scores.nested_subsets import nested_subsets
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.line_atoms import LineAtoms
@@ -18,6 +19,7 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData, lineari
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates, pursue_in_folds
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection, clearly_less
 from posture_opt.diagnosis.search.search import search_effects
+from posture_opt.diagnosis.search.selection_criterion import substantial_members
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 from tests.helpers.planar_2r import position
@@ -112,6 +114,28 @@ def test_subsets_are_those_of_least_loss_and_their_fits_those_of_least_squares()
         (gone,) = set(larger.members) - set(smaller.members)
         assert losses[gone] == min(losses.values())
         assert np.sum((r - A @ smaller.coefficients) ** 2) == pytest.approx(losses[gone], rel=1e-7)
+
+
+def test_members_that_explain_next_to_nothing_go_one_by_one(two_errors: LinearisedData) -> None:
+    """Against plain least squares of every subset, the least first; two of the six were added to the residuals."""
+    members = [c for c in dictionary(two_errors).candidates if c.Z.shape[1] <= 2][:6]
+    rng = np.random.default_rng(3)
+    r = two_errors.r + 20 * sum(c.Z[:, 0] / np.linalg.norm(c.Z[:, 0]) for c in members[:2])
+    linearised = replace(two_errors, r=r + rng.normal(size=len(r)))
+    kept = list(members)
+
+    def rss(some: list[Candidate]) -> float:
+        return left(np.concatenate([linearised.G, *(c.Z for c in some)], axis=1), linearised.r)
+
+    while len(kept) > 1:
+        least, lost = rss(kept), [rss([c for c in kept if c is not gone]) for gone in kept]
+        worst = int(np.argmin(lost))
+        share = levels.MIN_EFFECT_SHARE * (rss([]) - least)
+        if lost[worst] - least >= min(share, levels.MIN_EFFECT_RISE * least):
+            break
+        del kept[worst]
+    assert 1 <= len(kept) < len(members)
+    assert [str(c.what) for c in substantial_members(linearised, members)] == [str(c.what) for c in kept]
 
 
 def test_what_left_out_rows_alone_show_explains_no_others(two_errors: LinearisedData) -> None:
