@@ -101,6 +101,7 @@ def test_rows_come_back_and_orientations_without_a_sigma_are_left_out() -> None:
     rng = np.random.default_rng(73)
     rows = table(TrueArm(), rng, 3, np.eye(4))
     data = po.read_measurements(rows, problem())
+    assert data.kind.quantity_names == ("probe", "tracker", "orientation")
     again = po.read_measurements(data.to_dataframe(), problem())
     assert np.array_equal(again.reading, data.reading)
     assert np.array_equal(again.part, data.part)

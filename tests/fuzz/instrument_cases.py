@@ -9,6 +9,7 @@ import yaml
 
 from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.kinds.kind import Kind
+from posture_opt.measurements.kinds.pose import QUATERNION
 from tests.fuzz.bases import problem_file
 from tests.fuzz.case import Case
 from tests.fuzz.measured_tables import Table, planar, with_columns
@@ -40,6 +41,7 @@ def instrument_case(rng: random.Random, number: int) -> Case:
     if rng.random() < 0.4:
         sigma = "0.1 mm"
         data["uncertainty"]["measurement"] = {kind.sigma_key: sigma for kind in kinds} | {"position": sigma}
+        data["uncertainty"]["measurement"] |= {one.key: "0.1 mrad" for kind in kinds for one in kind.further}
     files: dict[str, bytes] = {"d.csv": table.text().encode(), "p.yaml": yaml.safe_dump(data).encode()}
     words = rng.choice(_COMMANDS) + rng.choice(((), ("--json",), ("--full",)))
     return Case("instrument", number, words, files, ("o",))  # type: ignore[arg-type]
@@ -55,6 +57,11 @@ def _add(rng: random.Random, table: Table, kind: type[Kind]) -> None:
         unit, size = _UNITS.get(dimension, ("mm", 1e3))
         wave = [0.5 * size * (1 + 0.3 * math.sin(0.05 * float(row[0]) + 0.03 * float(row[1]))) for row in table.rows]
         table.add(f"{name} [{unit}]", [f"{value + rng.gauss(0, 1e-4 * size):.4f}" for value in wave])
+    if kind.oriented:
+        turns = [0.4 * float(row[0]) / 57.3 for row in table.rows]
+        parts = ([math.cos(turn) for turn in turns], [0.0] * rows, [0.0] * rows, [math.sin(turn) for turn in turns])
+        for name, values in zip(QUATERNION, parts, strict=True):
+            table.add(name, [f"{value:.4f}" for value in values])
     groups = rng.choice((1, 2, 3, max(rows, 1)))
     for label in (kind.label, kind.second_label):
         if label and label not in table.heads and rng.random() < 0.95:
