@@ -76,11 +76,16 @@ class PriorInformation:
     full: Array
 
     @classmethod
-    def of(cls, problem: ProblemData, parameters: tuple[Parameter, ...]) -> PriorInformation:
-        """From the σ's that a problem states and the tolerances of `prior_tolerances`."""
+    def of(cls, problem: ProblemData, parameters: tuple[Parameter, ...], made: Array | None = None) -> PriorInformation:
+        """From the σ's that a problem states and the tolerances of `prior_tolerances`.
+
+        Args:
+            made: (k,) tolerances that count in place of these; NaN where there is none.
+        """
         rows, covariance = prior_covariance(problem, parameters)
         k, scale = len(parameters), prior_tolerances(parameters, rows)
-        prior = full_prior(parameters, problem.robot, scale, rows, covariance).matrix(k)
+        within = scale if made is None else np.where(np.isfinite(made), made, scale)
+        prior = full_prior(parameters, problem.robot, within, rows, covariance).matrix(k)
         names = tuple(p.name for p in parameters)
         return cls(names, scale, np.isin(np.arange(k), rows), Prior.of(rows, covariance).matrix(k), prior)
 

@@ -30,6 +30,7 @@ from posture_opt.calibration.estimation.fit_setup import determine_directions
 from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.estimation.tolerances import sigmas_of_data
 from posture_opt.experiments.planned_instrument import planned_places
 from posture_opt.experiments.planned_kind import KindPlaces
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
@@ -76,6 +77,8 @@ class MeasurementModel:
         repeats: a mean of r repeats has ``1/√r`` of the standard deviation.
         places: what an instrument measures that shows no position; None of positions.
         at: unknown of these places -> its deviation in the fit to the given rows.
+        made: (k,) tolerances of manufacturing that `calibrate` takes parts to be within by the given rows; NaN of what
+            has none, None without such rows.
     """
 
     residuals: Residuals
@@ -83,6 +86,7 @@ class MeasurementModel:
     repeats: int = 1
     places: KindPlaces | None = None
     at: Mapping[str, float] = field(default_factory=dict)
+    made: Array | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -203,10 +207,13 @@ def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> t
     residuals, notes = arm_and_data(problem, given)
     x = fit_frames(residuals)
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
-    x = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise).x
+    found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
+    x, made = found.x, known.assumed
+    if np.isfinite(made).any():
+        made = sigmas_of_data(found, made)
     places = planned_places(residuals, x)
     at = {p.name: float(v) for p, v in zip(residuals.parameters, x, strict=True) if p.group in OF_PLACES}
-    return MeasurementModel(residuals, problem, repeats, places, at), notes
+    return MeasurementModel(residuals, problem, repeats, places, at, made), notes
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:

@@ -208,7 +208,7 @@ def plan_postures(
     if purpose == "recheck":
         prior = change_prior(problem, measuring, J)
     else:
-        prior = PriorInformation.of(problem, measuring.parameters)
+        prior = PriorInformation.of(problem, measuring.parameters, measuring.made)
     unknowns = Unknowns.of(prior, J, known, rows, count)
     if purpose != "recheck":  # a few postures tell changes apart that they could not all determine together
         _check_count(unknowns, measuring, count)

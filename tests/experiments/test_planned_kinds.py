@@ -108,6 +108,26 @@ def test_planned_touches_reach_the_sockets_from_where_they_were_reached() -> Non
 
 
 @pytest.mark.long
+def test_what_is_known_before_a_plan_is_what_a_calibration_of_the_same_rows_knows() -> None:
+    """Without tolerances of parts, the size of the arm was known to 10 mm, and its error at a task to millimetres."""
+    rng = np.random.default_rng(34)
+    arm, given = (
+        TrueArm.drawn(rng),
+        problem("position").replace(task={"kind": "hold", "position": ["0.7 m", "0 m", "0.4 m"]}),
+    )
+    data = po.read_measurements(socket_table(arm, rng, 5, SIGMA), given)
+    plan = po.plan_measurements(given, 8, given=data, candidates=40)
+    found = po.calibrate(given, data, plan=False, folds=2)
+    known = {p.name: float(std) for p, std in zip(found.parameters, found.std, strict=True)}
+    before = {p.name: float(std) for p, std in zip(plan.parameters, plan.before.std, strict=True) if np.isfinite(std)}
+    assert len(before) > 10
+    ratios = np.array([std / known[name] for name, std in before.items()])
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.05)
+    assert np.all((ratios > 0.7) & (ratios < 1.5))  # small parts of what nothing determines are counted differently
+    assert plan.after.task < plan.before.task < 2e-3
+
+
+@pytest.mark.long
 def test_two_arms_touch_in_planned_postures_and_nothing_else_meets(tmp_path: Path) -> None:
     rng = np.random.default_rng(35)
     one, two = TrueArm.drawn(rng), TrueArm()
