@@ -12,6 +12,7 @@ import ipaddress
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from html import escape
 from http import HTTPStatus
 from importlib import import_module
 from threading import Lock
@@ -53,10 +54,11 @@ class Gate:
 
     Args:
         token: that the address begins with; empty where only this machine can reach the page.
+        title: of the page.
     """
 
-    def __init__(self, token: str) -> None:
-        self.token = token
+    def __init__(self, token: str, title: str) -> None:
+        self.token, self._title = token, title
         self.closed = False
         self._page: bytes | None = None
 
@@ -119,10 +121,11 @@ class Gate:
         return bool(self.token) or is_this_machine(urlsplit(f"//{host}").hostname or "")
 
     def _with_script(self, found: Any) -> bytes:
-        """The page with what it says where it cannot be drawn, or where nobody answers; compressed once."""
+        """The page with its title, and what it says where it is not drawn or nobody answers; compressed once."""
         if self._page is None:
             zipped = found.headers.get("Content-Encoding") == "gzip"
             page = gzip.decompress(found.body) if zipped else found.body
+            page = page.replace(b"<title>Viser</title>", f"<title>{escape(self._title)}</title>".encode(), 1)
             self._page = gzip.compress(page.replace(b"</head>", _SCRIPT.encode(), 1))
         return self._page
 

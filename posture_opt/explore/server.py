@@ -53,7 +53,7 @@ def served(host: str, port: int, title: str) -> Served:
         raise InputError(Issue("the live page needs the library viser", hint=f"install it: {INSTALL}")) from None
     _check_address(host)
     private = is_this_machine(host)
-    gate = Gate("" if private else secrets.token_urlsafe(_TOKEN_BYTES))
+    gate = Gate("" if private else secrets.token_urlsafe(_TOKEN_BYTES), title)
     try:
         with redirect_stdout(io.StringIO()), gate.before():  # a banner, whatever `verbose` says
             found: viser.ViserServer = module.ViserServer(host=host, port=port, label=title, verbose=False)

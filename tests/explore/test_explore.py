@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import re
@@ -208,6 +209,21 @@ def test_errors_on_a_slider_are_those_of_the_file(page: Any) -> None:
     assert "once the problem is saved" in page.command()
     page.change("task", {})
     assert settled(page).solution.sigma_max == before
+
+
+def test_names_are_text_and_no_markup() -> None:
+    """In the title of the page, and wherever the panel writes HTML itself."""
+    name = "<img src=x onerror='alert(1)'>"
+    with po.load_problem(PLANAR).replace(name=name).explore(port=18150) as page:
+        request = urllib.request.Request(page.url, headers={"Accept-Encoding": "gzip"})
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            served = gzip.decompress(answer.read()).decode()
+        assert "<title>posture_opt: &lt;img" in served
+        assert "<img src=x" not in served
+        until(lambda: page._shown is not None)
+        until(lambda: "Standard deviation" in page._panel._numbers.content)
+        assert "&lt;img src=x" in page._panel._numbers.content
+        assert "<img" not in page._panel._numbers.content
 
 
 def test_a_target_of_numbers_only(page: Any) -> None:
