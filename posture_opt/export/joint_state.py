@@ -24,9 +24,9 @@ class JointState(ProgramFormat):
     """A ROS message as YAML: of one posture a ``sensor_msgs/JointState``, of several a
     ``trajectory_msgs/JointTrajectory``.
 
-    Positions in rad and m, by the joint names of the model. Along a path times are those of its speed. Elsewhere they
-    are those of the joint that moves most, at 1 rad/s or 1 m/s for a speed of 100 %, at least 0.1 s apart; the first
-    stop has 5 s from wherever the arm is.
+    Positions in rad and m, by the joint names of the model. Along a path, and on the lines to and from a stop, times
+    are those of the speed of the tool point. Elsewhere they are those of the joint that moves most, at 1 rad/s or 1
+    m/s for a speed of 100 %, at least 0.1 s apart; the first stop has 5 s from wherever the arm is.
     """
 
     summary: ClassVar[str] = "ROS message as YAML: JointState, or JointTrajectory of several stops"
@@ -58,7 +58,9 @@ class JointState(ProgramFormat):
         steps = [float(np.abs(b - a).max()) for a, b in itertools.pairwise(program.q)]
         full, before = _FULL_JOINT_SPEED * program.speed / 100, None
         for step, move in zip([0.0, *steps], program.moves, strict=True):
-            if found:
+            if move.length is not None:
+                clock += move.length / program.line_speed
+            elif found:
                 on_line = move.time is not None and before is not None and move.line
                 clock += move.time - before if on_line else max(step / full, _MIN_INTERVAL_S)  # type: ignore[operator]
             before = move.time

@@ -7,7 +7,7 @@ stands where it was planned, corrections included. Only the way between two stop
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,12 +39,14 @@ class Move:
         blend: radius [m] within which the corner may be rounded; zero: the arm stops.
         waits: whether the program waits there for its time.
         time: since the first stop on the line [s]; None where it is not known.
+        length: of the line from an approach point or to a retract [m]; None of other moves.
     """
 
     line: bool = False
     blend: float = 0.0
     waits: bool = True
     time: float | None = None
+    length: float | None = None
 
 
 def path_moves(positions: Array, lengths: Array, speed: float) -> list[Move]:
@@ -133,9 +135,10 @@ def with_way(
         if ways[0] is not None:
             rows.append((ways[0][0], f"approach{name}", Move(waits=False)))
         for k in group:
-            first_on_line = k == group[0] and ways[0] is not None
             move = moves[k]
-            rows.append((q[k], labels[k], Move(move.line or first_on_line, move.blend, move.waits, move.time)))
+            if k == group[0] and ways[0] is not None:
+                move = replace(move, line=True, length=ways[0][1])
+            rows.append((q[k], labels[k], move))
         if ways[1] is not None:
-            rows.append((ways[1][0], f"retract{name}", Move(True, waits=False)))
+            rows.append((ways[1][0], f"retract{name}", Move(True, waits=False, length=ways[1][1])))
     return np.array([row[0] for row in rows]), [row[1] for row in rows], [row[2] for row in rows], notes

@@ -106,6 +106,8 @@ def test_the_trajectory_has_the_times_of_the_path() -> None:
     expected = np.array([0.0, 0.1, 0.102, 0.2]) / SPEED
     assert len(times) == len(expected) + 2
     np.testing.assert_allclose(along, expected, atol=1e-6)
+    # from 50 mm in front of it and to 50 mm behind it, at the same speed as the other programs state
+    assert [times[1] - times[0], times[-1] - times[-2]] == pytest.approx([0.05 / SPEED] * 2, abs=1e-6)
 
 
 def test_without_a_speed_lines_take_their_share_of_the_reduced_speed() -> None:
