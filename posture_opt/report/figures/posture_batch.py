@@ -30,6 +30,7 @@ def plot_posture_batch(found: PostureBatch) -> Figure:
     figure = new_figure(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
     axes = figure.add_subplot()
     axes.plot([factor * answer.sigma_max for answer in answers], range(len(answers)), "o", color=BLUE, ms=4)
+    axes.set_ylim(-0.5, max(len(answers), 1) - 0.5)  # no dot on the frame
     if len(answers) <= _MAX_NAMED_PROBLEMS:
         axes.set_yticks(range(len(answers)), [answer.name for answer in answers])
     else:

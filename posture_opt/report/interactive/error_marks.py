@@ -10,9 +10,9 @@ from posture_opt.numerics import Array
 from posture_opt.report.interactive.arm_view import Mark
 from posture_opt.report.interactive.source_owners import owner_of
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of
-from posture_opt.report.text.units_text import quantity
 from posture_opt.robot.shape import BASE, TOOL
 from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.units import ERROR_UNITS, plus_minus
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
@@ -44,7 +44,8 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
 def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
     """The most significant correction of each joint, where it exceeds three standard errors.
 
-    At most five joints are marked, the most significant first; a mark has the parameter and its signed change.
+    At most five joints are marked, the most significant first; a mark has the parameter and its signed change with its
+    standard error.
     """
     marks: dict[str, Mark] = {}
     z = np.nan_to_num(np.abs(found.z))
@@ -52,8 +53,8 @@ def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ..
         parameter = found.parameters[k]
         owner = owner_of(parameter.name, problem.arm)
         if owner and owner not in marks and z[k] > _MIN_MARKED_Z and found.fixed[k]:
-            size = quantity(float(found.x[k]), parameter.unit)
-            marks[owner] = Mark(owner, f"{parameter.name} {'+' if found.x[k] > 0 else ''}{size}")
+            size = plus_minus(float(found.x[k]), float(found.std[k]), *ERROR_UNITS[parameter.unit])
+            marks[owner] = Mark(owner, f"{parameter.name}\n{'+' if found.x[k] > 0 else ''}{size}")
     return tuple(marks.values())[:_MAX_MARKS]
 
 

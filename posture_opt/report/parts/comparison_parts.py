@@ -167,7 +167,7 @@ def _capital(words: str) -> str:
 def _length(metres: float, among: list[float]) -> str:
     if not math.isfinite(metres):
         return ""
-    return length(metres, among=among) if metres > _ROUNDING_M else "0"
+    return length(metres if metres > _ROUNDING_M else 0.0, among=among)
 
 
 def _open_lead(comparison: Comparison, small_gain: bool) -> tuple[str, ...]:

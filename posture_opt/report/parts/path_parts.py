@@ -83,9 +83,10 @@ def point_words(found: Solution, k: int) -> str:
 
 
 def step_words(found: Solution, step: float) -> str:
-    """A bound of steps; a slide may move by 1 m where a joint may turn by 1 rad."""
-    slides = any(joint.type == "prismatic" for joint in found.optimisation_problem.robot.joints)
-    return f"{angle(step)}, {length(step)} of a slide" if slides else angle(step)
+    """A bound of steps; a slide may move by 1 m where a joint may turn by 1 rad, if it is that long."""
+    joints = found.optimisation_problem.robot.joints
+    longest = max((joint.upper - joint.lower for joint in joints if joint.type == "prismatic"), default=0.0)
+    return f"{angle(step)}, {length(step)} of a slide" if step < longest else angle(step)
 
 
 def moved_words(found: Solution) -> str:

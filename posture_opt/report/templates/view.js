@@ -116,17 +116,20 @@
   const apart = (told) => {
     const inward = plot.clientWidth < 560, size = inward ? 11 : 12;
     const placed = told.map((label) => ({ ...label, seen: seen(label.at) })).sort((a, b) => a.seen[1] - b.seen[1]);
-    const free = { left: -Infinity, right: -Infinity };
+    const taken = []; // left, right, top and bottom of the labels that are placed
     return placed.map(({ text, color, at: [x, y, z], seen: [sx, sy] }) => {
       // Beyond the edge of the window nothing is seen: there the label stands on the other side.
       const wide = 0.6 * size * Math.max(...text.split("\n").map((line) => line.length)), half = (data.values ? 0.4 : 0.5) * plot.clientWidth;
       const outside = half - Math.abs(sx) < wide + 55;
       const side = (sx > 0) === (inward || outside) ? "left" : "right", height = 8 + 1.35 * size * text.split("\n").length;
-      const column = inward ? "left" : side; // in a narrow window both sides overlap
-      const top = Math.max(sy - 28, free[column], -plot.clientHeight / 2 + height);
-      free[column] = top + height;
+      const shift = side === "right" ? Math.min(45, half - wide - 6 - sx) : Math.max(-45, wide + 6 - half - sx);
+      const left = sx + shift - (side === "right" ? 6 : wide + 6), right = left + wide + 12;
+      let top = Math.max(sy - 28, -plot.clientHeight / 2 + height);
+      for (const other of taken) if (left < other[1] && right > other[0] && top - height < other[3] && top > other[2]) top = other[3] + height;
+      taken.push([left, right, top - height, top]);
+      taken.sort((a, b) => a[3] - b[3]);
       return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
-        ax: side === "right" ? Math.min(45, half - wide - 6 - sx) : Math.max(-45, wide + 6 - half - sx), ay: top - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
+        ax: shift, ay: top - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
         xanchor: side === "right" ? "left" : "right" };
     });
   };
