@@ -72,7 +72,11 @@ SHOWN: dict[str, tuple[float, str]] = {
     "share": (1e2, "%"),
     "factor": (1.0, ""),
 }
-ERROR_UNITS: dict[str, tuple[float, str]] = {"rad": SHOWN["angle"], "m": (1e3, "mm")}
+ERROR_UNITS: dict[str, tuple[float, str]] = {
+    **{si: SHOWN.get(name, (1.0, si)) for name, (si, _) in DIMENSIONS.items()},
+    "m": (1e3, "mm"),
+    "1": (1.0, ""),
+}
 """SI unit -> factor and unit that reports use for errors: deviations, their σ, what is left of them. Angles are in deg,
 errors of angles in mrad, which are mm at a lever of a metre."""
 UNKNOWN = "not known"

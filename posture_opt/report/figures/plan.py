@@ -75,17 +75,18 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     logarithmic: of these some may come out worse than with random postures, as the plan is chosen for all of them
     together. Hollow squares: before; hollow diamonds: random postures; dots: the plan.
     """
-    groups = [(si, unit, factor) for si, (factor, unit) in ERROR_UNITS.items()]
     rows = {
-        unit: [i for i, p in enumerate(plan.parameters) if is_listed(plan, i) and p.unit == unit] for unit, *_ in groups
+        unit: [i for i, p in enumerate(plan.parameters) if is_listed(plan, i) and p.unit == unit]
+        for unit in ("rad", "m")
     }
-    drawn = [group for group in groups if rows[group[0]]]
+    drawn = [unit for unit in rows if rows[unit]]
     merits = _merits(plan)
     most = max((len(r) for r in rows.values()), default=1)
     figure = new_figure(2.1 + _ROW_HEIGHT_INCH * (len(merits) + most))
     grid = figure.add_gridspec(2, max(len(drawn), 1), height_ratios=(len(merits) + 0.6, most + 0.6))
     _together(figure.add_subplot(grid[0, :]), plan, merits)
-    for number, (unit, written, factor) in enumerate(drawn):
+    for number, unit in enumerate(drawn):
+        factor, written = ERROR_UNITS[unit]
         axes = figure.add_subplot(grid[1, number])
         _errors(axes, plan, rows[unit], factor)
         axes.set_xlabel(f"expected standard error [{written}]")

@@ -20,7 +20,7 @@ from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.measurement_plan_report import postures_block
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, percent, stated_length
-from posture_opt.units import DIMENSIONS, ERROR_UNITS, SHOWN, fixed, number, plus_minus, shown
+from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus, shown
 
 if TYPE_CHECKING:
     from posture_opt.changes.visibility import Visibility
@@ -35,8 +35,6 @@ _PHRASES = {
     "joint_offset": "the zero of {target} is off",
     "link": "the {part} {target} changed",
 }
-_WRITTEN = {DIMENSIONS[name][0]: written for name, written in SHOWN.items() if name in DIMENSIONS} | ERROR_UNITS
-"""SI unit of a change -> factor and unit in the report."""
 _LENGTHS = ("a", "d", "x", "y", "z")
 
 
@@ -192,8 +190,8 @@ def _seen_from(visible: Visibility) -> str:
         return "not seen"
     if not math.isfinite(visible.size):
         return ""
-    factor, unit = _WRITTEN[visible.unit]
-    return f"{number(factor * visible.size, 2)} {unit}"
+    factor, unit = ERROR_UNITS[visible.unit]
+    return f"{number(factor * visible.size, 2)} {unit}".rstrip()
 
 
 def _visible_name(visible: Visibility) -> str:
