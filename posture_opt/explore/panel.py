@@ -164,7 +164,7 @@ class Panel:
         if self._first is None or self._first[0] != asked:
             self._first = asked, found.sigma
         ratio = found.sigma / self._first[1]
-        return _DRAG if abs(ratio - 1.0) < _SAME else f" {ratio:.3g} times the deviation at the first target."
+        return _DRAG if abs(ratio - 1.0) < _SAME else f" {ratio:.3g} times the standard deviation at the first target."
 
     def _posture(self) -> tuple[float, ...]:
         """(n,) what the joints are set to [rad or m]."""
@@ -195,7 +195,8 @@ def _compared(best: Solution, own: Spread) -> str:
         return "Posture of your own."
     ratio = best.sigma_at(best.target, np.array(own.q)) / best.sigma_max
     off = 1e3 * float(np.linalg.norm(own.position - best.spread.position))
-    return f"Posture of your own: {ratio:.3g} times the deviation of the best one; tool point {off:.1f} mm from its."
+    size = "the standard deviation" if abs(ratio - 1.0) < _SAME else f"{ratio:.3g} times the standard deviation"
+    return f"Posture of your own: {size} of the best one; their tool points are {off:.1f} mm apart."
 
 
 def _slider(gui: viser.GuiApi, joint: Joint) -> tuple[float, Any]:
