@@ -147,7 +147,7 @@ def test_the_target_is_dragged_by_mouse_and_by_touch(tab: Browser, page: Any) ->
             assert page.target[1:] == before[1:]
             until(lambda: page._shown.request is page._request and page._shown.whole)
             assert page.solution.target.lower == pytest.approx(page.target)
-            until(lambda: "times the deviation at the first target" in words(tab))
+            until(lambda: "times the standard deviation at the first target" in words(tab))
         assert not tab.errors()
     finally:
         tab.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from posture_opt.changes.what_changed import LikelyChange, Recheck
 
 _MAX_ROWS = 8
+_STATED_SEVERAL = 0.005  # probability from which more than one change is told from none in whole per cent
 _NO_MOTION_M = 1e-8  # a change that moves the tool less moves it by rounding only
 _MAX_SEEN_TURN = math.pi  # rad: a turn that is seen from there on is seen nowhere
 _PHRASES = {
@@ -223,6 +224,8 @@ def changes_block(found: Recheck) -> Block:
         f"that no change explains, {percent(p.several)}. Each size is that of "
         f"{'both together' if len(found.named) > 1 else 'the change alone'}."
     )
+    if p.several >= _STATED_SEVERAL and len(found.named) < 2:
+        text += " The table's probabilities are those if at most one thing changed."
     return Block("What may have changed", (text, table), "recheck_changes")
 
 
