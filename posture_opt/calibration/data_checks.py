@@ -23,6 +23,7 @@ _MAX_UNEXPLAINED_MOTION = 0.05  # of the measured motion, left by a calibrated a
 _DISAGREEING_MOTION = (
     0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
 )
+_MET_EXACTLY = 1e-14  # of the reach: rounding; no readings are met so closely
 _STANDS_STILL = 0.01  # of the nominal motion of the tool point: no tool is held that close to where nothing moves it
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
@@ -196,7 +197,8 @@ def check_sense(residuals: Residuals, x: Array, errors: Array) -> None:
 
     Raises:
         InputError: they are another robot's, or joints have other signs.
-        InsufficientDataError: touches that an arm explains whose tool point the joints do not move.
+        InsufficientDataError: touches that an arm explains whose tool point the joints do not move, or that it meets to
+            rounding.
     """
     motion, left = _rms_motion(residuals), rms_length(errors)
     if residuals.data.position is None and _motion_of_tool(residuals, x) < _STANDS_STILL * _motion_of_tool(
@@ -207,6 +209,10 @@ def check_sense(residuals: Residuals, x: Array, errors: Array) -> None:
             "bars and points anywhere: the rows say nothing of the arm"
         )
         hint = "state tool and base, add a known length, or measure where more joints move"
+        raise InsufficientDataError(Issue(message, hint=hint, file=residuals.data.file))
+    if residuals.data.position is None and left < _MET_EXACTLY * reach(residuals.robot):
+        message = "these rows are met exactly, to the last digit: they hold no reading that the arm could miss"
+        hint = "touch each point, plane or length from several postures"
         raise InsufficientDataError(Issue(message, hint=hint, file=residuals.data.file))
     if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
         residuals.robot

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means
-from posture_opt.numerics import Array, Codes, Json, rms
+from posture_opt.numerics import Array, Codes, Json, finite_or_none, rms
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 TEST_LEVEL = 0.05  # of the tests: so often a mean that is zero is called not zero
@@ -43,8 +43,8 @@ class MeanTest:
     def to_json(self) -> dict[str, Json]:
         """Plain numbers [m]."""
         return {
-            "mean": self.mean.tolist(), "std_error": self.error.tolist(), "groups": self.groups,
-            "p_value": self.p_value,
+            "mean": self.mean.tolist(), "std_error": [finite_or_none(v) for v in self.error], "groups": self.groups,
+            "p_value": finite_or_none(self.p_value),
         }  # fmt: skip
 
 
