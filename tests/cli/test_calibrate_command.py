@@ -113,7 +113,7 @@ def test_the_report_says_so_in_words(written: tuple[Path, Result]) -> None:
     lines = text.splitlines()
     assert [line for line in lines if line in titles] == titles
     nominal, estimate, change, error, errors, prior = next(
-        x.split()[2:] for x in lines if x.split()[:2] == ["joint2.a", "yes"]
+        x.split()[3:] for x in lines if x.split()[:3] == ["joint2.a", "by", "prior"]
     )
     assert prior == "10.0"
     assert any("[mrad, mm]" in line for line in lines)
