@@ -58,8 +58,9 @@ class Gate:
     """
 
     def __init__(self, token: str, title: str) -> None:
-        self.token, self._title = token, title
-        self.closed = False
+        self.token: str = token
+        self._title = title
+        self.closed: bool = False
         self._page: bytes | None = None
 
     @contextmanager

@@ -26,11 +26,13 @@ from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import Outliers, Rows, StatedSigma
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 from posture_opt.validation.repeat_scatter import prismatic_joints
 from posture_opt.validation.scatter_model import whitened_repeats
+
+_NO_SCATTER = 1e-9  # of the stated σ, left by the model: rows that are met exactly show no noise
 
 
 def noise_causes(
@@ -55,6 +57,8 @@ def noise_causes(
         model: the arm with its effects; ``baseline`` everything that was fitted, unnamed components too.
         seed: of the null distributions.
     """
+    if rms(model.whitened) < _NO_SCATTER:
+        return [], []
     samples = noise_samples(problem, model.residuals, baseline, _joint_columns(model), sided_joints(model))
     level = levels.FURTHER_NOISE_LEVEL if model.effects else levels.NOISE_LEVEL
     found, uneven = find_uneven_noise(samples.everything, samples.repeats, seed, level, samples.readings)

@@ -256,7 +256,7 @@ def score_candidates(
     for row, i in enumerate(alive):
         p, candidate = float(values[row]), candidates[i]
         if candidate.key not in found or p < found[candidate.key].log_p:
-            share = float(gains[row, 0] / rss[0])
+            share = float(gains[row, 0] / rss[0]) if rss[0] > 0 else 0.0
             found[candidate.key] = ScoredCandidate(
                 candidate, float(rho[i]), p, null.family_wise(p, candidate.family), share
             )

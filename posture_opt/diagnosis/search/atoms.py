@@ -64,7 +64,7 @@ class JoinedAtoms(Atoms):
     """Atoms of equal width side by side: what is asked of one is asked of all of them at once."""
 
     def __init__(self, parts: Sequence[Atoms]) -> None:
-        self.width = parts[0].width
+        self.width: int = parts[0].width
         self.parts: tuple[Atoms, ...] = tuple(parts)
         self._edges = tuple(np.cumsum([0, *(len(part.prices) for part in parts)]).tolist())
         self.prices: Array = np.concatenate([part.prices for part in parts])

@@ -29,7 +29,7 @@ class WrittenAtoms(Atoms):
 
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
         self.members: tuple[Candidate, ...] = tuple(candidates)
-        self.width = candidates[0].Z.shape[1]
+        self.width: int = candidates[0].Z.shape[1]
         self._sensitivities = sensitivities
         self.block: int = sensitivities.residuals.block
         self._columns = ColumnBlocks.of([c.Z for c in candidates], [c.place for c in candidates])
