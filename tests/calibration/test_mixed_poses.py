@@ -44,6 +44,7 @@ def calibrated(seed: int, n: int, *, free: bool) -> tuple[po.Calibration, TrueAr
     return po.calibrate(given, data, plan=False), arm
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("free", [False, pytest.param(True, marks=pytest.mark.conformance)])
 def test_poses_and_plates_teach_one_arm(free: bool) -> None:
     found, arm = calibrated(61, 14, free=free)

@@ -22,6 +22,7 @@ def tool_error(found: po.Calibration, arm: TrueArm) -> float:
     return misplaced(values, q, arm.point(q), tool=True)
 
 
+@pytest.mark.long
 def test_a_held_arm_calibrates_the_other_one_from_a_tool_off_by_a_third_of_a_metre(tmp_path: Path) -> None:
     rng = np.random.default_rng(31)
     one, two = TrueArm.drawn(rng), TrueArm()
