@@ -5,7 +5,7 @@ For example the depth of an insertion, which the task itself does not look at, k
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -28,7 +28,9 @@ class SpreadTerm(StandardDeviationTerm):
 
     kind: Literal["spread"]
     within: Within = Field("along", description="which part of it counts: across the direction, along it, or all")
-    at_most: Length | None = Field(None, description="bound of the standard deviation of its worst axis")
+    at_most: Annotated[Length, Field(gt=0)] | None = Field(
+        None, description="bound of the standard deviation of its worst axis"
+    )
 
     @property
     def part(self) -> Within | None:
