@@ -33,7 +33,7 @@ from posture_opt.calibration.estimation.fit_setup import (
 )
 from posture_opt.calibration.estimation.orientation_scatter import orientation_ratio
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.estimation.tolerances import sigmas_of_data
+from posture_opt.calibration.estimation.tolerances import widths_of_data
 from posture_opt.calibration.geometry_notes import place_notes, size_notes, tolerance_notes
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.second_file import OtherFile, predict_other_file
@@ -294,7 +294,7 @@ def _fit_arm(
         check_amount(residuals, known, groups)
     known, found = _settled_estimate(problem, residuals, x_nominal, known, held, priors)
     if np.isfinite(noise):
-        known = determine_directions(problem, residuals, x_nominal, held, priors, found, known.assumed, noise)
+        known = determine_directions(problem, residuals, x_nominal, held, priors, found, known.widths, noise)
     if not enough:
         check_sense(residuals, found.x, position_errors(residuals, found.x)[found.kept])
         check_geometry(residuals, known, x_nominal)
@@ -319,9 +319,9 @@ def _settled_estimate(
             break
         known = again
     for _ in range(_TOLERANCE_ROUNDS * bool(np.isfinite(known.assumed).any())):
-        assumed = sigmas_of_data(found, known.assumed)
-        change = np.nanmax(np.abs(assumed / known.assumed - 1))
-        known = determine_directions(problem, residuals, x, held, priors, found, assumed)
+        widths = widths_of_data(found, known.widths)
+        change = np.nanmax(np.abs(widths.typical / known.widths.typical - 1))
+        known = determine_directions(problem, residuals, x, held, priors, found, widths)
         found = estimate_parameters(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
         if change < _TOLERANCE_CHANGE:
             break

@@ -30,7 +30,7 @@ from posture_opt.calibration.estimation.fit_setup import determine_directions
 from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.calibration.estimation.tolerances import sigmas_of_data
+from posture_opt.calibration.estimation.tolerances import widths_of_data
 from posture_opt.experiments.planned_instrument import planned_places
 from posture_opt.experiments.planned_kind import KindPlaces
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
@@ -208,12 +208,12 @@ def _model_of_kind(problem: ProblemData, given: Measurements, repeats: int) -> t
     x = fit_frames(residuals)
     known = determine_directions(problem, residuals, x, held_length(residuals), priors=True)
     found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
-    x, made = found.x, known.assumed
-    if np.isfinite(made).any():
-        made = sigmas_of_data(found, made)
+    x, widths = found.x, known.widths
+    if len(widths.own):
+        widths = widths_of_data(found, widths)
     places = planned_places(residuals, x)
     at = {p.name: float(v) for p, v in zip(residuals.parameters, x, strict=True) if p.group in OF_PLACES}
-    return MeasurementModel(residuals, problem, repeats, places, at, made), notes
+    return MeasurementModel(residuals, problem, repeats, places, at, widths.uncertain), notes
 
 
 def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:

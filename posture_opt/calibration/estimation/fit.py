@@ -37,10 +37,15 @@ class Prior:
 
     It adds the rows ``w W`` to the Jacobian, w the standard deviation of the residuals: data that the model explains
     badly weigh less against it.
+
+    Args:
+        errors: in place of ``W`` where errors of the estimate are counted, of what weighs more than it is known; None
+            where they are the same.
     """
 
     rows: tuple[int, ...] = ()
     W: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    errors: Array | None = None
 
     @classmethod
     def of(cls, rows: list[int], covariance: Array) -> Prior:
@@ -58,6 +63,15 @@ class Prior:
         sigma = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
         return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _MIN_CORRELATION_EIGENVALUE))).T / sigma)
+
+    def counted_as(self, known: Prior) -> Prior:
+        """The same weight in an estimate, whose errors are counted with what is ``known`` of the same rows."""
+        return replace(self, errors=known.W)
+
+    @property
+    def of_errors(self) -> Prior:
+        """What errors of the estimate are counted with."""
+        return self if self.errors is None else Prior(self.rows, self.errors)
 
     def matrix(self, k: int) -> Array:
         """``W`` in the columns of all k unknowns."""
@@ -83,6 +97,7 @@ class Fit:
         design: design effect (Kish 1965): so many rows say as much as one alone would.
         settled: whether leaving out outliers came to an end.
         effects: those that were fitted, with estimates and shapes; parameters of the group ``effect`` in this order.
+        factor: (r, r) triangular, of the information that errors are counted with; None where it is the minimum's.
     """
 
     residuals: Residuals
@@ -98,6 +113,7 @@ class Fit:
     design: float = 1.0
     settled: bool = True
     effects: tuple[Effect, ...] = ()
+    factor: Array | None = None
 
     @property
     def covariance(self) -> Array:
@@ -231,7 +247,7 @@ def estimate_parameters(
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
     studentised, settled = np.zeros(n), False
     for _ in range(MAX_OUTLIER_ROUNDS):
-        used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
+        used, fitted_with = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals, weight
         found = least_squares(
             _prior_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100
         )
@@ -254,10 +270,12 @@ def estimate_parameters(
         kept, weight = ~gross, fair
         if settled:
             break
-    inverse = np.linalg.pinv(found.R, rcond=1e-14)
+    factor = _factor_of_errors(found.R, prior, fitted_with, directions)
+    inverse = np.linalg.pinv(factor, rcond=1e-14)
     C = np.asarray(design * variance * inverse @ inverse.T)
     return Fit(
-        residuals, x, directions, C, kept, studentised, variance, found, prior, weight, design, settled
+        residuals, x, directions, C, kept, studentised, variance, found, prior, weight, design, settled,
+        factor=factor,
     )  # fmt: skip
 
 
@@ -286,9 +304,10 @@ def with_clustered_errors(fit: Fit) -> Fit:
     """
     used = fit.residuals.take(np.flatnonzero(fit.kept))
     r, J = used.residuals_and_jacobian(fit.x)
-    known = known_rows(fit.prior, fit.weight, fit.directions)
+    known = known_rows(fit.prior and fit.prior.of_errors, fit.weight, fit.directions)
     A = reduced_jacobian(J[: used.measured], fit.directions)
-    C = clustered_covariance(used, r[: used.measured], A, fit.minimum.R, fit.variance, known, fit.weight)
+    R = fit.minimum.R if fit.factor is None else fit.factor
+    C = clustered_covariance(used, r[: used.measured], A, R, fit.variance, known, fit.weight)
     return replace(fit, C=C)
 
 
@@ -359,6 +378,18 @@ def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
     """The prior as further rows (p, r) of the Jacobian by the steps ``directions`` (k, r)."""
     rows = np.zeros((0, directions.shape[1]))
     return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
+
+
+def _factor_of_errors(R: Array, prior: Prior | None, weight: float, directions: Array) -> Array:
+    """(r, r) triangular factor of the information that errors are counted with, ``RᵀR − KᵀK + LᵀL``.
+
+    K are the rows of the prior as it weighs, L as it is known: ``S R`` with ``SᵀS = I − (KR⁻¹)ᵀKR⁻¹ + (LR⁻¹)ᵀLR⁻¹``.
+    """
+    if prior is None or prior.errors is None:
+        return R
+    inverse = np.linalg.pinv(R, rcond=1e-14)
+    K, L = (known_rows(one, weight, directions) @ inverse for one in (prior, prior.of_errors))
+    return np.asarray(np.linalg.cholesky(np.eye(len(R)) - K.T @ K + L.T @ L).T @ R)
 
 
 def variance_of(found: Minimum, known: Array) -> float:

@@ -19,7 +19,7 @@ from posture_opt.calibration.estimation.least_squares import robust_noise, unexp
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, tool_sigma
-from posture_opt.calibration.estimation.tolerances import assumed_sigmas
+from posture_opt.calibration.estimation.tolerances import Widths, assumed_widths
 from posture_opt.errors import enumerated
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
@@ -49,7 +49,7 @@ class FitSetup:
         design: how many rows say as much as one alone would, as neighbouring postures err alike.
         held: (k, h) steps of a tolerance each that nothing determines: they are not fitted [rad or m].
         notes: sentences on what was assumed.
-        assumed: (k,) standard deviations by manufacturing; NaN where none is assumed.
+        widths: of parts by manufacturing.
     """
 
     identifiability: Identifiability
@@ -61,24 +61,29 @@ class FitSetup:
     design: float
     held: Array
     notes: tuple[str, ...]
-    assumed: Array
+    widths: Widths
+
+    @property
+    def assumed(self) -> Array:
+        """(k,) how far parts are uncertain by manufacturing alone [rad, m]; NaN where none is assumed."""
+        return self.widths.uncertain
 
 
 def determine_directions(
     problem: ProblemData, residuals: Residuals, x: Array, held: int | None, priors: bool,
-    found: Fit | None = None, assumed: Array | None = None, noise: float = np.inf,
+    found: Fit | None = None, widths: Widths | None = None, noise: float = np.inf,
 ) -> FitSetup:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
     The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
     express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
-    geometry has the prior of 10 mm and 1°, or that of manufacturing, `assumed_sigmas`. With an estimate already
+    geometry has the prior of 10 mm and 1°, or that of manufacturing, `assumed_widths`. With an estimate already
     ``found``, the noise is what that one leaves.
 
     Args:
         x: (k,) deviations [rad, m]; held: the parameter that is held as the size of the arm, or None.
         priors: whether stated σ's, and tolerances of the geometry, count as knowledge.
-        assumed: (k,) standard deviations by manufacturing, where the data have changed them.
+        widths: of parts by manufacturing, where the data have changed them.
         noise: the most that it is, in units of the instrument's: what effects leave that were found with the geometry.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
@@ -88,10 +93,12 @@ def determine_directions(
     spread = min(spread * float(np.sqrt(design)), noise)
     indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
     scale = prior_tolerances(parameters, indices)
-    by_making = np.full(len(names), np.nan)
+    nothing = np.full(len(names), np.nan)
+    made = Widths(nothing, nothing)
     if priors:
-        by_making = assumed_sigmas(residuals, indices) if assumed is None else assumed
-        indices, covariance, scale = _with_assumed(indices, covariance, scale, by_making)
+        made = widths or assumed_widths(residuals, indices)
+        weighing = _with_assumed(indices, covariance, scale, made.typical)[1]
+        indices, covariance, scale = _with_assumed(indices, covariance, scale, made.uncertain)
     alone = identify_parameters(names, J, rows, held, scale=scale, noise=spread)
     stated = np.full(len(names), np.nan)
     stated[indices] = np.sqrt(np.diag(covariance))
@@ -107,21 +114,23 @@ def determine_directions(
             design,
             rest,
             _design_notes(design),
-            by_making,
+            made,
         )
     known = Prior.of(indices, covariance).matrix(len(names))
     both = (
         identify_parameters(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     )
-    own = np.isfinite(by_making)
+    own = np.isfinite(made.uncertain)
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
     fixed = np.where(own, both.alone < IMPROVED_SHARE * scale, fixed)
     prior = full_prior(parameters, problem.robot, scale, indices, covariance)
+    if own.any():
+        prior = full_prior(parameters, problem.robot, scale, indices, weighing).counted_as(prior)
     vague = both.hardly.shape[1] and not own.any()
     notes = (*_design_notes(design), *([NOMINAL_NOTE.format(_vague_names(both))] if vague else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
-    return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes, by_making)
+    return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes, made)
 
 
 def _with_assumed(stated: list[int], covariance: Array, scale: Array, assumed: Array) -> tuple[list[int], Array, Array]:

@@ -5,7 +5,10 @@ would get worse. Each parameter is taken to be normal about its nominal value in
 all lengths, one for all axes, and one for the zeros of all joints, since a machined link and a zero set by hand differ
 tenfold. Each τ is log-normal beforehand, ``ln τ ~ N(ln τ₀, s²)``, and given the data has the density
 ``p(τ) det(M + BᵀB/τ²)^(-1/2) τ^(-n) exp(-F(τ))`` of the evidence to first order (MacKay 1992), F the minimum of the sum
-of squares. What counts is ``E τ²``, the variance that it leaves a part of which nothing is seen.
+of squares.
+
+Estimate and error ask for different widths. What an unseen part is uncertain by is ``√E τ²``. An estimate that weighs
+its prior so follows noise, as large τ that hardly are true count most: ``exp E ln τ`` comes near the mean over all τ.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import numpy as np
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.least_squares import reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Mask
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,24 @@ class Tolerance:
         return self.median * float(np.exp(self.spread**2))
 
 
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """(k,) standard deviations of parts by manufacturing [rad, m]; NaN where none is assumed.
+
+    Args:
+        typical: ``exp E ln τ``, by which a part weighs in the estimate.
+        uncertain: ``√E τ²``, which the errors of the estimate count with.
+    """
+
+    typical: Array
+    uncertain: Array
+
+    @property
+    def own(self) -> Codes:
+        """(n,) indices of the parts."""
+        return np.flatnonzero(np.isfinite(self.uncertain))
+
+
 TOLERANCES = (
     Tolerance("lengths", 0.3e-3, 0.8),
     Tolerance("axes", 0.3e-3, 0.8),
@@ -54,21 +75,21 @@ _LENGTHS, _AXES, _ZEROS = range(3)
 _REACH = 3.5  # standard deviations of ln τ that the quadrature covers, and its nodes
 _NODES = 41
 _MAX_ROUNDS = 20
-_SETTLED = 2e-3
-"""Relative change of τ² at which it has settled."""
+_SETTLED = 1e-3
+"""Relative change of τ at which it has settled."""
 
 
-def assumed_sigmas(residuals: Residuals, stated: Sequence[int]) -> Array:
-    """(k,) standard deviations of parameters of the geometry by manufacturing [rad, m]; NaN where none is assumed.
+def assumed_widths(residuals: Residuals, stated: Sequence[int]) -> Widths:
+    """Of parameters of the geometry, with nothing measured.
 
     None is for positions and poses, which show the whole geometry, for frames, and where the file states one.
     """
-    found = np.full(len(residuals.parameters), np.nan)
-    if not residuals.data.kind.leaves_geometry_open:
-        return found
-    own = [i for i, p in enumerate(residuals.parameters) if p.made and i not in stated]
-    found[own] = [TOLERANCES[sort].start for sort in sorts_of_parts(residuals, own)]
-    return found
+    typical, uncertain = (np.full(len(residuals.parameters), np.nan) for _ in range(2))
+    if residuals.data.kind.leaves_geometry_open:
+        own = [i for i, p in enumerate(residuals.parameters) if p.made and i not in stated]
+        sorts = [TOLERANCES[sort] for sort in sorts_of_parts(residuals, own)]
+        typical[own], uncertain[own] = [sort.median for sort in sorts], [sort.start for sort in sorts]
+    return Widths(typical, uncertain)
 
 
 def sorts_of_parts(residuals: Residuals, rows: Sequence[int] | Codes) -> Codes:
@@ -79,28 +100,25 @@ def sorts_of_parts(residuals: Residuals, rows: Sequence[int] | Codes) -> Codes:
     )
 
 
-def sigmas_of_data(fit: Fit, assumed: Array) -> Array:
-    """(k,) the assumed standard deviations as the data ask for them, to first order about a fit.
+def widths_of_data(fit: Fit, assumed: Widths) -> Widths:
+    """The assumed widths as the data ask for them, to first order about a fit whose prior they are.
 
-    Args:
-        assumed: (k,) those of the prior of the fit; NaN where none is.
+    The width of one sort is judged with those of the others at their typical values, in turn until these settle.
     """
-    own = np.flatnonzero(np.isfinite(assumed))
+    own = assumed.own
     if not fit.design * fit.variance > 0:  # what is met without any error says nothing of the parts
         return assumed
     seen = _Evidence.of(fit, assumed, own)
     sorts = sorts_of_parts(fit.residuals, own)
-    variance = assumed[own] ** 2
+    typical, uncertain = assumed.typical.copy(), assumed.uncertain.copy()
     for _ in range(_MAX_ROUNDS):
-        last = variance
+        last = typical.copy()
         for sort in np.unique(sorts):
             mine = sorts == sort
-            variance = np.where(mine, _mean_square(seen, TOLERANCES[sort], mine, variance), variance)
-        if np.max(np.abs(variance / last - 1)) <= _SETTLED:
+            typical[own[mine]], uncertain[own[mine]] = _width(seen, TOLERANCES[sort], mine, typical[own] ** 2)
+        if np.max(np.abs(typical[own] / last[own] - 1)) <= _SETTLED:
             break
-    found = assumed.copy()
-    found[own] = np.sqrt(variance)
-    return found
+    return Widths(typical, uncertain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +137,14 @@ class _Evidence:
     x: Array
 
     @classmethod
-    def of(cls, fit: Fit, assumed: Array, own: Codes) -> _Evidence:
+    def of(cls, fit: Fit, assumed: Widths, own: Codes) -> _Evidence:
         """Of the rows that count, by steps of comparable weight."""
         used = fit.residuals.take(np.flatnonzero(fit.kept))
         r, J = used.residuals_and_jacobian(fit.x)
         D, noise = fit.directions, np.sqrt(fit.design * fit.variance)
-        A, others = reduced_jacobian(J, D) / noise, _information_of_others(fit, assumed)
+        A, others = reduced_jacobian(J, D) / noise, _information_of_others(fit, assumed.typical)
         M, g, B = A.T @ A + D.T @ others @ D, A.T @ r / noise + D.T @ others @ fit.x, D[own]
-        weight = np.diag(M) + np.sum((B / assumed[own, None]) ** 2, axis=0)
+        weight = np.diag(M) + np.sum((B / assumed.typical[own, None]) ** 2, axis=0)
         unit = 1 / np.sqrt(np.where(weight > 0, weight, 1.0))
         return cls(unit[:, None] * M * unit, unit * g, B * unit, fit.x[own])
 
@@ -139,19 +157,20 @@ class _Evidence:
         return np.asarray(-0.5 * (np.linalg.slogdet(P)[1] + least))
 
 
-def _mean_square(seen: _Evidence, tolerance: Tolerance, mine: Array, variance: Array) -> float:
-    """``E τ²`` of the parts ``mine`` (n,), the ``variance`` (n,) of the others as it is."""
+def _width(seen: _Evidence, tolerance: Tolerance, mine: Mask, variance: Array) -> tuple[float, float]:
+    """``exp E ln τ`` and ``√E τ²`` of the parts ``mine`` (n,), the ``variance`` (n,) of the others as it is."""
     t = tolerance.spread * np.linspace(-_REACH, _REACH, _NODES)
     square = tolerance.median**2 * np.exp(2 * t)
     each = np.where(mine, square[:, None], variance)
     number = np.linalg.matrix_rank(seen.B[mine])
     weight = seen.logarithm(each) - number * t - 0.5 * (t / tolerance.spread) ** 2
     weight = np.exp(weight - weight.max())
-    return float(weight @ square / weight.sum())
+    weight /= weight.sum()
+    return tolerance.median * float(np.exp(weight @ t)), float(np.sqrt(weight @ square))
 
 
-def _information_of_others(fit: Fit, assumed: Array) -> Array:
-    """(k, k) information of what is known beside the ``assumed`` standard deviations (k,)."""
+def _information_of_others(fit: Fit, typical: Array) -> Array:
+    """(k, k) information of what is known beside the parts' ``typical`` widths (k,)."""
     assert fit.prior is not None
     W = fit.prior.matrix(len(fit.x))
-    return np.asarray(W.T @ W - np.diag(np.where(np.isfinite(assumed), 1 / assumed**2, 0.0)))
+    return np.asarray(W.T @ W - np.diag(np.where(np.isfinite(typical), 1 / typical**2, 0.0)))
