@@ -15,7 +15,7 @@ from posture_opt.limits import MOST_CELLS
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS
-from posture_opt.measurements.kinds.pose import ORIENTATIONS
+from posture_opt.measurements.kinds.pose_columns import ORIENTATIONS
 from posture_opt.measurements.kinds.position import COORDINATES
 from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RowBlock

@@ -12,7 +12,7 @@ from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS, Position
-from posture_opt.measurements.kinds.pose import QUATERNION
+from posture_opt.measurements.kinds.pose_columns import QUATERNION
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
 from posture_opt.measurements.orientation_columns import angle_columns, incomplete_orientation
 from posture_opt.robot.robot import Robot

@@ -12,7 +12,7 @@ from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS, Kind, Member, Mixed, Position
 from posture_opt.measurements.kinds.mixed import SLOTS
-from posture_opt.measurements.kinds.pose import ORIENTATIONS
+from posture_opt.measurements.kinds.pose_columns import ORIENTATIONS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.units import DIMENSIONS

@@ -8,7 +8,7 @@ import numpy as np
 
 from posture_opt.measurements.columns import Cells, Column
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.kinds.pose import ANGLES, QUATERNION, VECTOR
+from posture_opt.measurements.kinds.pose_columns import ANGLES, QUATERNION, VECTOR
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 

@@ -15,7 +15,7 @@ from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
-from posture_opt.measurements.kinds.pose import ORIENTATION
+from posture_opt.measurements.kinds.pose_columns import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.mixing import mixed_rows
 from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, rotation_of
@@ -80,8 +80,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     _check_labels(cells, faults)
     data = _assemble_rows(cells, columns, problem.robot, faults)
     faults.refuse()
-    if problem.data.frame == "camera":
-        _check_alone(cells, faults)
+    if problem.data.frame == "camera" and "instrument" not in cells.codes:
         data = _of_camera(data, problem)
     data = _with_instrument(data, cells, problem, faults)
     faults.refuse()
@@ -156,18 +155,6 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     )
 
 
-def _check_alone(cells: Cells, faults: Faults) -> None:
-    """Refuses poses of a board beside other instruments.
-
-    Raises:
-        InputError: the file has the column ``instrument``.
-    """
-    if "instrument" in cells.codes:
-        message = "poses of a board that a camera reports cannot stand beside other instruments"
-        hint = "give them a file of their own, or the pixels: u [px], v [px], marker, camera"
-        raise InputError(Issue(message, ("data", "frame"), "camera", hint, faults.file))
-
-
 def _of_camera(data: Measurements, problem: HasData) -> Measurements:
     """Poses of a board in the frame of a camera on the tool, as poses of the camera in the frame of the board.
 
@@ -179,13 +166,19 @@ def _of_camera(data: Measurements, problem: HasData) -> Measurements:
     """
     key, robot = ("data", "frame"), problem.robot
     if data.position is None or data.rotation is None or not data.measured_axes.all():
-        hint = "add qw, qx, qy, qz, or a rotation vector (rx, ry, rz)"
-        raise InputError(Issue("poses of a board have x, y, z and an orientation", key, "camera", hint, data.file))
+        raise _no_board_poses(data)
     if not (robot.base_free and robot.tool_free):
         hint = "write base: free and tool: free in the section robot"
         raise InputError(Issue("where the camera and the board are is not known", key, "camera", hint))
     position, rotation = inverted_poses(data.position, data.rotation)
     return replace(data, position=position, rotation=rotation, inverted=True)
+
+
+def _no_board_poses(data: Measurements) -> InputError:
+    """The file says that a camera reports poses of a board, and its rows hold none."""
+    hint = "add qw, qx, qy, qz, or a rotation vector (rx, ry, rz)"
+    message = "poses of a board have x, y, z and an orientation"
+    return InputError(Issue(message, ("data", "frame"), "camera", hint, data.file))
 
 
 def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
@@ -206,8 +199,18 @@ def _with_instrument(data: Measurements, cells: Cells, problem: HasData, faults:
 
 
 def _mixed(data: Measurements, cells: Cells, problem: HasData, faults: Faults) -> Measurements:
-    """The rows of several instruments, see `mixed_rows`."""
+    """The rows of several instruments, see `mixed_rows`.
+
+    Raises:
+        InputError: poses of a board without an orientation, or a σ of it; what a kind refuses.
+    """
+    of_board = problem.data.frame == "camera"
+    if of_board and data.rotation is None:
+        raise _no_board_poses(data)
     if data.rotation is not None and not getattr(problem.measurement, ORIENTATION.key, None):
+        if of_board:
+            message, hint = "no σ of the orientation of a board is stated", "write 0.01 deg, say, as the camera is"
+            raise InputError(Issue(message, ("uncertainty", "measurement", ORIENTATION.key), hint=hint))
         data = replace(data.without_orientation(), notes=(NO_ORIENTATION_NOTE,))
     try:
         found = mixed_rows(data, cells, problem.data, problem.robot.base_free, faults)

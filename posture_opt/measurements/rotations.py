@@ -58,6 +58,11 @@ def rotation_vectors(R: Array) -> Array:
     return skew * ratio[:, None]
 
 
+def skew_part(W: Array) -> tuple[Array, Array, Array]:
+    """Three coordinates (N,) of the vector w with ``W v = w × v``, of skew matrices W (N, 3, 3)."""
+    return W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]
+
+
 def roll_pitch_yaw(R: Array) -> dict[str, float]:
     """Roll, pitch, yaw [rad] of ``R = Rz(yaw) Ry(pitch) Rx(roll)``; at a pitch of 90° all of the turn is yaw."""
     level = math.hypot(R[0, 0], R[1, 0])

@@ -136,9 +136,3 @@ def test_nonsense_is_refused(change: dict[str, list[object] | None], words: str)
     rows = table(TrueArm(), np.random.default_rng(74), 3, np.eye(4)) | change
     with pytest.raises(InputError, match=words):
         po.read_measurements({name: column for name, column in rows.items() if column is not None}, problem())
-
-
-def test_poses_of_a_board_stand_alone() -> None:
-    given = po.problem_from_dict({**problem(base="free").to_dict(), "data": {"frame": "camera"}})
-    with pytest.raises(InputError, match="cannot stand beside other instruments"):
-        po.read_measurements(table(TrueArm(), np.random.default_rng(75), 3, np.eye(4)), given)

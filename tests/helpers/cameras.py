@@ -166,6 +166,24 @@ def camera_table(
     )  # fmt: skip
 
 
+def board_table(
+    arm: TrueArm, rng: np.random.Generator, n: int, sigmas: tuple[float, float], scene: Scene | None = None
+) -> dict[str, object]:
+    """Poses of the board in the camera at n postures, as rotation vectors; sides of approach stated.
+
+    Args:
+        sigmas: of a coordinate [m] and of a component of the rotation vector [rad], in the camera.
+    """
+    scene = scene or TOOL_SCENE
+    q, side = camera_postures(arm, rng, n, scene)
+    T = np.linalg.inv(arm.pose(q, side) @ scene.camera.pose) @ scene.board
+    p = T[:, :3, 3] + rng.normal(0, sigmas[0], (n, 3))
+    turn = Rotation.from_rotvec(rng.normal(0, sigmas[1], (n, 3))) * Rotation.from_matrix(T[:, :3, :3])
+    columns = {f"{axis} [m]": p[:, i] for i, axis in enumerate("xyz")}
+    columns |= {f"r{axis} [rad]": turn.as_rotvec()[:, i] for i, axis in enumerate("xyz")}
+    return table_of(q, **columns, **{f"{joint}.approach": side[:, i] for i, joint in enumerate(JOINTS)})
+
+
 def camera_problem(
     folder: Path, scene: Scene | None = None, pixel: str = "0.2 px", known: bool = True, **camera: object
 ) -> dict[str, object]:

@@ -1,5 +1,6 @@
 """The kinds of measurement: one file each, listed here."""
 
+from posture_opt.measurements.kinds.board_pose import BoardPose
 from posture_opt.measurements.kinds.camera import MarkerPixels
 from posture_opt.measurements.kinds.distance import AnchorDistance, AnchorSpec
 from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen
@@ -21,6 +22,7 @@ __all__ = [
     "KINDS",
     "AnchorDistance",
     "AnchorSpec",
+    "BoardPose",
     "FramedPosition",
     "Kind",
     "Level",

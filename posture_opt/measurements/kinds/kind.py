@@ -179,8 +179,8 @@ class Kind:
 
     @property
     def place_noun(self) -> str:
-        """What its places are called, in plural."""
-        return f"{self.label}s"
+        """What its places are called, in plural; empty where they are not in the cell."""
+        return f"{self.label}s" if self.label else ""
 
     def parameter(self, place: str, name: str) -> str:
         """What an unknown of a place is called among the parameters of a fit."""

@@ -155,7 +155,7 @@ class Mixed(Kind):
     @property
     def place_noun(self) -> str:
         """What all their places are called."""
-        return enumerated(dict.fromkeys(m.kind.place_noun for m in self.members if m.kind.label)) or "instruments"
+        return enumerated(dict.fromkeys(m.kind.place_noun for m in self.members if m.kind.place_noun)) or "instruments"
 
     def prepared(self, seen: Seen, moving: Mask, up: Array) -> Mixed:
         """All instruments with their reference values."""

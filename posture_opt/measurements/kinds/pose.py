@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
-from posture_opt.measurements.kinds.kind import MeasuredQuantity, Seen, Slots, Vector, stacked
-from posture_opt.measurements.kinds.position import FramedPosition, Position
+from posture_opt.measurements.kinds.board_pose import BoardPose
+from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen, Slots, Vector, stacked
+from posture_opt.measurements.kinds.pose_columns import ANGLES, ORIENTATION, POSE_COLUMNS, QUATERNION, VECTOR
+from posture_opt.measurements.kinds.position import COORDINATES, FramedPosition, Position
 from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors, turned_by
 from posture_opt.numerics import Array
-
-QUATERNION = ("qw", "qx", "qy", "qz")
-"""Columns of a unit quaternion; either sign is one rotation."""
-ANGLES = ("roll", "pitch", "yaw")
-"""Columns of angles about fixed axes: ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
-VECTOR = ("rx", "ry", "rz")
-"""Columns of a rotation vector: unit axis times angle [rad]."""
-ORIENTATIONS = (*QUATERNION, *ANGLES, *VECTOR)
-"""All columns that hold an orientation."""
-ORIENTATION = MeasuredQuantity("orientation", "rad", (3, 4, 5))
-"""Rotation vector, about axes of the world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +32,21 @@ class Pose(Position):
     oriented: ClassVar[bool] = True
 
     @classmethod
+    def of(cls, data: object, names: Sequence[str], seconds: Sequence[str] = ()) -> Kind:
+        """Poses in the world, or those of a board where the file says that a camera on the tool reports them."""
+        return BoardPose() if _of_camera(data) else cls()
+
+    @classmethod
     def required(cls, data: object, there: Container[str]) -> frozenset[str]:
         """The coordinates that are there, and one way to write the orientation; nothing without either."""
         turned = next((group for group in (QUATERNION, ANGLES, VECTOR) if any(name in there for name in group)), ())
-        placed = Position.required(data, there)
+        placed = frozenset(COORDINATES) if _of_camera(data) else Position.required(data, there)
         return placed | {*turned} if placed and turned else frozenset()
 
     @property
     def read_columns(self) -> Mapping[str, str]:
         """The coordinates and the quaternion."""
-        return read_columns()
+        return POSE_COLUMNS
 
     def in_own_frame(self) -> FramedPose:
         """Poses in the frame of a tracker."""
@@ -81,7 +77,7 @@ class FramedPose(FramedPosition):
     @property
     def read_columns(self) -> Mapping[str, str]:
         """The coordinates and the quaternion."""
-        return read_columns()
+        return POSE_COLUMNS
 
     def orientations(self, seen: Seen) -> Array:
         """(N, 3, 3) as it was read, turned into the world."""
@@ -104,9 +100,9 @@ class FramedPose(FramedPosition):
         return np.asarray(self.frame.reference[:3, :3] @ turned_by(seen.values[:, 3:6], by))
 
 
-def read_columns() -> Mapping[str, str]:
-    """Columns of a pose -> dimension; empty of the quaternion, which has none."""
-    return {**Position().read_columns, **dict.fromkeys(QUATERNION, "")}
+def _of_camera(data: object) -> bool:
+    """Whether the section ``data`` says that poses are those of a board, by a camera."""
+    return getattr(data, "frame", None) == "camera"
 
 
 def _turn_between(seen: Seen, measured: Array) -> Array:

@@ -6,12 +6,14 @@ Angles are in deg, their errors in mrad, and lengths in mm, with as many decimal
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.calibration.calibration import CORRELATION_SHOWN
 from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M
+from posture_opt.numerics import Json
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import count, decimals_of
@@ -61,13 +63,23 @@ def places_blocks(found: Calibration) -> list[Block]:
     for one in found.instruments.values():
         if not one.places or found.request.data.touches:
             continue
-        names = list(dict.fromkeys(key for place in one.places.values() for key in place))
-        rows = [(name, *(_place_cell(key, place.get(key)) for key in names)) for name, place in one.places.items()]
+        places = _each_frame(one.places)
+        names = list(dict.fromkeys(key for place in places.values() for key in place))
+        rows = [(name, *(_place_cell(key, place.get(key)) for key in names)) for name, place in places.items()]
         headers = (one.kind, *(f"{key} [{_UNITS[key][1]}]" if key in _UNITS else key for key in names))
         blind = (f"{sentence(one.blind_spot)}",) if one.blind_spot else ()
         how = "In the world of the file; found together with the arm."
         blocks.append(Block(f"What the {one.noun} show", (how, Table(headers, tuple(rows)), *blind)))
     return blocks
+
+
+def _each_frame(places: Mapping[str, Mapping[str, Json]]) -> dict[str, Mapping[str, Json]]:
+    """The places by name; of a place with several frames, as a camera and its board, each of them."""
+    found: dict[str, Mapping[str, Json]] = {}
+    for name, place in places.items():
+        inner = {f"{name}: {part}": own for part, own in place.items() if isinstance(own, Mapping)}
+        found |= inner or {name: place}
+    return found
 
 
 _UNITS = {

@@ -15,7 +15,7 @@ from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable_cause
 from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
 from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.columns import AXES
-from posture_opt.measurements.kinds.pose import QUATERNION
+from posture_opt.measurements.kinds.pose_columns import QUATERNION
 from posture_opt.report.measured_parts.causes_table import FILE
 from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects, like_noise, noise_floor
 from posture_opt.report.measured_parts.error_table import mm
