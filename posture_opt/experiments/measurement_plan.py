@@ -86,6 +86,8 @@ class MeasurementPlan(Result):
         targets: the points on the tool that are measured at each posture; empty for one.
         columns: column of the file -> (count,) what stands there: the plane, anchor, point or camera of each posture,
             and where a file mixes instruments, which of them; empty of positions.
+        columns_by_row: the same where a posture has several rows, as one for each marker that a camera sees: the cells
+            of all rows of each posture.
         second: the joints of a second arm that is touched.
         notes: sentences for the report.
     """
@@ -118,6 +120,7 @@ class MeasurementPlan(Result):
     targets: tuple[str, ...]
     keeps_height: bool = True
     columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    columns_by_row: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     second: tuple[SecondJoint, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -147,23 +150,32 @@ class MeasurementPlan(Result):
 
         With what is measured added, ``read_measurements`` reads it.
 
-        With several targets every repeat has a row for each; repeats are rounds of the whole tour.
+        With several targets every repeat has a row for each, and pictures have one for each marker; repeats are rounds
+        of the whole tour.
         """
         revolute = [joint.type == "revolute" for joint in self.robot.joints]
         headers = [
             f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)
         ]
         headers += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
-        headers += [f"{one.name} [{_WRITTEN[one.joint.type][0]}]" for one in self.second] + list(self.columns)
+        headers += [f"{one.name} [{_WRITTEN[one.joint.type][0]}]" for one in self.second]
+        headers += dict.fromkeys((*self.columns, *self.columns_by_row))
         lines = [csv_line(headers)]
         values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
         for _ in range(self.repeats):
             for pose, row in enumerate(values + 0.0, start=1):
                 cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
-                cells += [_written(one, pose - 1) for one in self.second]
-                cells += [column[pose - 1] for column in self.columns.values()]
-                lines += [csv_line([*cells, target]) for target in self.targets] or [csv_line(cells)]
+                second = [_written(one, pose - 1) for one in self.second]
+                for target in [[name] for name in self.targets] or [[]]:
+                    lines += [csv_line([*cells, *target, *second, *more]) for more in self._rows_beside(pose - 1)]
         return "\n".join(lines) + "\n"
+
+    def _rows_beside(self, k: int) -> list[tuple[str, ...]]:
+        """What stands beside the joints in each row of a posture."""
+        by_row = {name: cells[k] for name, cells in self.columns_by_row.items()}
+        count = max(map(len, by_row.values()), default=1)
+        every = {name: (cells[k],) * count for name, cells in self.columns.items()} | by_row
+        return [*zip(*every.values(), strict=True)] or [()]
 
     def to_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""

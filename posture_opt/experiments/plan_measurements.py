@@ -26,7 +26,7 @@ from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, S
 from posture_opt.experiments.plan_search import PlanSearch, shortest_tour
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_CANDIDATES, MOST_PLANNED
-from posture_opt.measurements.kinds.pose import ORIENTATION
+from posture_opt.measurements.kinds.pose_columns import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.above_mounting import above_mounting
@@ -232,6 +232,7 @@ def plan_postures(
         sigma=residuals.sigma, sigma_rotation=residuals.further.get(ORIENTATION.key, 0.0),
         axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
         columns=_columns(measuring, q), second=_second(measuring, q),
+        columns_by_row={} if measuring.places is None else measuring.places.columns_by_row(q),
         keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
 

@@ -6,11 +6,13 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.experiments.planned_kind import KindPlaces
 from posture_opt.experiments.planned_mixed import MixedPlaces
 from posture_opt.experiments.planned_pairs import PairPlaces
-from posture_opt.experiments.planned_pictures import PicturePlaces
-from posture_opt.measurements.kinds import MarkerPixels, Mixed, PairContact
+from posture_opt.experiments.planned_pictures import BoardPosePlaces, PicturePlaces
+from posture_opt.measurements.kinds import BoardPose, MarkerPixels, Mixed, PairContact
 from posture_opt.numerics import Array
 
-_RULES: dict[type, type[KindPlaces]] = {MarkerPixels: PicturePlaces, PairContact: PairPlaces}
+_RULES: dict[type, type[KindPlaces]] = {
+    MarkerPixels: PicturePlaces, BoardPose: BoardPosePlaces, PairContact: PairPlaces,
+}  # fmt: skip
 """Kinds that look at more than the aspect of the tool beside a place."""
 
 

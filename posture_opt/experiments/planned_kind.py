@@ -209,6 +209,10 @@ class KindPlaces:
         place, _ = self.offered(q)
         return {self.kind.label: tuple(self.data.point_names[k] for k in place)}
 
+    def columns_by_row(self, q: Array) -> dict[str, tuple[tuple[str, ...], ...]]:
+        """Column -> for each posture (N, w) its cells, where several rows of the file are of one posture."""
+        return {}
+
 
 def moved_parameters(residuals: Residuals, x: Array) -> dict[str, float]:
     """Parameter of the arm, without those of effects -> its deviation in a fit x (k,) [rad or m]."""

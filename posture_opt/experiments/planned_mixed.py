@@ -159,6 +159,16 @@ class MixedPlaces(KindPlaces):
                     cells[i] = name
         return {label: tuple(cells) for label, cells in found.items()}
 
+    def columns_by_row(self, q: Array) -> dict[str, tuple[tuple[str, ...], ...]]:
+        """Those of each instrument; one empty cell at the postures of others."""
+        found: dict[str, list[tuple[str, ...]]] = {}
+        for _, part, own, rows in self._by_instrument(q):
+            for label, every in part.columns_by_row(rows).items():
+                cells = found.setdefault(label, [("",)] * len(q))
+                for i, names in zip(own, every, strict=True):
+                    cells[i] = names
+        return {label: tuple(cells) for label, cells in found.items()}
+
     def _by_instrument(self, q: Array) -> list[tuple[int, KindPlaces, Codes, Array]]:
         """Number and places of each instrument, the postures (m,) that are for it, and what it sees of them (m, w)."""
         found, n = [], self.robot.n

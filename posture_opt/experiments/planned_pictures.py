@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.collision.segment_distances import to_segment
 from posture_opt.experiments.planned_kind import KindPlaces
-from posture_opt.measurements.kinds import MarkerPixels, Seen
+from posture_opt.measurements.kinds import BoardPose, MarkerPixels, Seen
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -85,15 +85,8 @@ class PicturePlaces(KindPlaces):
 
     def hidden(self, q: Array, placed: PlacedCapsules) -> Mask:
         """(N,) whether a link is between the camera and what it sees; the last one carries either of them."""
-        chosen = [k for k, frame in enumerate(placed.frames) if frame < placed.robot.n]
-        if not chosen or not len(q):
-            return np.zeros(len(q), dtype=bool)
-        shape = (len(q), self.each, 1, 3)
-        start, end = (ends.reshape(shape) for ends in self.kind.sight(self.points_seen(q)))
-        starts, ends = (ends[:, None, chosen] for ends in placed.segments(q))
-        touched = to_segment(start, end, starts, ends) < placed.radii[chosen]
         own = self.shown[0] == self.offered(q)[0][:, None]
-        return np.asarray(np.any(touched.any(axis=2) & own, axis=1))
+        return np.asarray(np.any(_interrupted(self.kind.sight(self.points_seen(q)), q, placed) & own, axis=1))
 
     def drawn(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
         """(count, n) postures about those of the given pictures: of others, hardly one in a thousand sees a board."""
@@ -104,12 +97,55 @@ class PicturePlaces(KindPlaces):
         whole = planned.take(np.repeat(np.arange(len(planned)), self.each))
         return replace(self.as_read(whole, self.points_seen(q)), lever=np.ones(len(whole)))
 
+    def columns_by_row(self, q: Array) -> dict[str, tuple[tuple[str, ...], ...]]:
+        """A row for each point of every camera that sees all of its points."""
+        assert self.data.second is not None, "pictures are of markers"
+        pairs = np.unique(np.stack([self.data.point, self.data.second], axis=1), axis=0)
+        rows = [pairs[whole[pairs[:, 0]]] for whole in self._whole(q)]
+        named = ((self.kind.label, self.data.point_names), (self.kind.second_label, self.data.second_names))
+        return {
+            label: tuple(tuple(names[k] for k in own[:, i]) for own in rows) for i, (label, names) in enumerate(named)
+        }
+
     def _whole(self, q: Array) -> Mask:
         """(N, C) which cameras see all of their points."""
         camera, (low, high) = self.shown[0], self.bounds
         aspect = self.kind.aspect(self.points_seen(q)).reshape(len(q), self.each, 4)
         inside = np.all((aspect >= low[camera]) & (aspect <= high[camera]), axis=2)
         return np.stack([inside[:, camera == k].all(axis=1) for k in range(len(self.kind.names))], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardPosePlaces(KindPlaces):
+    """A camera on the tool and its board as a fit to the given poses has them.
+
+    The middle of the board stays within the directions, distances and tilts of the given poses.
+    """
+
+    @property
+    def kind(self) -> BoardPose:
+        """The camera and its board."""
+        assert isinstance(self.data.kind, BoardPose), "poses of a board"
+        return self.data.kind
+
+    def hidden(self, q: Array, placed: PlacedCapsules) -> Mask:
+        """(N,) whether a link is between the camera and the board."""
+        seen = self.seen(q, np.zeros(len(q), dtype=np.intp))
+        return np.asarray(_interrupted(self.kind.sight(seen), q, placed).any(axis=1))
+
+    def drawn(self, rng: np.random.Generator, count: int, lower: Array, upper: Array) -> Array:
+        """(count, n) postures about those of the given poses, as of pictures."""
+        return self.about_given(rng, count, lower, upper)
+
+
+def _interrupted(sight: tuple[Array, Array], q: Array, placed: PlacedCapsules) -> Mask:
+    """(N, m) whether a link is in lines of sight, (N m, 3) each, of postures (N, n); the last one carries an end."""
+    chosen = [k for k, frame in enumerate(placed.frames) if frame < placed.robot.n]
+    if not chosen or not len(q):
+        return np.zeros((len(q), 1), dtype=bool)
+    start, end = (ends.reshape(len(q), -1, 1, 3) for ends in sight)
+    starts, ends = (ends[:, None, chosen] for ends in placed.segments(q))
+    return np.asarray(np.any(to_segment(start, end, starts, ends) < placed.radii[chosen], axis=2))
 
 
 def _outermost(points: Array) -> Codes:

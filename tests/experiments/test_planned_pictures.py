@@ -37,6 +37,9 @@ def test_the_whole_board_is_seen_from_planned_postures(where: str, tmp_path: Pat
     plan = po.plan_measurements(problem, 8, given=data, candidates=120)
     assert plan.places == ("left",) * 8
     assert plan.gain > 1
+    head, *rows = plan.to_csv().splitlines()
+    assert head.endswith("camera, marker")
+    assert [row.split(", ")[-2:] for row in rows] == [["left", f"board/{k}"] for k in range(12)] * 8
     fronts = []
     for q in (plan.q, np.unique(data.q, axis=0)):
         for pose in arm.pose(q):
