@@ -19,7 +19,7 @@ from posture_opt.experiments.measurement_plan import MeasurementPlan
 from posture_opt.experiments.plan_measurements import plan_measurements
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.selection.problem_data import ProblemData
 
 LEAST_POSTURES = 4
@@ -89,12 +89,12 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
     changes = tuple(_change(models, i, estimates[i], float(shares[i])) for i in order)
     asks = verdict in ("several", "unclear") or bool(shared)
     plan, why = _next_postures(problem, used, seed) if asks else (None, ())
-    after = _errors(rows, changes[: len(named)])
+    after = _errors(rows, kept, changes[: len(named)])
     single = verdict == "changed" and not shared
     updated = changed_problem(problem, changes[0].possible, changes[0].deviations) if single else None
     return Recheck(
         problem=problem, data=used, verdict=verdict, changes=changes, probabilities=found,
-        visible=visibilities(models), errors_before=_errors(rows, ())[kept], errors_after=after[kept],
+        visible=visibilities(models), errors_before=_errors(rows, kept, ())[kept], errors_after=after[kept],
         gross=tuple(_gross_row(data, after, i) for i in sorted({*range(len(data))} - {*kept.tolist()})),
         named_count=len(named), shared_count=len(shared), updated=updated, plan=plan,
         notes=(*rows.notes, *why),
@@ -158,11 +158,15 @@ def _change(models: Hypotheses, index: int, estimate: Estimate, probability: flo
     return LikelyChange(possible, estimate, probability, shift)
 
 
-def _errors(rows: NewRows, changes: tuple[LikelyChange, ...]) -> Array:
-    """(N, 3) position errors of the arm with some changes [m]; 0 where a coordinate was not measured."""
+def _errors(rows: NewRows, kept: Codes, changes: tuple[LikelyChange, ...]) -> Array:
+    """(N, 3) position errors of the arm with some changes [m]; 0 where a coordinate was not measured.
+
+    Beside changes, what is free is found again, from the rows that are ``kept``.
+    """
     x = rows.x.copy()
     for change in changes:
         x[rows.columns(change.possible)] += change.estimate.mean
+    x = rows.take(kept).with_free(x) if changes else x
     error = np.zeros((len(rows.residuals.data), 3))
     axes = rows.residuals.axes
     error[:, axes] = rows.residuals.error(x)[:, axes]

@@ -22,6 +22,7 @@ TURN_LEVER_M = 0.1
 """A turn of the tool counts as what it shifts a point so far from the tool point by: the size of a tool."""
 _FRAMES = tuple(f"{frame}.{part}" for frame in ("base", "tool") for part in FRAME_PARTS)
 _FREE_SIGMA = 1e4  # of what is free, in standard deviations of the rows: next to nothing is known of it
+_FREE_STEPS = 2  # of Gauss-Newton, from what suits the arm without the change
 _RANK_TOLERANCE = 1e-9
 _LEAST_MOTION_SHARE = 1e-12  # of the mean square motion by the largest of a kind, of which less is rounding
 
@@ -84,6 +85,14 @@ class NewRows:
         residuals = self.residuals.take(kept)
         r, P, A = _linearised(self.problem, residuals, self.noise[kept], self.free, self.x)
         return replace(self, residuals=residuals, r=r, P=P, A=A, noise=self.noise[kept])
+
+    def with_free(self, x: Array) -> Array:
+        """Parameters (K,) with what is free found again beside the others: places hide a part of what changed."""
+        own, x = [i for i, p in enumerate(self.residuals.parameters) if p.name in self.free], x.copy()
+        for _ in range(_FREE_STEPS if own else 0):
+            A = _whitened(self.noise, self.residuals.residuals_and_jacobian(x)[1][:, own])
+            x[own] -= np.linalg.lstsq(A, self.errors_at(x), rcond=_RANK_TOLERANCE)[0]
+        return x
 
     def columns(self, change: PossibleChange) -> list[int]:
         """Places of the parameters of a change in ``A``."""

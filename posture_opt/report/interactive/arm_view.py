@@ -55,7 +55,7 @@ class Mark:
     text: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShownPosture:
     """One posture of a view.
 

@@ -236,6 +236,8 @@ class CalibrationPresenter(Presenter["Calibration"]):
         data = found.request.data
         before, after = (np.linalg.norm(errors, axis=1) for errors in (found.errors_nominal, found.errors))
         rows = found.kept_rows[chosen_rows(len(found.kept_rows), VIEWED_ROWS)]
+        rows = rows[np.argsort(-after[rows], kind="stable")]
+        rows = rows[np.unique(data.line[rows], return_index=True)[1]]  # of several numbers of one line, the worst
         unit, factor = length_unit(after[rows].tolist())
         q, spread = task_posture(calibrated, self.evaluation.comparison, data.q)
         marks = correction_marks(found, calibrated)
