@@ -30,7 +30,7 @@ class DataSpec(Spec):
     planes: dict[str, PlaneSpec] = Field({}, description="plane that the ball touches: what is known of it")
     anchors: dict[str, AnchorSpec] = Field({}, description="anchor of distances: what is known of the lengths to it")
     frame: Literal["camera"] | None = Field(
-        None, description="camera: x, y, z and orientation are poses of a board that a camera on the tool reports"
+        None, description="camera: poses (x, y, z, orientation) are those of a board that a camera on the tool reports"
     )
     cameras: dict[str, CameraSpec] = Field({}, description="camera: where it is mounted, and its intrinsics")
     markers: dict[str, MarkersSpec] = Field({}, description="board: where it is mounted, and its points")
