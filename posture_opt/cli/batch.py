@@ -22,6 +22,10 @@ from posture_opt.errors import InputError
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.selection.posture_batch import PostureBatch
+
+_MAX_FAILURES = 20
+"""Problems without an answer whose reasons are printed beside no report."""
 
 
 @click.command("batch")
@@ -52,8 +56,19 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
             found = po.select_postures(problems, seed=common.seed, pages=pages, executor=workers, progress=progress)
         save_result(common, found)
     show_result(common, found)
+    if common.quiet and not common.json:
+        _print_failures(found)
     print_rate(common, len(found.answers), "problem", found.seconds)
     sys.exit(found.code)
+
+
+def _print_failures(found: PostureBatch) -> None:
+    """Why problems have no answer, on standard error: what the report says where there is one."""
+    failed = [answer for answer in found.answers if answer.code]
+    for answer in failed[:_MAX_FAILURES]:
+        click.echo(f"error: {answer.name}: {'; '.join(answer.reasons)}", err=True)
+    if len(failed) > _MAX_FAILURES:
+        click.echo(f"error: {len(failed) - _MAX_FAILURES} more problems have no answer", err=True)
 
 
 def _read(name: str) -> Problem | InputError:

@@ -100,8 +100,8 @@ class MeasurementModel:
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """Names of the points on the tool that are measured; empty for one."""
-        return self.residuals.data.target_names
+        """Names of the points on the tool that are measured, of those that reach places the first; empty for one."""
+        return self.residuals.data.target_names[: None if self.places is None else 1]
 
     @property
     def rows(self) -> int:

@@ -216,8 +216,12 @@ class KindPlaces:
 
 def moved_parameters(residuals: Residuals, x: Array) -> dict[str, float]:
     """Parameter of the arm, without those of effects -> its deviation in a fit x (k,) [rad or m]."""
-    values = {p.source: float(v) for p, v in zip(residuals.parameters, x, strict=True) if p.source}
-    return {name: v for name, v in values.items() if name in residuals.robot.parameters}
+    known = residuals.robot.parameters
+    return {
+        p.source: float(v)
+        for p, v in zip(residuals.parameters, x, strict=True)
+        if p.source in known and p.code <= 0  # of several tools the first
+    }
 
 
 def _nowhere(aspect: Array) -> tuple[Array, Array]:

@@ -132,7 +132,7 @@ def _mirrored(rng: random.Random, base: Base, first: Ask) -> Ask:
     for joint in data["robot"]["joints"]:
         for key in ("theta", "alpha"):
             joint[key] = _times(joint[key], -1.0)
-        if joint["type"] == "revolute" and "limits" in joint:
+        if joint.get("type", "revolute") == "revolute" and "limits" in joint:
             joint["limits"] = [_times(end, -1.0) for end in reversed(joint["limits"])]
     tool = data["robot"].get("tool", {})
     if isinstance(tool, dict) and "xyz" in tool:

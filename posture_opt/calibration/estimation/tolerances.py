@@ -146,7 +146,9 @@ class _Evidence:
         M, g, B = A.T @ A + D.T @ others @ D, A.T @ r / noise + D.T @ others @ fit.x, D[own]
         weight = np.diag(M) + np.sum((B / assumed.typical[own, None]) ** 2, axis=0)
         unit = 1 / np.sqrt(np.where(weight > 0, weight, 1.0))
-        return cls(unit[:, None] * M * unit, unit * g, B * unit, fit.x[own])
+        M, B = unit[:, None] * M * unit, B * unit
+        Q = _seen_by(M + B.T @ (B / assumed.typical[own, None] ** 2))
+        return cls(Q.T @ M @ Q, Q.T @ (unit * g), B @ Q, fit.x[own])
 
     def logarithm(self, variance: Array) -> Array:
         """(t,) log evidence of variances (t, n) of the parts, without their own normalisation."""
@@ -155,6 +157,12 @@ class _Evidence:
         z = np.linalg.solve(P, slope[..., None])[..., 0]
         least = np.sum(self.x**2 / variance, axis=1) - np.sum(slope * z, axis=1)
         return np.asarray(-0.5 * (np.linalg.slogdet(P)[1] + least))
+
+
+def _seen_by(P: Array) -> Array:
+    """(r, s) unit steps that some information P (r, r) reaches: others move nothing, and have no evidence."""
+    information, steps = np.linalg.eigh(P)
+    return np.asarray(steps[:, information > len(P) * np.finfo(float).eps * information[-1]])
 
 
 def _width(seen: _Evidence, tolerance: Tolerance, mine: Mask, variance: Array) -> tuple[float, float]:

@@ -45,7 +45,7 @@ def plot_cloud(cloud: Cloud) -> Figure:
     views = _views(spread, seen)
     unit, scale = length_unit([float(spread.ellipse.semi_axes[-1])])
     offsets = cloud.points[:_MAX_DRAWN_POINTS] - spread.position
-    half = 1.1 * scale * float(np.abs(offsets).max())
+    half = 1.1 * scale * float(np.abs(offsets).max()) or 1.0
     figure = new_figure(5.0 if len(views) == 1 else 3.6)
     for k, B in enumerate(views, start=1):
         axes = figure.add_subplot(1, len(views), k)
@@ -168,7 +168,8 @@ def mark_origin(axes: Axes, label: str) -> None:
 
 
 def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str, origin: str = "target") -> None:
-    """The square about the target that is shown, with its axes named."""
+    """The square about the target that is shown, with its axes named: one unit about a point without any spread."""
+    half = half or 1.0
     names = [f"{axis_name(b, seen.direction)}, off the {origin} [{unit}]" for b in B]
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=names[0], ylabel=names[1])
 

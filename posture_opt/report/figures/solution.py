@@ -68,7 +68,7 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
         axes.annotate(percent(value), end, xytext=(4, 0), textcoords="offset points", va="center")
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlim(min(0.0, 110 * min(values)), 113 * max(values))
+    axes.set_xlim(min(0.0, 110 * min(values)), 113 * (max(values) or 1.0))
     axes.set_xlabel(f"share of the variance {along} [%]")
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)

@@ -56,7 +56,8 @@ def _measured(plan: MeasurementPlan) -> str:
     position = f"{', '.join(plan.axes)} to {_stated_sigma(plan)}"
     turned = f", orientation to {angle_error(plan.sigma_rotation)}" if plan.sigma_rotation else ""
     often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
-    targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
+    several = "each of the targets" if len(plan.targets) > 1 else "the target"
+    targets = f", of {several} {', '.join(plan.targets)}" if plan.targets else ""
     scatter = ""
     if plan.given is None and plan.spread > _MIN_NOTED_RATIO:
         own = plan.sigma * math.sqrt(plan.spread**2 - 1)

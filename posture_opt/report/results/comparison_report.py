@@ -121,7 +121,7 @@ def _lead(found: Comparison) -> tuple[str, ...]:
     least = answered[best].judged[best].sigma_max
     lines = [f"Smallest standard deviation {part}: {length(least)}, with {best}."]
     lines += [
-        f"With {name}: {length(arm.judged[name].sigma_max)}, {_ratio(arm.judged[name].sigma_max, least)}."
+        f"With {name}: {length(arm.judged[name].sigma_max)}{_ratio(arm.judged[name].sigma_max, least)}."
         for name, arm in answered.items()
         if name != best
     ]
@@ -131,10 +131,13 @@ def _lead(found: Comparison) -> tuple[str, ...]:
 
 
 def _ratio(sigma: float, least: float) -> str:
+    """How much that is beside the least, after a comma; nothing beside one of zero."""
     if sigma <= least * (1 + _EQUAL):
-        return "the same"
-    ratio = sigma / least if least > 0 else float("inf")
-    return f"{percent(ratio - 1)} more" if ratio < _MAX_PERCENT_RATIO else f"{ratio:,.0f} times as much"
+        return ", the same"
+    if not least > 0:
+        return ""
+    ratio = sigma / least
+    return f", {percent(ratio - 1)} more" if ratio < _MAX_PERCENT_RATIO else f", {ratio:,.0f} times as much"
 
 
 def _cross_lead(found: Comparison) -> tuple[str, ...]:

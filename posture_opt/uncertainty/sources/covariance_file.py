@@ -190,7 +190,8 @@ def _finite_number(text: str) -> float | None:
 
 def _asymmetry_issues(names: Sequence[str], matrix: Array) -> list[Issue]:
     """The first pairs of entries that differ from each other by more than 1e-6 of the largest possible entry."""
-    scale = np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+    sigma = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.outer(sigma, sigma)
     # 1e-6 of the largest possible entry: a file written with seven digits is symmetric.
     pairs = np.argwhere(np.triu(np.abs(matrix - matrix.T) > 1e-6 * np.maximum(scale, np.abs(matrix)), 1))
     apart = np.abs(matrix - matrix.T) / np.maximum(np.maximum(np.abs(matrix), np.abs(matrix.T)), 1e-300)
