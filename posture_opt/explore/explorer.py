@@ -18,7 +18,7 @@ from posture_opt.explore.first_posture import posture_near
 from posture_opt.explore.live_scene import LiveScene
 from posture_opt.explore.panel import Panel
 from posture_opt.explore.server import served, stop
-from posture_opt.explore.taken_away import TakenAway, millimetres, position_of
+from posture_opt.explore.taken_away import TakenAway, millimetres, places_of, position_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 from posture_opt.problem.plain_data import Plain
@@ -53,7 +53,8 @@ class Explorer:
         self, problem: Problem, host: str = "127.0.0.1", port: int = DEFAULT_PORT, folder: Path | None = None,
         data: Measurements | None = None,
     ) -> None:  # fmt: skip
-        spread = propagate(problem, posture_near(problem, position_of(problem)))
+        places = places_of(problem)
+        spread = propagate(problem, posture_near(problem, places[0] if len(places) else None))
         geometry = ArmGeometry.of_spread(spread)
         self._stated = self._problem = problem
         self._changes: dict[str, dict[str, Plain]] = {}  # by groups of keys
@@ -68,8 +69,9 @@ class Explorer:
         self._cell = problem.scene
         self._panel = Panel(self._server, problem, geometry, self._actions(), data is not None)
         obstacle_moved = self._panel.obstacles.move
-        around = np.zeros((0, 3)) if data is None else np.atleast_2d(problem.arm.position(data.q))
-        self._scene = LiveScene(self._server, geometry, arm, self._dragged, obstacle_moved, around)
+        if data is not None:
+            places = np.concatenate([places, np.atleast_2d(problem.arm.position(data.q))])
+        self._scene = LiveScene(self._server, geometry, arm, self._dragged, obstacle_moved, places)
         self._scene.cell.show(self._cell)
         stated = position_of(problem)
         self._target = np.array(spread.position if stated is None else stated)

@@ -43,6 +43,7 @@ _ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
 _RIM_POINTS = 64
 _DRAWS = 2000  # of the Monte Carlo cloud: takes 2 ms
 _POINT_SHARE, _BALL_SHARE = 0.006, 0.02  # of the arm's extent: a draw, and the ball at the nearest point
+_LABEL_ROOM = 0.3  # of the arm's extent: what is seen below the tool point: the label
 _LABEL_SHARE = 0.2  # of the arm's extent: the label is so far below the error region
 
 
@@ -66,7 +67,7 @@ class LiveScene:
         geometry: of the first answer; what stands still is drawn from it.
         arm: its solids.
         moved: called while the target is dragged; ``obstacle_moved`` while an obstacle is.
-        around: (k, 3) further points that are to be seen at first [m].
+        places: (k, 3) where the tool point goes, or was [m]: to be seen at first.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class LiveScene:
         arm: ArmSolids,
         moved: Moved,
         obstacle_moved: Callable[[Array], None],
-        around: Array,
+        places: Array,
     ) -> None:
         self._server, self._arm, self._extent = server, arm, geometry.extent
         self._down = np.array([0.0, -1.0, 0.0] if geometry.planar else [0.0, 0.0, -1.0])
@@ -93,7 +94,8 @@ class LiveScene:
         self._reachable = server.scene.add_icosphere(
             "/reachable", _BALL_SHARE * self._extent, rgb(VERMILLION), visible=False, cast_shadow=False
         )
-        look_at(server, geometry.planar, np.concatenate([geometry.points, around]))
+        label = geometry.tool_point + _LABEL_ROOM * self._extent * self._down
+        look_at(server, geometry.planar, np.concatenate([geometry.points, places, label[None]]))
 
     def show(self, solution: Solution, layers: Layers = Layers()) -> None:
         """The posture of a solution with its error region, and its target with the play on the same scale."""

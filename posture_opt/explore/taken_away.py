@@ -19,6 +19,7 @@ from posture_opt.problem.edited_text import edited
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.yaml_source import MAX_BYTES, parse_yaml
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.tasks.path_task import PathTask
 
 _EXPLORED = "_explored"
 """What the names of written files end in."""
@@ -137,6 +138,13 @@ def png(pixels: Array) -> bytes:
 def position_of(problem: Problem) -> tuple[float, ...] | None:
     """Where the task asks the tool point for [m]; None where it may be anywhere."""
     return None if problem.task is None or problem.task.position is None else tuple(problem.task.position)
+
+
+def places_of(problem: Problem) -> Array:
+    """(k, 3) where the tool point is to go [m]: to the target, or along the path; none where it may be anywhere."""
+    if isinstance(problem.task, PathTask):
+        return np.array(problem.task.tool_points)
+    return np.reshape(position_of(problem) or (), (-1, 3)).astype(float)
 
 
 def millimetres(place: Sequence[float] | Array) -> list[str]:
