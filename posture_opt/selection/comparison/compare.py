@@ -15,7 +15,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.predicted_error import judged_answer
+from posture_opt.selection.comparison.predicted_error import Judgements
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.uncertainty.sources.sources import Sources
@@ -126,12 +126,8 @@ def _compared(
         if isinstance(answer, tuple):
             columns[name] = ComparedAnswer(problem, reasons=answer)
             continue
-        judged = {
-            judge: judged_answer(other, answer.stations, basis, measured)
-            for judge, other in problems.items()
-            if _same_joints(problem.robot, other.robot)
-        }
-        columns[name] = ComparedAnswer(problem, answer, judged)
+        judges = {judge: other for judge, other in problems.items() if _same_joints(problem.robot, other.robot)}
+        columns[name] = ComparedAnswer(problem, answer, Judgements(judges, answer.stations, basis, measured))
     return columns
 
 
