@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, factored_columns
 
 _RANK_TOLERANCE = 1e-10  # of the largest singular value: what is smaller is not determined
 
@@ -44,10 +44,8 @@ class LinearModel:
         basis = np.concatenate([geometry, effects], axis=1)
         sizes = [s.stop - s.start for s in fit.slices]
         owner = np.r_[np.full(geometry.shape[1], -1), np.repeat(np.arange(len(sizes)), sizes)].astype(np.intp)
-        U, s, V = np.linalg.svd(J @ basis, full_matrices=False)
-        kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
         z = np.r_[np.zeros(geometry.shape[1]), fit.x[own] * scale]
-        return cls(r, U[:, kept], s[kept, None] * V[kept], basis, owner, z)
+        return cls(r, *_in_own_space(J @ basis), basis, owner, z)
 
     @classmethod
     def with_columns(cls, fit: Fit, columns: Array) -> LinearModel:
@@ -56,11 +54,10 @@ class LinearModel:
         geometry = fit.directions[:, fit.geometry]
         further = np.zeros((len(r), columns.shape[1]))  # a prior of the geometry knows nothing of them
         further[: len(columns)] = columns
-        U, s, V = np.linalg.svd(np.concatenate([J @ geometry, further], axis=1), full_matrices=False)
-        kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
+        U, K = _in_own_space(np.concatenate([J @ geometry, further], axis=1))
         count = geometry.shape[1] + columns.shape[1]
         basis = np.concatenate([geometry, np.zeros((len(fit.x), columns.shape[1]))], axis=1)
-        return cls(r, U[:, kept], s[kept, None] * V[kept], basis, np.full(count, -1), np.zeros(count))
+        return cls(r, U, K, basis, np.full(count, -1), np.zeros(count))
 
     def without(self, effect: int | None) -> tuple[Array, Codes]:
         """Residuals (m,) when an effect is taken out with nothing refitted, and the columns that are left."""
@@ -83,3 +80,12 @@ class LinearModel:
         step = np.zeros(len(self.owner))
         step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_RANK_TOLERANCE)[0]
         return step
+
+
+def _in_own_space(A: Array) -> tuple[Array, Array]:
+    """An orthonormal basis U (m, p) of columns A (m, c), without directions that are not determined, and ``UᵀA``."""
+    if (factored := factored_columns(A)) is not None:
+        return factored
+    U, s, V = np.linalg.svd(A, full_matrices=False)
+    kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
+    return U[:, kept], s[kept, None] * V[kept]

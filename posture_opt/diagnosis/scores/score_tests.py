@@ -16,13 +16,12 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Mask, factored_columns
 
 _MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
 _ROWS_AT_ONCE = 4096  # walked through at a time
 _MAX_LEVERAGE = 0.99  # above, a residual says nothing of the noise
 _LIMIT_ERRORS = 2.0  # standard errors of a size among several, by which it may be beyond its limits
-_CLEAR_RANK = 1e-9  # of the largest eigenvalue of a Gram matrix, above which the rank is full beyond doubt
 _RANK_TOLERANCE = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
 
@@ -88,11 +87,8 @@ def orthonormal_basis(columns: Array, learn: Mask | None = None) -> Array:
     """
     scaled = unit_columns(columns, learn)[0]
     kept = scaled[:, np.any(scaled, axis=0)]
-    values, vectors = np.linalg.eigh(kept.T @ kept)
-    if values.min(initial=1.0) > _CLEAR_RANK * values.max(initial=1.0):
-        # Once more for what rounding of inner products left: orthonormal to rounding, at a part of what an SVD costs.
-        Q = kept @ (vectors / np.sqrt(values))
-        return np.asarray(Q @ np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T)
+    if (factored := factored_columns(kept)) is not None:
+        return factored[0]
     U, s, _ = np.linalg.svd(kept, full_matrices=False)
     return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
 

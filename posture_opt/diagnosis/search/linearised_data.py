@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
+from posture_opt.calibration.estimation.least_squares import triangular_factor
 from posture_opt.diagnosis.scores.candidates import Candidate, Lines, lines_of_joints
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Excitation
@@ -59,10 +60,8 @@ class LinearisedData:
         One more coordinate represents all that lies outside; what members are worth given each other is the same.
         """
         columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
-        Q, R = np.linalg.qr(columns)
-        inside = Q.T @ self.r
-        r = np.r_[inside, np.linalg.norm(self.r - Q @ inside)]
-        R = np.concatenate([R, np.zeros((1, R.shape[1]))])
+        R = triangular_factor(np.concatenate([columns, self.r[:, None]], axis=1))
+        r, R = R[:, -1], R[:, :-1]
         edges = np.cumsum([self.G.shape[1], *(s.Z.shape[1] for s in members)])
         parts = [replace(s, Z=R[:, a:b]) for s, a, b in zip(members, edges[:-1], edges[1:], strict=True)]
         groups = np.zeros(len(r), dtype=np.intp)
