@@ -10,6 +10,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.numerics import Array, Codes, factored_columns
 
 _RANK_TOLERANCE = 1e-10  # of the largest singular value: what is smaller is not determined
+_CLEAR_LENGTH = 1e-6  # of the longest column: what is as long is more than rounding of others
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +85,11 @@ class LinearModel:
 
 def _in_own_space(A: Array) -> tuple[Array, Array]:
     """An orthonormal basis U (m, p) of columns A (m, c), without directions that are not determined, and ``UᵀA``."""
-    if (factored := factored_columns(A)) is not None:
-        return factored
+    norms = np.linalg.norm(A, axis=0)
+    if norms.min(initial=1.0) > _CLEAR_LENGTH * norms.max(initial=0.0):
+        factored = factored_columns(A / norms)
+        if factored is not None:
+            return factored[0], factored[1] * norms
     U, s, V = np.linalg.svd(A, full_matrices=False)
     kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
     return U[:, kept], s[kept, None] * V[kept]
