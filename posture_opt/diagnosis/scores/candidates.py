@@ -59,6 +59,11 @@ class Candidate:
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 
     @property
+    def without_columns(self) -> Candidate:
+        """The same without any residual, where only what it is matters from now on."""
+        return replace(self, Z=np.zeros((0, self.Z.shape[1])), place=None)
+
+    @property
     def persistent(self) -> bool:
         """Whether it has a name, and outlasts the session that was measured."""
         return isinstance(self.what, Effect) and self.what.for_planning

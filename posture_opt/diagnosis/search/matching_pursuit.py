@@ -22,7 +22,7 @@ from posture_opt.diagnosis.search.shape_refinement import sharpen_lines
 from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
-_ROWS_SET_ASIDE = 32  # directions that a basis can take up before it is copied
+_ROWS_SET_ASIDE = 128  # directions that a basis can take up before it is copied: what is not used costs nothing
 _KEPT_SHARE = 0.01  # of a column's squared length: with more left, one projection is orthogonal (Daniel et al. 1976)
 _MAX_BASIS_NUMBERS = 16_000_000  # of the bases of pursuits side by side: 130 MB
 _BASIS_COLUMNS = 100  # of one basis: geometry, and some forty effects

@@ -78,9 +78,9 @@ class SearchResult:
             self,
             chosen=tuple(s.detached for s in self.chosen),
             rivals=tuple(tuple(s.detached for s in own) for own in self.rivals),
-            scored=tuple(replace(s, candidate=s.candidate.detached) for s in self.scored),
-            absorbed=tuple((s.detached, rho) for s, rho in self.absorbed),
-            considered=tuple(s.detached for s in self.considered),
+            scored=tuple(replace(s, candidate=s.candidate.without_columns) for s in self.scored),
+            absorbed=tuple((s.without_columns, rho) for s, rho in self.absorbed),
+            considered=tuple(s.without_columns for s in self.considered),
             names=None if self.names is None else self.names.detached,
         )
 
