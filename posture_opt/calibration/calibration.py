@@ -27,6 +27,7 @@ from posture_opt.calibration.instruments import Instrument, instruments_of
 from posture_opt.calibration.other_preset import OtherPreset, other_preset
 from posture_opt.calibration.second_file import OtherFile
 from posture_opt.calibration.start_up import StartUp, start_up
+from posture_opt.calibration.sure_gain import LEAST_PROBABILITY, probability_of_gain
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.registration import registered
@@ -214,6 +215,24 @@ class Calibration(Result):
         return instrument_scatter(self.fit, self.x_nominal)
 
     @cached_property
+    def better_than_nominal(self) -> float | None:
+        """Probability that the calibrated arm is nearer to the true one than the nominal arm at the measured postures.
+
+        None where no tolerance of parts is assumed: data that show the whole geometry judge an arm on held-out rows.
+        """
+        return probability_of_gain(self.fit, self.x_nominal) if self.assumed.any() else None
+
+    @property
+    def keeps_nominal(self) -> bool:
+        """Whether the nominal arm is delivered, as it is not sure enough that the calibrated one is better."""
+        return self.better_than_nominal is not None and self.better_than_nominal < LEAST_PROBABILITY
+
+    @property
+    def delivered(self) -> Array:
+        """(k,) deviations from nominal of the arm that is delivered [rad, m]: found, or with only frames fitted."""
+        return self.x_nominal if self.keeps_nominal else self.x
+
+    @cached_property
     def start_up(self) -> StartUp | None:
         """First rows that are farther off than the rest, of those that count and predicted by the calibrated arm."""
         return start_up(self.errors[self.kept_rows], self.request.data.take(self.kept_rows))
@@ -256,6 +275,9 @@ class Calibration(Result):
             document["other_preset"] = self.other_preset.to_json()
         if self.instrument_scatter is not None:
             document["instrument_scatter"] = self.instrument_scatter.to_json()
+        if self.better_than_nominal is not None:
+            document["better_than_nominal"] = self.better_than_nominal
+            document["nominal_kept"] = self.keeps_nominal
         if self.start_up is not None:
             document["start_up"] = self.start_up.to_json()
         if self.test is not None:

@@ -169,6 +169,8 @@ class Diagnosis(Result):
         lengths = {} if preset is None else {"other_preset": preset.to_json()}
         first = {} if self.start_up is None else {"start_up": self.start_up.to_json()}
         thinned = {} if self.large is None else {"thinned": self.large.to_json()}
+        probability = self.calibration.better_than_nominal
+        sure = {} if probability is None else {"better_than_nominal": probability}
         return {
             "verdict": self.verdict,
             "effects": [self._effect_json(i) for i in range(len(self.effects))],
@@ -190,6 +192,7 @@ class Diagnosis(Result):
             "gain": self.gain.to_json(),
             **test,
             **thinned,
+            **sure,
             **lengths,
             **first,
             "candidates": [

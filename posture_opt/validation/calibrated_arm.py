@@ -23,26 +23,29 @@ FREE_BASE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
     "position and direction in that frame"
 )
+NOMINAL_KEPT = "Geometry is nominal: the data do not show surely enough that the calibrated one is better."
 
 
 def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
     """The arm with its calibrated parameters, what is still uncertain of them, and its scatter.
 
     Every deviation counts, those too that are determined together only. Of several targets the first is the tool
-    point. The covariance is the estimate's, under the scatter from repeat to repeat that the calibration leaves.
+    point. The covariance is the estimate's, under the scatter from repeat to repeat that the calibration leaves; where
+    the nominal arm is kept, the mean square about that one.
     """
     scatter = residual_scatter(problem, calibration)
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
-    every = covariance_under(calibration, scatter)
+    x = calibration.delivered
+    every = covariance_under(calibration, scatter) + np.outer(calibration.x - x, calibration.x - x)
     covariance, header = every[np.ix_(own, own)], _file_header(calibration, scatter)
     return FittedArm(
         label="calibrated",
-        deviations={name: float(calibration.x[i]) for name, i in places.items()},
+        deviations={name: float(x[i]) for name, i in places.items()},
         known=persistent_sources(problem.robot, problem.sources, list(places), covariance).plus(scatter.errors),
         scatter=scatter.without_effects,
         header=header,
-        second_arms=second_arms(calibration, calibration.x, every, "calibrated", header[:2]),
+        second_arms=second_arms(calibration, x, every, "calibrated", header[:2]),
     )
 
 
@@ -96,6 +99,7 @@ def _file_header(calibration: Calibration, scatter: JointScatter) -> tuple[str, 
     lines = (
         f"Calibrated with {file}: {len(data)} rows{gone}.",
         f"RMS position error on held-out rows: {before} before calibration, {after} after.",
+        NOMINAL_KEPT if calibration.keeps_nominal else "",
         "What is still uncertain of its parameters is in calibrated_covariance.csv, in mm and mrad; combinations",
         "of them that move nothing that was measured have no variance there.",
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",

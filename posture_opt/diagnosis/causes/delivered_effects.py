@@ -34,6 +34,7 @@ class Delivery:
             predicted no worse without them.
         together: those of ``kept`` that are sure, or some lines of which are, beside the rest of this very arm only:
             what they do together predicts held-out rows; beside other effects each would have another size.
+        nominal: whether no effect is delivered, and the geometry of the calibration neither.
     """
 
     fit: Fit
@@ -43,12 +44,13 @@ class Delivery:
     vague: tuple[int, ...] = ()
     dropped: tuple[int, ...] = ()
     together: tuple[int, ...] = ()
+    nominal: bool = False
 
     @property
-    def model(self) -> Literal["extended", "without_session", "calibrated"]:
+    def model(self) -> Literal["extended", "without_session", "calibrated", "nominal"]:
         """Which arm it is: with all effects, without those of the session, or with none of them."""
         if not self.kept:
-            return "calibrated"
+            return "nominal" if self.nominal else "calibrated"
         return "without_session" if self.session else "extended"
 
     def to_json(self, effects: Sequence[Effect]) -> dict[str, Json]:
@@ -91,12 +93,14 @@ def deliver_arm(
         needed = PredictiveModel.of(calibration, effects, parts, determined=True)
         fit, kept = needed.fit, [stays[k] for k in needed.kept]
         errors = judge(fit, gone)
+    nominal = errors.rms >= held["calibrated"].rms and calibration.keeps_nominal
     if errors.rms >= held["calibrated"].rms:
-        fit, errors, kept = calibration.fit, held["calibrated"], []
+        fit, errors, kept = calibration.fit, held["nominal" if nominal else "calibrated"], []
     if kept:
         fit = with_choice_errors(fit, _of_kept(model, deviations, fit, {i: sure[i] for i in kept}))
     together = tuple(i for k, i in enumerate(kept) if len(determined_parts(fit, k)) < len(fit.effects[k].size_parts))
-    return Delivery(fit, errors, tuple(kept), session, vague, tuple(i for i in stays if i not in kept), together)
+    dropped = tuple(i for i in stays if i not in kept)
+    return Delivery(fit, errors, tuple(kept), session, vague, dropped, together, nominal)
 
 
 def _sure_parts(model: Fit, place: int) -> tuple[int, ...]:

@@ -21,6 +21,7 @@ from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.validation.calibrated_arm import NOMINAL_KEPT
 from posture_opt.validation.calibrated_second_arm import second_arms
 from posture_opt.validation.residual_scatter import residual_scatter
 
@@ -41,7 +42,8 @@ def extended_arm(
         statistics: of every model on held-out rows.
     """
     delivered = delivery.fit
-    fitted = _geometry_of(calibration, delivered, delivery.held.errors)
+    held_out = calibration.errors[calibration.kept_rows] if delivery.nominal else delivery.held.errors
+    fitted = _geometry_of(calibration, delivered, held_out)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
     rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
     rows = delivered.residuals.metres(rows)
@@ -49,20 +51,23 @@ def extended_arm(
         rows = rows[calibration.kept_rows]
     scatter = residual_scatter(problem, fitted, noises, rows)
     places = places_in_robot(calibration.parameters)
-    deviations = {name: float(delivered.x[i]) for name, i in places.items()}
+    x = calibration.x_nominal if delivery.nominal else delivered.x[: len(calibration.x)]
+    shift = delivered.x[: len(x)] - x
+    covariance = fitted.covariance + np.outer(shift, shift)
+    deviations = {name: float(x[i]) for name, i in places.items()}
     base = {name: value for name, value in deviations.items() if name.rpartition(".")[0] == "base"}
     gravity = gravity_of(problem.robot, base)
     header = _file_header(calibration, model, delivery, findings, statistics, scatter.note)
     return FittedArm(
         label="extended",
         deviations=deviations,
-        known=_extended_sources(problem, fitted, delivery).plus(scatter.errors),
+        known=_extended_sources(problem, fitted, covariance, delivery).plus(scatter.errors),
         scatter=scatter.without_effects,
         effects=tuple(effect for effect, _ in _written_effects(delivery)),
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
         header=header,
-        second_arms=second_arms(calibration, delivered.x, fitted.covariance, "extended", header[:2]),
+        second_arms=second_arms(calibration, x, covariance, "extended", header[:2]),
     )
 
 
@@ -108,29 +113,34 @@ def _geometry_of(calibration: Calibration, model: Fit, held_out: Array) -> Calib
     return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
 
 
-def _extended_sources(problem: ProblemData, calibration: Calibration, delivery: Delivery) -> Sources:
+def _extended_sources(
+    problem: ProblemData, calibration: Calibration, covariance: Array, delivery: Delivery
+) -> Sources:  # fmt: skip
     """What is uncertain of geometry and effects, ``[[C_gg, C_ge], [C_eg, C_ee]]``.
 
     Shapes of effects are held (`covariance_at_shapes`), as a file states them without error.
+
+    Args:
+        covariance: C_gg (k, k) of all parameters of the calibration [rad², m²].
     """
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
     written = list(_written_effects(delivery))
     names = tuple(name for effect, _ in written for name in effect.parameter_names)
     sizes = [place for _, own in written for place in own]
-    geometry = persistent_sources(
-        problem.robot, problem.sources, list(places), calibration.covariance[np.ix_(own, own)]
-    ).without(names)
+    geometry = persistent_sources(problem.robot, problem.sources, list(places), covariance[np.ix_(own, own)]).without(
+        names
+    )
     together = covariance_at_shapes(delivery.fit)
     k, e = len(geometry.names), len(names)
     cross = together[:, sizes]
-    covariance = np.zeros((k + e, k + e))
-    covariance[:k, :k] = geometry.covariance
+    both = np.zeros((k + e, k + e))
+    both[:k, :k] = geometry.covariance
     for row, name in enumerate(geometry.names):
         if name in places:
-            covariance[row, k:] = covariance[k:, row] = cross[places[name]]
-    covariance[k:, k:] = together[np.ix_(sizes, sizes)]
-    return Sources((*geometry.names, *names), nearest_semidefinite(covariance)) if k + e else Sources()
+            both[row, k:] = both[k:, row] = cross[places[name]]
+    both[k:, k:] = together[np.ix_(sizes, sizes)]
+    return Sources((*geometry.names, *names), nearest_semidefinite(both)) if k + e else Sources()
 
 
 def _file_header(
@@ -143,10 +153,12 @@ def _file_header(
     noises = [f.noise for f in findings if f.noise is not None]
     named = [*(effects[i] for i in delivery.kept), *(noise for noise in noises if noise.of_arm)]
     last = f", {after} with effects" if delivery.kept else ""
+    nominal = [NOMINAL_KEPT] if delivery.nominal else []
     lines = [
         f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: "
         f"{', '.join(f'{cause.kind} of {cause.target}' for cause in named) or 'no effect'}.",
         f"RMS position error on held-out rows: {before} before calibration, {middle} calibrated{last}.",
+        *nominal,
         "What is still uncertain of its parameters is in extended_covariance.csv, in mm, mrad and SI units.",
         f"{scatter[:1].upper()}{scatter[1:]}.",
     ]

@@ -126,7 +126,8 @@ def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
         arm += f"; nor {unknown}" if session and vague else f"the arm fitted without {unknown}" if vague else ""
         arm += f", nor {others}, which held-out rows do not need then" if others else ""
     else:
-        arm = f"the calibrated arm: {session} {belongs} to this session" if session else "the calibrated arm"
+        arm = "the nominal arm" if delivery.nominal else "the calibrated arm"
+        arm += f": {session} {belongs} to this session" if session else ""
         arm += f", and without {it} no other effect improves held-out rows" if session and others else ""
         arm += f"; not delivered is {unknown}" if vague else ""
         arm += "" if session or vague else ": held-out rows are predicted no better with effects"

@@ -1,12 +1,14 @@
-"""Words on an instrument that scatters more than the arm errs."""
+"""Words on an instrument that scatters more than the arm errs, and on how sure it is that calibration helps."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from posture_opt.calibration.sure_gain import LEAST_PROBABILITY
 from posture_opt.report.text.units_text import angle_error, stated_length
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.instrument_scatter import InstrumentScatter
 
 
@@ -18,6 +20,24 @@ def instrument_scatter_lead(found: InstrumentScatter | None) -> tuple[str, ...]:
     return (
         f"The instrument scatters more than the arm errs: {found.noun} have a scatter of {scatter} a reading, of which "
         f"errors of the nominal arm explain {arm}. The arm stays near nominal wherever the data do not improve it.",
+    )
+
+
+def sure_gain_lead(found: Calibration, nominal: bool) -> tuple[str, ...]:
+    """How probable it is that the calibrated arm is better, where the instrument is worse than the arm.
+
+    Args:
+        nominal: whether the nominal arm is delivered in its place; then it is said of every instrument.
+    """
+    probability, scatter = found.better_than_nominal, found.instrument_scatter
+    if probability is None or not (nominal or (scatter is not None and scatter.exceeds)):
+        return ()
+    percent = f"{min(100 * probability, 99.9):.3g} %"
+    if not nominal:
+        return (f"The calibrated arm is nearer to the true one than the nominal arm with a probability of {percent}.",)
+    return (
+        f"The nominal arm is kept: the calibrated one is nearer to the true arm with a probability of only {percent}, "
+        f"and {100 * LEAST_PROBABILITY:.0f} % are asked for. More rows or a finer instrument decide it.",
     )
 
 

@@ -29,7 +29,7 @@ from posture_opt.report.measured_parts.error_table import (
     mm,
     rows_words,
 )
-from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead
+from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead, sure_gain_lead
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.measured_parts.start_up_words import start_up_lead
@@ -95,6 +95,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
     return (
         *instrument_scatter_lead(found.instrument_scatter),
+        *sure_gain_lead(found, found.keeps_nominal),
         *doubts_lead(found),
         _answer(found),
         *fails,

@@ -45,7 +45,7 @@ from posture_opt.report.measured_parts.diagnosis_sizes import (
     periodic_joints,
 )
 from posture_opt.report.measured_parts.error_table import instrument_words, mm, rows_words
-from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead
+from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead, sure_gain_lead
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
 from posture_opt.report.measured_parts.start_up_words import start_up_lead
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
@@ -121,6 +121,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         first = f"Errors remain{_beyond(found)} that no {cause} explains.{also}"
     return (
         *instrument_scatter_lead(found.calibration.instrument_scatter),
+        *sure_gain_lead(found.calibration, found.delivery.nominal),
         *doubts_lead(found.calibration),
         first,
         _improvement(found),
