@@ -31,6 +31,7 @@ from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
+from posture_opt.diagnosis.exact_rows import met_exactly, with_scatter
 from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
@@ -169,6 +170,11 @@ def diagnose(
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     found = _explain_calibration(calibration, draws, seed or 0, stages)
+    if met_exactly(found.model):
+        return diagnose(
+            problem, with_scatter(data), folds=folds, by=by, flips=flips, seed=seed, test=test,
+            refit_frames=refit_frames, with_time=with_time, plan=plan, most_rows=most_rows, progress=progress,
+        )  # fmt: skip
     held = _held_out_errors(found)
     delivery = _deliver(found, held, with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})

@@ -14,7 +14,9 @@ CODES = (0, 2, 3, 4)
 # Words that only a number which is none, or an absent value that was printed, can have put there.
 _NO_ANSWER = re.compile(r"(?<![\w'./-])(nan|NaN|inf|-inf|Infinity|None)(?![\w'-]| is| of)")
 _WARNING = re.compile(r"^.*\.py:\d+: \w*Warning: .*$", re.MULTILINE)
-_TIME = re.compile(r'(?m)("seconds": )[\d.e+-]+|^\d+ [a-z]+ in [\d.:]+ (s|min): .* a second\n|\b[\d.]+ (ms|s|seconds)\b')
+_TIME = re.compile(
+    r'(?m)("seconds": )[\d.e+-]+|^\d+ [a-z]+ in [\d.:]+ (s|min): .* a second\n|\b[\d.]+ (ms|s|seconds)\b'
+)
 """Times, and the line of the rate, which a work of under two seconds has not."""
 _MAY_BE_INFINITE = ("effects[].estimate.count.std", "assessment.calibrated.mean_test.p_value")
 """What is null where it is not known: a count has no standard error, and of a few rows there is no test."""

@@ -269,7 +269,7 @@ def score_candidates(
     for candidate, p in cyclic:
         basis, left = projected_basis(baseline, candidate.Z)
         if basis.shape[1]:
-            share = float(np.sum((basis.T @ baseline.e) ** 2) / rss[0])
+            share = float(np.sum((basis.T @ baseline.e) ** 2) / rss[0]) if rss[0] > 0 else 0.0
             scored.append(ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.family), share))
     return sorted(scored, key=lambda j: (j.p_value, j.log_p)), null
 
