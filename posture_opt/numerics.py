@@ -65,6 +65,21 @@ def factored_columns(A: Array) -> tuple[Array, Array] | None:
     return np.asarray(Q @ np.linalg.inv(L).T), np.asarray(L.T @ (root[:, None] * vectors.T))
 
 
+def thin_svd(A: Array) -> tuple[Array, Array, Array]:
+    """``A = U diag(s) Vᵀ`` (m, k): U (m, r), s (r,) and Vᵀ (r, k), r the smaller of both sides.
+
+    The method of numpy, divide and conquer, is fast; where singular values are many and all rounding it may not
+    converge, and LAPACK's older one takes its place.
+    """
+    try:
+        U, s, V = np.linalg.svd(A, full_matrices=False)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import svd
+
+        U, s, V = svd(A, full_matrices=False, lapack_driver="gesvd")
+    return U, s, V
+
+
 def stacked_rows(vector: Sequence[Any], n: int) -> Array:
     """(n, m) rows of a vector whose m entries are numbers, or arrays (n,) of one number a row."""
     if not len(vector):

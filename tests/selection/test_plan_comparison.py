@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ import posture_opt as po
 from posture_opt.model.arm import Arm
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.corrections import deviated
+from posture_opt.selection.comparison import predicted_error
 from posture_opt.selection.comparison.compare import compare_plans
+from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.planar_2r import position
 
@@ -40,17 +44,41 @@ def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None
     assert found is not None
     assert found.reference == "calibrated"
     nominal = found.answered["nominal"]
-    (solution,), predicted_error = nominal.stations, nominal.judged["calibrated"].worst
+    (solution,), predicted = nominal.stations, nominal.judged["calibrated"].worst
     truth = position(solution.q[None], (1.0, 1.0 + LONGER))[0] - (0.9, 0.4)
     # What the arm misses by its longer link; the bias of joints that scatter by 0.3 mrad is below 0.1 µm.
-    np.testing.assert_allclose(predicted_error.miss[:2], truth, atol=1e-7)
-    assert predicted_error.distance == pytest.approx(abs(truth[0]), abs=1e-7)
-    assert predicted_error.critical_error > predicted_error.distance
+    np.testing.assert_allclose(predicted.miss[:2], truth, atol=1e-7)
+    assert predicted.distance == pytest.approx(abs(truth[0]), abs=1e-7)
+    assert predicted.critical_error > predicted.distance
     assert found.answered["calibrated"].judged["calibrated"].distance < 1e-7
     document = found.to_json()
     assert set(document) == {"nominal", "calibrated", "reasons"}
     assert document["nominal"]["posture"] == solution.posture
     assert document["nominal"]["success_probability"] is None
+
+
+def test_judgements_are_made_when_they_are_asked_for(
+    models: dict[str, Problem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[ProblemData] = []
+
+    def judged(problem: ProblemData, *others: Any) -> JudgedAnswer:
+        asked.append(problem)
+        return judged_answer(problem, *others)
+
+    monkeypatch.setattr(predicted_error, "judged_answer", judged)
+    found = compare_plans(models)
+    assert found is not None
+    assert not asked
+    found.to_json()
+    assert len(asked) == 2, "each plan by the reference"
+    judgements = found.answered["nominal"].judged
+    assert list(judgements) == ["nominal", "calibrated"]
+    assert "nominal" in judgements
+    assert "other" not in judgements
+    own = judgements["nominal"]
+    assert judgements["nominal"] is own
+    assert len(asked) == 3
 
 
 def test_a_model_without_scatter_takes_that_of_the_reference(models: dict[str, Problem]) -> None:

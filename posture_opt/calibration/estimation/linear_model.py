@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.numerics import Array, Codes, factored_columns
+from posture_opt.numerics import Array, Codes, factored_columns, thin_svd
 
 _RANK_TOLERANCE = 1e-10  # of the largest singular value: what is smaller is not determined
 _CLEAR_LENGTH = 1e-6  # of the longest column: what is as long is more than rounding of others
@@ -90,6 +90,6 @@ def _in_own_space(A: Array) -> tuple[Array, Array]:
         factored = factored_columns(A / norms)
         if factored is not None:
             return factored[0], factored[1] * norms
-    U, s, V = np.linalg.svd(A, full_matrices=False)
+    U, s, V = thin_svd(A)
     kept = s > _RANK_TOLERANCE * s.max(initial=0.0)
     return U[:, kept], s[kept, None] * V[kept]

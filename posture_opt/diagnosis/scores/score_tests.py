@@ -16,7 +16,7 @@ import numpy as np
 
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.fourier_sums import FourierSums, weighted_squares
-from posture_opt.numerics import Array, Codes, Mask, factored_columns
+from posture_opt.numerics import Array, Codes, Mask, factored_columns, thin_svd
 
 _MAX_CHUNK_NUMBERS = 4_000_000  # numbers of one block of columns: 32 MB
 _ROWS_AT_ONCE = 4096  # walked through at a time
@@ -89,7 +89,7 @@ def orthonormal_basis(columns: Array, learn: Mask | None = None) -> Array:
     kept = scaled[:, np.any(scaled, axis=0)]
     if (factored := factored_columns(kept)) is not None:
         return factored[0]
-    U, s, _ = np.linalg.svd(kept, full_matrices=False)
+    U, s, _ = thin_svd(kept)
     return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
 
 
@@ -119,7 +119,7 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
     if rho < levels.MIN_SURVIVING_SHARE:
         return np.zeros((len(Z), 0)), rho
-    U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    U, s, _ = thin_svd(rest / np.where(norms > 0, norms, 1.0))
     return np.asarray(U[:, s > max(levels.MIN_SURVIVING_SHARE, _RANK_TOLERANCE * float(s[0]))]), rho
 
 
