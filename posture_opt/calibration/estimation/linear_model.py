@@ -10,7 +10,7 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.numerics import Array, Codes, factored_columns, thin_svd
 
 _RANK_TOLERANCE = 1e-10  # of the largest singular value: what is smaller is not determined
-_CLEAR_LENGTH = 1e-6  # of the longest column: what is as long is more than rounding of others
+_CLEAR_LENGTH = 1e-9  # of the longest column: what is as long is more than rounding of others
 
 
 @dataclass(frozen=True, eq=False)
