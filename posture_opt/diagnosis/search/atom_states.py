@@ -69,10 +69,10 @@ class AtomStates:
         """Takes the new directions of some pursuits, and what they explain, off the columns."""
         places = [step.place for step in steps]
         width = max(step.q.shape[1] for step in steps)
-        q, explained = np.zeros((len(steps[0].q), len(steps), width)), np.zeros((len(steps), width))
+        rows, explained = np.zeros((len(steps), width, len(steps[0].q))), np.zeros((len(steps), width))
         for i, step in enumerate(steps):
-            q[:, i, : step.q.shape[1]], explained[i, : step.q.shape[1]] = step.q, step.explained
-        products = self.atoms.products(q.reshape(len(q), -1))
+            rows[i, : step.q.shape[1]], explained[i, : step.q.shape[1]] = step.q.T, step.explained
+        products = self.atoms.products(rows.reshape(-1, rows.shape[2]).T)
         inner = np.moveaxis(products.reshape(*products.shape[:2], *explained.shape), 2, 0)
         inner = inner * self.scale[places][:, :, :, None]
         at = slice(None) if len(places) == len(self.gram) else places

@@ -55,7 +55,8 @@ class LineAtoms(Atoms):
     def products(self, vectors: Array) -> Array:
         """Inner products (K, 2, p) with vectors (m, p), by fast Fourier sums."""
         N, block = self.lever.shape
-        along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1))
+        parts = vectors.T[:, : N * block].reshape(-1, N, block)  # long vectors are rows in memory: nothing is copied
+        along = (np.swapaxes(parts, 0, 1) @ self.lever[:, :, None])[:, :, 0]
         return np.stack(self.sums(along), axis=1)
 
     def candidate(self, index: int) -> Candidate:
