@@ -161,8 +161,9 @@ class Server:
         cpu, seconds = _cpu() - before, time.perf_counter() - start
         made = _made(case, work)
         left = [f"left {name}" for name in made if not allowed(name, case)]
-        # A checkpoint that was there is gone on with, but by a call that is refused: that says nothing.
-        still = [name for name in case.files if not texts[0] or not allowed(name, case)]
+        # A checkpoint that was there is gone on with, but by a call that is refused: that has no report.
+        went = bool(texts[0]) or "--quiet" in case.words
+        still = [name for name in case.files if not went or not allowed(name, case)]
         left += [f"changed {name}" for name in still if not _same(work / name, case.files[name])]
         out, err = (text.replace(str(work), "/work") for text in texts)  # the same in every run
         return Run(code, out, err, cpu, _peak(), seconds, tuple(left), made, tuple(noted))
