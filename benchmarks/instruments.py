@@ -108,9 +108,7 @@ def _tool_coverage(found: Calibration, given: po.Problem, q: np.ndarray, truth: 
     rows = {f"{axis} [m]": truth[:, i] for i, axis in enumerate("xyz")}
     own = [i for i, p in enumerate(found.parameters) if p.group != "place"]
     parameters = tuple(found.parameters[i] for i in own)
-    there = replace(
-        found.residuals, parameters=parameters, place_sigmas={}, distances=(), sigma_rotation=0.0, lever=1.0
-    )
+    there = replace(found.residuals, parameters=parameters, place_sigmas={}, distances=(), further={}, lever=1.0)
     there = there.of_data(po.read_measurements(table_of(q, **rows), given))
     x, C = found.x[own], found.covariance[np.ix_(own, own)]
     points = np.stack([np.broadcast_to(v, len(q)) for v in there.walk(x).position], axis=1)

@@ -15,6 +15,7 @@ from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
+from posture_opt.measurements.kinds.alternatives import likeliest
 from posture_opt.measurements.kinds.pose_columns import ORIENTATION
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
 from posture_opt.measurements.mixing import mixed_rows
@@ -24,6 +25,7 @@ from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.model.arm import Arm
+from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
@@ -228,6 +230,9 @@ def _prepared(data: Measurements, problem: HasData) -> Measurements:
     gravity = np.array(problem.robot.gravity)
     up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
     prepared = data.kind.prepared(seen, ~still_axes(problem.robot), up)
+    factors = problem.robot.factors
+    reached = walk(factors, factor_values(factors, [np.ascontiguousarray(column) for column in q.T]))
+    prepared = likeliest(prepared, problem.robot, reached, seen)
     return replace(data, instrument=prepared, lever=prepared.levers(seen))
 
 

@@ -169,6 +169,10 @@ class Kind:
         """
         return self
 
+    def alternatives(self, seen: Seen) -> Sequence[tuple[Kind, Codes]]:
+        """Kinds with another reference that suits the nominal arm about as well, and (m,) the rows that it is of."""
+        return ()
+
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
         """(u,) names and SI units of what is unknown of a place."""
         return ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import permutations, product
@@ -16,6 +16,8 @@ from posture_opt.numerics import Array, Codes, Mask
 
 _LEAST_COSINE = 1e-6
 """Of an angle that is read: at a right angle to the horizon, an axis shows no direction any more."""
+_ALIKE = 10.0
+"""Times the least sum of squares, up to which a mounting suits the nominal arm about as well: its errors decide."""
 _ROUNDS = 8
 """Of fitting the mounting and saying which rows are upside down; three are enough."""
 
@@ -29,6 +31,8 @@ class Level(Kind):
 
     Args:
         up: (3,) the vertical z, world; mounting: (3, 3) the reference M₀.
+        others: (m, 3, 3) another one that suits the nominal arm about as well: where the tool hardly tilts, as on a
+            SCARA, two numbers do not show whether the level is upside down.
     """
 
     kind: ClassVar[str] = "level"
@@ -46,6 +50,7 @@ class Level(Kind):
 
     up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     mounting: Array = field(default_factory=lambda: np.eye(3))
+    others: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     def axes(self, measured: Mask) -> Codes:
         """Both angles."""
@@ -54,7 +59,13 @@ class Level(Kind):
     def prepared(self, seen: Seen, moving: Mask, up: Array) -> Level:
         """The mounting that suits the nominal arm best."""
         in_tool = np.stack([np.broadcast_to(dot(column, up), len(seen.place)) for column in seen.columns], axis=1)
-        return replace(self, up=up, mounting=_mounting(in_tool, np.sin(seen.reading[:, :2])))
+        best, *others = _mountings(in_tool, np.sin(seen.reading[:, :2]))
+        return replace(self, up=up, mounting=best, others=np.array(others).reshape(-1, 3, 3))
+
+    def alternatives(self, seen: Seen) -> Sequence[tuple[Kind, Codes]]:
+        """The other mounting, of all rows."""
+        kinds = [replace(self, mounting=other, others=self.mounting[None]) for other in self.others]
+        return [(kind, np.arange(len(seen.place))) for kind in kinds]
 
     def unknowns(self, place: str) -> tuple[tuple[str, str], ...]:
         """Three small turns of the mounting."""
@@ -114,8 +125,8 @@ def _cosine(height: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(1 - height**2, _LEAST_COSINE**2)))
 
 
-def _mounting(up: Array, heights: Array) -> Array:
-    """(3, 3) M with ``Mᵀ up ≈ (heights, ±√(1 − |heights|²))``, by Kabsch from 24 starts.
+def _mountings(up: Array, heights: Array) -> list[Array]:
+    """(3, 3) M with ``Mᵀ up ≈ (heights, ±√(1 − |heights|²))``, by Kabsch from 24 starts: the best, and perhaps another.
 
     Args:
         up: (N, 3) the vertical in the frame of the tool; heights: (N, 2) of both axes of the inclinometer.
@@ -130,4 +141,7 @@ def _mounting(up: Array, heights: Array) -> Array:
         return float(np.sum((up @ M[:, :2] - heights) ** 2)), M
 
     axes = [np.eye(3)[list(p)] * signs for p in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
-    return min((improved(M) for M in axes if np.linalg.det(M) > 0), key=lambda one: one[0])[1]
+    found = sorted((improved(M) for M in axes if np.linalg.det(M) > 0), key=lambda one: one[0])
+    (least, best), sides = found[0], np.sign(up @ found[0][1][:, 2])
+    others = [M for cost, M in found if cost <= _ALIKE * least and np.mean(np.sign(up @ M[:, 2]) * sides) < 0]
+    return [best, *others[:1]]

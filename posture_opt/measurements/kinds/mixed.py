@@ -163,6 +163,15 @@ class Mixed(Kind):
         kinds = [m.kind.prepared(p.seen, moving, up) for m, p in zip(self.members, parts, strict=True)]
         return replace(self, members=tuple(replace(m, kind=kind) for m, kind in zip(self.members, kinds, strict=True)))
 
+    def alternatives(self, seen: Seen) -> Sequence[tuple[Kind, Codes]]:
+        """Those of each instrument."""
+        found = []
+        for k, (member, part) in enumerate(zip(self.members, _parts(self, seen), strict=True)):
+            for other, own in member.kind.alternatives(part.seen):
+                members = (*self.members[:k], replace(member, kind=other), *self.members[k + 1 :])
+                found.append((replace(self, members=members), part.rows[own]))
+        return found
+
     def levers(self, seen: Seen) -> Array | None:
         """(N,) those of each instrument, 1 of readings in metres; None where all are."""
         found, any_other = np.ones(len(seen.place)), False
