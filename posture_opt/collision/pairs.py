@@ -15,8 +15,8 @@ from posture_opt.robot.joint_ranges import drawn_between
 
 _POSTURE_COUNT = 1000
 """Random postures: a median is then known to 1.6 % of them (one standard deviation)."""
-_MOST_AT_ONCE = 100_000
-"""Distances that are computed together: some 30 arrays of vectors, 70 MB."""
+_MOST_AT_ONCE = 8000
+"""Distances that are computed together: of more, the arrays of vectors leave the cache."""
 _HELD_BELOW_M = 1e-3
 """What is taken off a distance [m] that is held in place of the clearance, before it is rounded down: the bounds that
 a solver keeps are up to so much below the true distance."""
