@@ -59,6 +59,11 @@ class Candidate:
         return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
 
     @property
+    def compact(self) -> Candidate:
+        """The same with columns in single precision, as those of a dictionary of many rows are."""
+        return replace(self, Z=self.Z.astype(np.float32, copy=False))
+
+    @property
     def without_columns(self) -> Candidate:
         """The same without any residual, where only what it is matters from now on."""
         return replace(self, Z=np.zeros((0, self.Z.shape[1])), place=None)

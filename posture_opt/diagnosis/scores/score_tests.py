@@ -8,7 +8,7 @@ so its distribution is simulated by flipping the signs of whole poses.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -74,6 +74,11 @@ class ProjectedBaseline:
     def rss(self) -> Array:
         """(1 + B,) sums of squares."""
         return np.asarray(np.einsum("ij,ij->j", self.flipped, self.flipped))
+
+    @property
+    def undrawn(self) -> ProjectedBaseline:
+        """The same without the flipped data sets: of many rows they are large."""
+        return replace(self, flipped=self.flipped[:, :1].copy())
 
     def project(self, Z: Array) -> Array:
         """Columns ``Z`` (m, k) projected off the baseline."""

@@ -35,7 +35,7 @@ class InitialScores:
         """With ``flips`` draws of the null distribution, as many as the data ask for if None."""
         baseline = linearised.baseline(flips=flips)
         scored, null = score_candidates(baseline, candidates, linearised.sensitivities, linearised.lines)
-        return cls(linearised, candidates, baseline, scored, null)
+        return cls(linearised, candidates, baseline.undrawn, scored, null)
 
     @property
     def best_p_value(self) -> float:

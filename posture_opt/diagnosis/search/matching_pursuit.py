@@ -90,6 +90,7 @@ class _Pursuit:
         self.learn: Mask = np.ones(len(linearised.r), dtype=bool)
         if held_out is not None:
             self.learn[(held_out[:, None] * block + np.arange(block)).ravel()] = False
+        self._compact = not self._whole and len(linearised.sensitivities.residuals.data) >= levels.MANY_ROWS
         self._rows = np.zeros((0, 0))
         self.Q, self.e = _projected_residuals(linearised, (), self.learn)
         self.freedom = float(self.learn.sum() - self.Q.shape[1])
@@ -127,7 +128,7 @@ class _Pursuit:
         if not q.shape[1]:
             states[best].closed[self.place, index] = True
             return None
-        self.chosen.append(candidate)
+        self.chosen.append(candidate.compact if self._compact else candidate)
         if isinstance(candidate.what, CyclicError) and self._together >= len(self.chosen):
             self._sharpen(states)
             return None
