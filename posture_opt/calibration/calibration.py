@@ -216,7 +216,9 @@ class Calibration(Result):
 
     @cached_property
     def better_than_nominal(self) -> float | None:
-        """Probability that the calibrated arm is nearer to the true one than the nominal arm at the measured postures.
+        """Probability that positions of the calibrated arm are nearer to true than those of the nominal one.
+
+        At the measured postures, see `probability_of_gain`.
 
         None where no tolerance of parts is assumed: data that show the whole geometry judge an arm on held-out rows.
         """
@@ -224,8 +226,12 @@ class Calibration(Result):
 
     @property
     def keeps_nominal(self) -> bool:
-        """Whether the nominal arm is delivered, as it is not sure enough that the calibrated one is better."""
-        return self.better_than_nominal is not None and self.better_than_nominal < LEAST_PROBABILITY
+        """Whether the nominal arm is delivered: the instrument is worse than the arm, and a gain not sure enough.
+
+        A fine level does not show that positions get better, as it sees no length; what it shows of angles is sure.
+        """
+        worse = self.instrument_scatter is not None and self.instrument_scatter.exceeds
+        return worse and self.better_than_nominal is not None and self.better_than_nominal < LEAST_PROBABILITY
 
     @property
     def delivered(self) -> Array:

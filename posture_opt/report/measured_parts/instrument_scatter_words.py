@@ -27,10 +27,10 @@ def sure_gain_lead(found: Calibration, nominal: bool) -> tuple[str, ...]:
     """How probable it is that the calibrated arm is better, where the instrument is worse than the arm.
 
     Args:
-        nominal: whether the nominal arm is delivered in its place; then it is said of every instrument.
+        nominal: whether the nominal arm is delivered in its place.
     """
     probability, scatter = found.better_than_nominal, found.instrument_scatter
-    if probability is None or not (nominal or (scatter is not None and scatter.exceeds)):
+    if probability is None or scatter is None or not scatter.exceeds:
         return ()
     percent = f"{min(100 * probability, 99.9):.3g} %"
     if not nominal:
