@@ -97,7 +97,7 @@ class Pictures:
 
     Args:
         R, p: (N, 3, 3), (N, 3) T_mount_carrier: the tool in the world, for a camera on the tool the world in the tool.
-        rays: (N, 2) at a depth of one; camera, marker, pose: (N,) codes.
+        rays: (N, 2) at a depth of one; camera, marker, pose: (N,) codes; on_tool: (N,) whether the arm has the camera.
     """
 
     bodies: Bodies
@@ -107,6 +107,7 @@ class Pictures:
     camera: Codes
     marker: Codes
     pose: Codes
+    on_tool: Mask
 
     @classmethod
     def of(
@@ -127,7 +128,7 @@ class Pictures:
             rays[camera == c] = one.rays(pixels[camera == c])
         rows = np.concatenate([R.reshape(len(p), 9), p], axis=1).round(12)
         poses = np.unique(rows, axis=0, return_inverse=True)[1].ravel().astype(np.intp)
-        return cls(bodies, R, p, rays, camera, marker, poses)
+        return cls(bodies, R, p, rays, camera, marker, poses, on_tool)
 
     def shown(self, camera: int, body: int) -> tuple[Array, Array]:
         """(n, 4, 4) T_camera_body and T_mount_carrier of the pictures of one board by one camera."""
@@ -149,7 +150,8 @@ class Pictures:
         if best < 0 or len(shown[best][0]) < _LEAST_PICTURES:
             return None
         points = self.bodies.points[self.bodies.body == np.flatnonzero(self.bodies.rigid)[best]]
-        return robot_world_hand_eye(*shown[best], points)[0]
+        on_tool = bool(self.on_tool[self.camera == camera].all())
+        return robot_world_hand_eye(*shown[best], points, on_tool)[0]
 
     def camera_by_markers(self, camera: int) -> Array:
         """T_camera_mount by markers of which nothing is known.

@@ -15,6 +15,10 @@ _LEAST_FLAT, _LEAST_SOLID = 4, 6
 """Points from which a picture shows the pose of a flat board, or of other known points."""
 _FLATNESS = 1e-3
 """Thickness over extent up to which known points count as flat."""
+_ON_TOOL_M, _IN_CELL_M = 0.1, 1.0
+"""How far what the tool carries is from the tool point, and what stands in the cell from the base, roughly."""
+_LEAST_TURN = 1e-2
+"""Singular value over the largest, below which turns show nothing of a shift but noise and errors of the arm."""
 _GROSS = 4.0
 """Times the median misfit: a picture farther off is taken for a wrong detection."""
 
@@ -47,19 +51,22 @@ def board_pose(points: Array, rays: Array) -> Array | None:
     return best @ _rigid(np.eye(3), -middle)
 
 
-def robot_world_hand_eye(A: Array, B: Array, points: Array) -> tuple[Array, Array]:
+def robot_world_hand_eye(A: Array, B: Array, points: Array, on_tool: bool) -> tuple[Array, Array]:
     """T_camera_mount and T_carrier_board with ``A_i = Z B_i W``, and pictures that disagree left out.
 
     The rotations by Shah (2013), equation 18, and both together by Li, Wang, Wu (2010), equation 12: where all turns
-    are about parallel axes, only the shifts tell the rotations apart. The better of both is kept.
+    are about parallel axes, only the shifts tell the rotations apart. The better of both is kept. Along such axes
+    camera and board move together: what the tool carries is then near it, and what stands in the cell may be far.
 
     Args:
         A: (n, 4, 4) T_camera_board of every picture; B: (n, 4, 4) T_mount_carrier.
         points: (k, 3) on the board, by which solutions are compared [m].
+        on_tool: whether the tool carries the camera, and else the board.
     """
     kept = np.ones(len(A), dtype=bool)
     for _ in range(3):
-        solutions = [solve(A[kept], B[kept]) for solve in (_by_shah, _by_li)]
+        turns = [solve(A[kept], B[kept]) for solve in (_by_shah, _by_li)]
+        solutions = [_with_shifts(A[kept], B[kept], Z, X, on_tool) for Z, X in turns]
         misfits = [_misfit(A, Z @ B @ W, points) for Z, W in solutions]
         best = int(np.argmin([float(np.median(m[kept])) for m in misfits]))
         kept = _agreeing(misfits[best])
@@ -179,16 +186,16 @@ def _polished(T: Array, points: Array, rays: Array) -> tuple[float, Array]:
 
 
 def _by_shah(A: Array, B: Array) -> tuple[Array, Array]:
-    """Z and W of `robot_world_hand_eye`, the rotations by themselves: the largest singular pair of ``Σ R_B ⊗ R_A``."""
+    """Rotations of Z and W⁻¹ of `robot_world_hand_eye`, by themselves: the largest singular pair of ``Σ R_B ⊗ R_A``."""
     K = np.einsum("nij,nkl->ikjl", B[:, :3, :3], A[:, :3, :3]).reshape(9, 9)
     U, _, Vt = np.linalg.svd(K)
     X, Z = Vt[0].reshape(3, 3).T, U[:, 0].reshape(3, 3).T
     sign = np.sign(np.linalg.det(Z)) or 1.0
-    return _with_shifts(A, B, _nearest(sign * Z), _nearest(sign * X))
+    return _nearest(sign * Z), _nearest(sign * X)
 
 
 def _by_li(A: Array, B: Array) -> tuple[Array, Array]:
-    """Z and W of `robot_world_hand_eye`, rotations and shifts in one linear system."""
+    """Rotations of Z and W⁻¹ of `robot_world_hand_eye`, with the shifts in one linear system."""
     n, eye = len(A), np.eye(3)
     rows, wanted = np.zeros((n, 12, 24)), np.zeros((n, 12))
     for k in range(n):
@@ -199,14 +206,15 @@ def _by_li(A: Array, B: Array) -> tuple[Array, Array]:
     found = np.linalg.lstsq(rows.reshape(-1, 24), wanted.ravel(), rcond=1e-9)[0]
     Z = _nearest(found[9:18].reshape(3, 3))
     X = _nearest(np.einsum("nji,jk,nkl->il", A[:, :3, :3], Z, B[:, :3, :3]))
-    return _with_shifts(A, B, Z, X)
+    return Z, X
 
 
-def _with_shifts(A: Array, B: Array, Z: Array, X: Array) -> tuple[Array, Array]:
-    """Z and ``W = X⁻¹`` as poses, the shifts by ``R_A t_X − t_Z = Z t_B − t_A``."""
+def _with_shifts(A: Array, B: Array, Z: Array, X: Array, on_tool: bool) -> tuple[Array, Array]:
+    """Z and ``W = X⁻¹`` as poses, the shifts by ``R_A t_X − t_Z = Z t_B − t_A``, the least over what is usual."""
+    usual = np.repeat([_IN_CELL_M, _ON_TOOL_M] if on_tool else [_ON_TOOL_M, _IN_CELL_M], 3)
     left = np.concatenate([A[:, :3, :3], np.broadcast_to(-np.eye(3), (len(A), 3, 3))], axis=2).reshape(-1, 6)
     right = (B[:, :3, 3] @ Z.T - A[:, :3, 3]).ravel()
-    found = np.linalg.lstsq(left, right, rcond=1e-9)[0]
+    found = usual * np.linalg.lstsq(left * usual, right, rcond=_LEAST_TURN)[0]
     return _rigid(Z, found[3:]), _rigid(X.T, -X.T @ found[:3])
 
 

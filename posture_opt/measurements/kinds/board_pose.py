@@ -67,7 +67,7 @@ class BoardPose(Kind):
         R, p = _tool(seen)
         A = _rigid(rotation_matrices(seen.reading[:, 3:7]), seen.reading[:, :3])[first]
         B = np.asarray(np.linalg.inv(_rigid(R, p)[first]), dtype=float)
-        camera, board = robot_world_hand_eye(A, B, _SIZE_M * np.eye(3))
+        camera, board = robot_world_hand_eye(A, B, _SIZE_M * np.eye(3), on_tool=True)
         return replace(self, camera=FreeFrame(np.asarray(np.linalg.inv(camera), dtype=float)), board=FreeFrame(board))
 
     @property
