@@ -11,13 +11,7 @@ import numpy as np
 
 from posture_opt.calibration.estimation.agreeing_targets import agreeing_targets
 from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance, design_effect
-from posture_opt.calibration.estimation.least_squares import (
-    DAMPING,
-    Minimum,
-    find_outliers,
-    least_squares,
-    reduced_jacobian,
-)
+from posture_opt.calibration.estimation.least_squares import Minimum, find_outliers, least_squares, reduced_jacobian
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -35,7 +29,6 @@ _EFFECT_OFFSET_TOLERANCE = (
     1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
 )
 _OFFSET_TOLERANCE = 1e-3  # of a standard error: how near to the minimum is near enough
-_LITTLE_DAMPING = 1e-9  # of the first step where shapes are held: sizes act linearly, and geometry nearly so
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +226,6 @@ class Fit:
 def estimate_parameters(
     residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
     near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET_TOLERANCE,
-    damping: float = DAMPING,
 ) -> Fit:  # fmt: skip
     """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
 
@@ -249,7 +241,7 @@ def estimate_parameters(
     Args:
         x0: (k,) [rad, m]; directions: D (k, r), the steps that are fitted.
         robust: whether gross outliers are left out, `find_outliers`, unless several targets of a posture agree.
-        tolerance: relative offset at which a fit ends; damping: of its first step.
+        tolerance: relative offset at which a fit ends.
     """
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
@@ -257,7 +249,7 @@ def estimate_parameters(
     for _ in range(MAX_OUTLIER_ROUNDS):
         used, fitted_with = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals, weight
         found = least_squares(
-            _prior_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100, damping=damping
+            _prior_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100
         )
         z = found.x
         x = x0 + directions @ z
@@ -353,7 +345,6 @@ def fit_with_effects(
             weight=weight,
             design=design,
             tolerance=_EFFECT_OFFSET_TOLERANCE,
-            damping=DAMPING if shapes else _LITTLE_DAMPING,
         )
         again = _design_of_fit(found)
         if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:

@@ -16,7 +16,6 @@ _RELATIVE_OFFSET_TOLERANCE = (
     1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
 )
 _ROUNDING_SHARE = 1e-13  # of |r|²: a step that promised no more, and failed, failed by rounding
-DAMPING = 1e-3  # of the first step
 _RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
 
@@ -66,9 +65,8 @@ class Minimum:
 
 
 def least_squares(
-    function: Function, x0: Array, *, max_steps: int = MAX_ITERATIONS, tolerance: float = _RELATIVE_OFFSET_TOLERANCE,
-    damping: float = DAMPING,
-) -> Minimum:  # fmt: skip
+    function: Function, x0: Array, *, max_steps: int = MAX_ITERATIONS, tolerance: float = _RELATIVE_OFFSET_TOLERANCE
+) -> Minimum:
     """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
 
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
@@ -77,7 +75,6 @@ def least_squares(
 
     Args:
         function: x (k,) -> residuals (m,) and Jacobian (m, k).
-        damping: λ of the first step; next to nothing where the function is known to be nearly linear.
 
     Example:
         >>> import numpy as np
@@ -89,6 +86,7 @@ def least_squares(
     x = np.array(x0, dtype=float)
     r, J = function(x)
     D = np.zeros(len(x))
+    damping = 1e-3
     for step in range(max_steps):
         R = triangular_factor(np.concatenate([J, r[:, None]], axis=1))
         R, projected = R[: len(x), :-1], R[: len(x), -1]
