@@ -32,7 +32,7 @@ from posture_opt.validation.prediction import joint_errors
 from posture_opt.validation.repeat_scatter import prismatic_joints
 from posture_opt.validation.scatter_model import whitened_repeats
 
-_NO_SCATTER = 1e-9  # of the stated σ, left by the model: rows that are met exactly show no noise
+_NO_SCATTER = 1e-9  # of the stated σ: rows that are met exactly, and repeats that are copies, show no noise
 
 
 def noise_causes(
@@ -140,8 +140,10 @@ class _Quantity:
     def wrong_sigma(self, e: Array, freedom: int) -> NoiseCandidate | None:
         """The factor by which residuals (N, d), of so many degrees of freedom, scatter otherwise than stated.
 
-        None: as stated.
+        None: as stated, or copies of one reading, which say nothing of it.
         """
+        if rms(e) < _NO_SCATTER:
+            return None
         squares = e**2
         # Of few residuals the kurtosis is often far below zero by chance: only long tails count.
         kurtosis = max(float(np.mean(squares**2) / np.mean(squares) ** 2 - 3), 0.0)
