@@ -20,7 +20,7 @@ from posture_opt.measurements.table import RawTable, open_table
 from posture_opt.numerics import Array
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.path_task import PathTask, repeated
-from posture_opt.units import parse_quantity
+from posture_opt.units import LARGEST, parse_quantity
 
 Vectors = tuple[tuple[float, float, float], ...]
 """Points [m] or directions, one a row."""
@@ -60,7 +60,7 @@ def _read(
             raw.faults.stop(MOST_PATH_POINTS.beyond, MOST_PATH_POINTS.hint)
         for r, line in enumerate(block.lines):
             lines.append(line)
-            rows.append([_number(block.cells[i][r], name, line, raw.faults) * f for name, (i, f) in columns.items()])
+            rows.append([_number(block.cells[i][r], name, line, raw.faults, f) for name, (i, f) in columns.items()])
     table = np.array(rows, dtype=float).reshape(len(rows), len(columns))
     by_name = dict(zip(columns, table.T, strict=True))
     points = _together(by_name, _POINT, len(rows))
@@ -118,15 +118,17 @@ def _missing(found: dict[str, tuple[int, float]], raw: RawTable) -> None:
         raw.faults.add(f"{', '.join(axis)} alone make no direction", axis[0], hint="add dx, dy, dz", line=raw.line)
 
 
-def _number(cell: str, name: str, line: int, faults: Faults) -> float:
-    """A finite number; NaN with a fault reported where the cell has none."""
+def _number(cell: str, name: str, line: int, faults: Faults, factor: float) -> float:
+    """A finite number times ``factor``; NaN with a fault reported where the cell has none, or one beyond any cell."""
     try:
-        value = float(cell)
+        value = float(cell) * factor
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
-        faults.add("this is not a finite number", name, cell, "write a number like 12.5", line)
-    return value
+    if np.isfinite(value) and abs(value) <= LARGEST["length"]:
+        return value
+    fault = "this is not plausible" if np.isfinite(value) else "this is not a finite number"
+    faults.add(fault, name, cell, "write a number like 12.5", line)
+    return np.nan
 
 
 def _together(columns: Mapping[str, Array], names: tuple[str, ...], rows: int) -> Array:

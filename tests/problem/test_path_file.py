@@ -49,6 +49,8 @@ def test_planar_paths_leave_out_z(tmp_path):
         ("x [mm], y [mm], dx [mm], dy\n1,2,3,4\n4,5,6,7\n", 1, "a direction has no unit"),
         ("x [mm], y [mm]\n1,nan\n4,5\n", 2, "y: this is not a finite number"),
         ("x [mm], y [mm]\n1,2\n4,five\n", 3, "y: this is not a finite number"),
+        ("x [mm], y [mm]\n1,2\n4,1e200\n", 3, "y: this is not plausible"),
+        ("x [mm], y [mm], dx, dy, dz\n1,2,0,0,1\n4,2,0,1e200,1\n", 3, "dy: this is not plausible"),
         ("x [mm], y [mm]\n1,2\n", 2, "a path has at least two points, 1 given"),
         ("x [mm], y [mm]\n1,2\n3,4\n3,4\n", 4, "the point of line 3 again"),
         ("x [mm], y [mm], dx, dy, dz\n1,2,0,0,1\n3,4,0,0,0\n", 3, "dx, dy, dz of length zero point nowhere"),
