@@ -344,6 +344,10 @@ def covariance_faults(folder: Path, table: str) -> list[str]:
             "cov.csv:1: not symmetric: row joint1.a, column joint2.a and the reverse differ by 20 %",
         ),
         (
+            "name, joint1.a [mm], joint2.a [mm]\njoint1.a, 1e155, 1e155\njoint2.a, 0, 1e155\n",  # its squares overflow
+            "cov.csv:1: not symmetric: row joint1.a, column joint2.a and the reverse differ by 100 %",
+        ),
+        (
             "name, joint1.a [mm], joint2.a [mm]\njoint1.a, 1, 2\njoint2.a, 2, 1\n",
             "problem.yaml:7: uncertainty.covariance: the correlation of joint1.a and joint2.a is 2",
         ),
