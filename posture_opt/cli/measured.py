@@ -95,7 +95,7 @@ def measured_options(command: Command) -> Command:
             "--rows",
             type=click.IntRange(min=1),
             help="Thin larger files evenly to so many rows; the others judge the result.  "
-            "[default: 100000 to calibrate, 10000 to diagnose]",
+            "[default: 100000 to calibrate, 4000 to diagnose]",
         ),
         click.option("--no-plan", is_flag=True, help="Do not re-plan the task with the identified arm."),
     )
