@@ -43,6 +43,7 @@ from posture_opt.uncertainty.sources.sources import Sources
 
 OF_PLACES = ("place", "second_arm")
 """Groups of parameters that belong to what is measured, and not to the arm."""
+_MET_EXACTLY = 1e-18  # of the instrument's variance: rounding, which says nothing of noise
 _MIN_VARIANCE_FREEDOM = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
 
 
@@ -265,7 +266,8 @@ def given_information(
     variance, kept = expected, np.arange(len(data))
     if len(J) >= known.directions.shape[1] + _MIN_VARIANCE_FREEDOM:
         found = estimate_parameters(residuals, x, known.directions, known.prior, weight=known.noise)
-        x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
+        x, kept = found.x, np.flatnonzero(found.kept)
+        variance = found.variance if found.variance > _MET_EXACTLY else expected
         _, J = residuals.take(kept).residuals_and_jacobian(x)
     own = [names.index(p.name) for p in parameters if p.name in names]
     others = [i for i in range(len(names)) if i not in own]

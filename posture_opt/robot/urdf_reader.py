@@ -24,6 +24,8 @@ from posture_opt.units import NEGLIGIBLE
 
 MAX_ELEMENTS = 100_000
 """Elements of a file; a humanoid with hands has some ten thousand."""
+MAX_NESTED = 100
+"""Elements inside each other; a description of a robot has five, its plug-ins some more."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,9 @@ def read_elements(data: bytes) -> tuple[Element, ...]:
     """All elements of an XML document in the order of the file, the outermost first.
 
     Raises:
-        InputError: no well-formed XML, more than ``MAX_ELEMENTS`` elements, or a DOCTYPE: what an entity of it stands
-            for is seen by some readers and not by others, and 0.5 could become 5.
+        InputError: no well-formed XML, more than ``MAX_ELEMENTS`` elements, or ``MAX_NESTED`` of them inside each
+            other, or a DOCTYPE: what an entity of it stands for is seen by some readers and not by others, and 0.5
+            could become 5.
     """
     reader = _ElementReader()
     try:
@@ -76,8 +79,11 @@ class _ElementReader:
         """A new element inside the one that is open.
 
         Raises:
-            InputError: the file has more than ``MAX_ELEMENTS``.
+            InputError: the file has more than ``MAX_ELEMENTS``, or more than ``MAX_NESTED`` inside each other.
         """
+        if len(self.around) == MAX_NESTED:
+            message = f"more than {MAX_NESTED} elements stand inside each other, which no robot description has"
+            raise InputError(Issue(message, line=self.parser.CurrentLineNumber))
         if len(self.elements) == MAX_ELEMENTS:
             raise InputError(Issue(f"the file has more than {MAX_ELEMENTS} elements, which no robot description has"))
         element = Element(tag, attributes, self.parser.CurrentLineNumber)

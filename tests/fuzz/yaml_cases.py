@@ -36,7 +36,7 @@ def yaml_case(rng: random.Random, number: int) -> Case:
         name = rng.choice(_SECTIONS)
         data[name] = section(rng, name, base.joints)
         if name == "robot" and isinstance(data[name], dict) and rng.random() < 0.5:
-            data[name] = {**base.data["robot"], **data[name], "kind": base.data["robot"]["kind"]}
+            data[name] = {**base.copy()["robot"], **data[name], "kind": base.data["robot"]["kind"]}
     if rng.random() < 0.15:
         name = rng.choice(_SECTIONS)
         data[name] = rng.choice(bases()).copy().get(name)

@@ -318,6 +318,7 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
      "1: a robot description has no DOCTYPE and no entities – remove <!DOCTYPE"),
     ('<?xml version="1.0" encoding="utf-9"?><robot name="x"/>', "unknown encoding: utf-9"),
     ("<robot>" + "<a/>" * 100_000 + "</robot>", "more than 100000 elements"),
+    ("<robot>" + "<a>" * 100 + "</a>" * 100 + "</robot>", "1: more than 100 elements stand inside each other"),
     (GOOD.replace("</robot>", '<link name="a"/><link name="b"/><joint name="k"><parent link="a"/><child link="b"/>'
      '</joint><joint name="l"><parent link="b"/><child link="a"/></joint></robot>'), "closed loop, 'k' among them"),
 ])  # fmt: skip
