@@ -16,6 +16,7 @@ from posture_opt.calibration.assumptions.frames import fit_frames
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.errors import InsufficientDataError, Issue
 from posture_opt.numerics import Array, Codes, Mask, rms_length
 
 Folds = Sequence[Codes]
@@ -71,12 +72,18 @@ def refitted_errors(
 
     Returns:
         Errors (N, 3) [m] of every row, and whether it lies in its predicted 95 % region.
+
+    Raises:
+        InsufficientDataError: a fold leaves none of the rows that count.
     """
     data = residuals.data
     errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
     for left_out in folds:
         learn = found.kept.copy()
         learn[left_out] = False
+        if not learn.any():
+            message = "leaving out what belongs together leaves no row to learn from, gross errors apart"
+            raise InsufficientDataError(Issue(message, hint="measure more postures", file=data.file))
         training = residuals.take(np.flatnonzero(learn))
         x = fit_frames(training, found.x)
         again = None

@@ -16,6 +16,8 @@ import numpy as np
 
 from posture_opt.numerics import TURN, Array, Codes
 
+_MOST_OF_NUMPY = 100  # nodes to which numpy has tested its rule
+
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
@@ -42,10 +44,20 @@ def product_rule(counts: Sequence[int]) -> Nodes:
         >>> product_rule([3]).points.round(6).ravel().tolist()
         [-1.732051, 0.0, 1.732051]
     """
-    rules = [np.polynomial.hermite_e.hermegauss(count) for count in counts]
+    rules = [_gauss_hermite(count) for count in counts]
     points = np.array(list(itertools.product(*(x for x, _ in rules)))).reshape(-1, len(counts))
     weights = np.array([np.prod(w) for w in itertools.product(*(w / w.sum() for _, w in rules))])
     return Nodes(points, weights)
+
+
+def _gauss_hermite(count: int) -> tuple[Array, Array]:
+    """Nodes and weights of one variable; those of numpy overflow with hundreds of nodes."""
+    if count <= _MOST_OF_NUMPY:
+        return np.polynomial.hermite_e.hermegauss(count)
+    from scipy.special import roots_hermitenorm
+
+    nodes, weights = roots_hermitenorm(count)
+    return np.asarray(nodes), np.asarray(weights)
 
 
 def side_by_side(*rules: tuple[Nodes, Codes]) -> Nodes:
