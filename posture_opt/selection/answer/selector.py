@@ -174,7 +174,8 @@ class PostureSelector:
         began, first = time.perf_counter(), self._problem.solver.seed if seed is None else seed
 
         def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
-            found = screened_search(engine, self.target, np.random.default_rng(first))
+            preferred = self._problem.narrowed
+            found = screened_search(engine, self.target, np.random.default_rng(first), preferred=preferred)
             return found or until_found_often(engine, self.target, np.random.default_rng(first)), None
 
         return self._solved(seek, self.target, began, confirm=False)

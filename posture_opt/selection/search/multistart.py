@@ -126,15 +126,18 @@ class MultistartResult:
         return MultistartResult(self.target, found, sampled, *counts)
 
 
-def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator) -> tuple[Array, int]:
+def feasible_starts(
+    engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator, trials: int = MAX_TRIALS_PER_START
+) -> tuple[Array, int]:
     """About ``count`` postures (k, n) on the target, and how many random ones that took.
 
     Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts found
-    none. Target and tool axis are met; further requirements are not looked at.
+    none. Target and tool axis are met; further requirements are not looked at. ``trials`` is how many random postures
+    each of ``count`` is worth at most.
     """
     tried, arrived = 0, np.zeros((0, engine.robot.n))
     size = STARTS_PER_ARRIVAL * count
-    while len(arrived) < count and tried < MAX_TRIALS_PER_START * count:
+    while len(arrived) < count and tried < trials * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
         none_yet = tried > 0 and not len(arrived)
         request = engine.request(target, size, rng, whole_box=none_yet)

@@ -14,22 +14,35 @@ from posture_opt.numerics import TURN
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.multistart import MultistartResult, Sampled, feasible_starts, rank, screened
+from posture_opt.selection.search.multistart import (
+    MAX_TRIALS_PER_START,
+    MultistartResult,
+    Sampled,
+    feasible_starts,
+    rank,
+    screened,
+)
 
 _SCREENED_PER_START = 8  # postures that are compared for each local search that a batch of starts has
 _IMPROVED = 12  # at which the solver is started: a 6R wrist has eight branches (Pieper 1968)
+_PREFERRED_TRIALS = 16  # random postures for each start in ranges that may be left: two rounds, the second patient
 _NEAR = 0.35  # rad or m in each joint: what is so near to a better posture leads where that one leads
 
 
-def screened_search(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> MultistartResult | None:
+def screened_search(
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, *, preferred: bool = False
+) -> MultistartResult | None:
     """The optima that the best of many feasible postures lead to, best first.
+
+    Args:
+        preferred: whether the joint ranges are only preferred, and wider ones are searched where nothing is found.
 
     Returns:
         Nothing found where no posture reaches the target; None where none of those that do meets every requirement,
         where the solver takes no such problem, or where it does not end at an optimum.
     """
     starts = usual_starts(engine)
-    Q, tried = feasible_starts(engine, target, starts, rng)
+    Q, tried = feasible_starts(engine, target, starts, rng, _PREFERRED_TRIALS if preferred else MAX_TRIALS_PER_START)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
     if not engine.confirming.solvable(target.parameters):
