@@ -206,11 +206,11 @@ def test_a_scheduler_that_is_killed_is_told(tmp_path: Path) -> None:
     )
     try:
         address = scheduler_address(file)
-        words = ["map", "--problem", "insert_scara", "--grid", "60x60", "--scheduler", address, "--out", "out"]
+        words = ["map", "--problem", "insert_scara", "--grid", "200x200", "--scheduler", address, "--out", "out"]
         with subprocess.Popen(
             [sys.executable, "-m", "posture_opt", *words], cwd=tmp_path, env=known, stderr=subprocess.PIPE, text=True
         ) as mapped:
-            time.sleep(6)
+            time.sleep(6)  # well within the map: it takes a minute
             scheduler.kill()
             _, err = mapped.communicate(timeout=90)
         assert mapped.returncode == 2, err

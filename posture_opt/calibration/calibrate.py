@@ -296,7 +296,7 @@ def _fit_arm(
     if np.isfinite(noise):
         known = determine_directions(problem, residuals, x_nominal, held, priors, found, known.widths, noise)
     if not enough:
-        check_sense(residuals, found.x, position_errors(residuals, found.x)[found.kept])
+        check_sense(residuals, found.x, position_errors(residuals, found.x)[found.kept], held)
         check_geometry(residuals, known, x_nominal)
     notes = (*size_notes(residuals, held), *tolerance_notes(residuals, known), *place_notes(residuals, known, found))
     return _Fitted(x_nominal, known, found, held, notes)

@@ -25,6 +25,8 @@ _DISAGREEING_MOTION = (
 )
 _MET_EXACTLY = 1e-14  # of the reach: rounding; no readings are met so closely
 _STANDS_STILL = 0.01  # of the nominal motion of the tool point: no tool is held that close to where nothing moves it
+_AT_REST = "holds its tool point where no joint moves it"
+_MORE_THAN_REST = "state tool and base, add a known length, or measure where more joints move"
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
@@ -188,12 +190,33 @@ def _motion_of_tool(residuals: Residuals, x: Array) -> float:
     return rms_length(points - points.mean(axis=0))
 
 
-def check_sense(residuals: Residuals, x: Array, errors: Array) -> None:
+def _rest_meets(residuals: Residuals, held: int | None) -> bool:
+    """Whether an arm of which every free length is zero, but the ``held`` one, meets the touches at rest.
+
+    Planes may all go through its tool point; two touched points cannot both be there, and a known length is not met.
+    """
+    data = residuals.data
+    apart = data.touches and len(data.point_names) > 1
+    if apart or residuals.distances or data.kind.fixes_size or not data.kind.contact:
+        return False
+    lengths = [p.unit == "m" and p.group in ("geometry", "tool") for p in residuals.parameters]
+    if held is not None:
+        lengths[held] = False
+    return _stands_still(residuals, np.where(lengths, [-p.nominal for p in residuals.parameters], 0.0))
+
+
+def _stands_still(residuals: Residuals, x: Array) -> bool:
+    """Whether the joints hardly move the tool point of the arm with the deviations x (k,) [rad, m]."""
+    return _motion_of_tool(residuals, x) < _STANDS_STILL * _motion_of_tool(residuals, np.zeros(len(x)))
+
+
+def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None = None) -> None:
     """Refuses measurements that the calibrated arm does not explain, or only with a tool point that stands still.
 
     Args:
         x: (k,) deviations of the calibrated arm [rad, m].
         errors: (N, 3) what it leaves [m].
+        held: the length that is held as the size of the arm; None where the data determine it.
 
     Raises:
         InputError: they are another robot's, or joints have other signs.
@@ -201,19 +224,17 @@ def check_sense(residuals: Residuals, x: Array, errors: Array) -> None:
             rounding.
     """
     motion, left = _rms_motion(residuals), rms_length(errors)
-    if residuals.data.position is None and _motion_of_tool(residuals, x) < _STANDS_STILL * _motion_of_tool(
-        residuals, np.zeros(len(x))
-    ):
+    touched, file = residuals.data.position is None, residuals.data.file
+    if touched and _stands_still(residuals, x):
         message = (
-            "the arm that fits these rows best holds its tool point where no joint moves it, and so meets planes, "
-            "bars and points anywhere: the rows say nothing of the arm"
+            f"the arm that fits these rows best {_AT_REST}, and so meets planes, bars and points anywhere: the rows "
+            "say nothing of the arm"
         )
-        hint = "state tool and base, add a known length, or measure where more joints move"
-        raise InsufficientDataError(Issue(message, hint=hint, file=residuals.data.file))
-    if residuals.data.position is None and left < _MET_EXACTLY * reach(residuals.robot):
+        raise InsufficientDataError(Issue(message, hint=_MORE_THAN_REST, file=file))
+    if touched and left < _MET_EXACTLY * reach(residuals.robot):
         message = "these rows are met exactly, to the last digit: they hold no reading that the arm could miss"
         hint = "touch each point, plane or length from several postures"
-        raise InsufficientDataError(Issue(message, hint=hint, file=residuals.data.file))
+        raise InsufficientDataError(Issue(message, hint=hint, file=file))
     if left < _MAX_UNEXPLAINED_MOTION * motion or left < _MAX_UNEXPLAINED_MOTION * _MAX_NOMINAL_ERROR * reach(
         residuals.robot
     ):
@@ -223,4 +244,8 @@ def check_sense(residuals: Residuals, x: Array, errors: Array) -> None:
         f"{motion * 1e3:.4g} mm"
     )
     hint = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
-    raise InputError(Issue(message, hint=hint, file=residuals.data.file))
+    # Which of both ends a fit arrives at is a matter of rounding: one that misses is no proof against these rows.
+    if touched and _rest_meets(residuals, held):
+        message += f"; an arm that {_AT_REST} would meet them: the rows say nothing of the arm"
+        raise InsufficientDataError(Issue(message, hint=f"{hint} If so: {_MORE_THAN_REST}", file=file))
+    raise InputError(Issue(message, hint=hint, file=file))

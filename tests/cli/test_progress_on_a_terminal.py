@@ -71,7 +71,7 @@ def run(*words: str) -> Told:
             id="diagnose",
             marks=pytest.mark.conformance,
         ),
-        pytest.param(["--problem", "insert_ur10_plate"], ["searching"], id="solve"),
+        pytest.param(["--problem", "weld_ur10"], ["searching"], id="solve"),
     ],
 )
 def test_no_silence_until_the_answer_is_there(words: list[str], stages: list[str], tmp_path: Path) -> None:
