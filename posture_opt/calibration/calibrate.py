@@ -153,6 +153,28 @@ def reweighed(calibration: Calibration, model: Fit) -> Calibration | None:
     return replace(found, contradictions=calibration.contradictions, large=calibration.large)
 
 
+def restated(calibration: Calibration, model: Fit) -> Calibration | None:
+    """The same calibration without the statements that the data refute beside effects; None where they refute none.
+
+    Beside a large effect that is not in the model yet, wrong frames and σ's explain little, and keep their place.
+
+    Args:
+        model: geometry and effects, fitted together to the rows that count.
+    """
+    request, effects = calibration.request, model.effects
+    if not effects:
+        return None
+    problem, refuted = consistent_problem(
+        request.problem, request.data.take(calibration.kept_rows), priors=True, effects=effects
+    )
+    if not refuted.names:
+        return None
+    found, *_ = _calibration_of(replace(request, problem=problem), calibration.by, True, lambda: None)
+    beside = found.fit_effects(found.residuals.take(found.kept_rows), effects)
+    contradictions = (*calibration.contradictions, *refuted.contradictions(beside))
+    return replace(found, contradictions=contradictions, large=calibration.large)
+
+
 @dataclass(frozen=True)
 class _Scatter:
     """What another fit of the same rows has shown of how they scatter.

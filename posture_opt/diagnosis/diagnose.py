@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import calibrate, reweighed
+from posture_opt.calibration.calibrate import calibrate, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
@@ -32,10 +32,10 @@ from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.exact_rows import met_exactly, with_scatter
-from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
+from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, noise_shape
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy
+from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import (
     LinearisedData,
@@ -166,8 +166,6 @@ def diagnose(
     thinning = thin(data, MOST_SEARCHED.rows(most_rows, problem.robot.n))
     data = data if thinning is None else thinning.used
     calibration = calibrate(problem, data, folds=folds, by=by, most_rows=len(data), progress=stages.next())
-    problem = calibration.request.problem  # without what the data refute of it
-    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     found = _explain_calibration(calibration, draws, seed or 0, stages)
     if met_exactly(found.model):
@@ -175,6 +173,8 @@ def diagnose(
             problem, with_scatter(data), folds=folds, by=by, flips=flips, seed=seed, test=test,
             refit_frames=refit_frames, with_time=with_time, plan=plan, most_rows=most_rows, progress=progress,
         )  # fmt: skip
+    consistent = found.calibration.request.problem  # without what the data refute of it
+    request = FitRequest(consistent, data, folds, test, refit_frames, plan, seed)
     held = _held_out_errors(found)
     delivery = _deliver(found, held, with_time)
     held = replace(held, models={**held.models, "delivered": delivery.held})
@@ -189,20 +189,22 @@ def diagnose(
 def _explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> _Explained:
     """What the residuals of a calibration hold.
 
-    It is searched for once more where that shows that orientations scatter otherwise, beside positions, than they were
-    weighed for, or that geometry was held near nominal which the data determine beside the effects: what hides in the
-    calibrated arm's errors may have made it seem so, or a σ that is stated wrongly.
+    It is searched for once more where that shows that statements of the file are wrong beside the effects, that
+    orientations scatter otherwise, beside positions, than they were weighed for, or that geometry was held near nominal
+    which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
+    a σ that is stated wrongly.
     """
-    problem = calibration.request.problem
-    found = _explain_residuals(problem, *_search_effects(calibration, draws, seed, stages), seed)
-    again = reweighed(calibration, found.model)
-    if again is None:
-        return found
-    return _explain_residuals(problem, *_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
+    found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
+    for judge in (restated, reweighed):
+        again = judge(calibration, found.model)
+        if again is not None:
+            calibration = again
+            found = _explain_residuals(*_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
+    return found
 
 
 def _explain_residuals(
-    problem: ProblemData, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
+    calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
 ) -> _Explained:
     """The arm with what was found, and what it leaves.
 
@@ -222,7 +224,12 @@ def _explain_residuals(
     held = _held_by_prior(calibration, linearised, found)
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
     p_value = 0.0 if unnamed else left.p_value
-    noise, uneven = noise_causes(problem, calibration, model, everything, p_value, seed)
+    noise, uneven = noise_causes(calibration.request.problem, calibration, model, everything, p_value, seed)
+    scatter = joint_scatter(model, noise)
+    if scatter is not None:
+        held = held or left_of(everything, residuals.measured)
+        again = lack_of_fit(held, residuals.data, repeated, residuals.block, scatter)
+        left = replace(left, lack_of_fit=again)
     return _Explained(calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -375,20 +376,23 @@ def test_sizes_are_in_units_that_engineers_use() -> None:
     play = Backlash(joint="joint2").sizes(FittedSizes({"width": (2e-4, 1e-5, "rad")}))
     assert [(s.label, str(s)) for s in play] == [("width", "0.200 ± 0.010 mrad, whole width")]
     slip = Slip(of="joint2", moment="162 s")
-    values = {"step": (2e-4, 1e-5, "rad"), "moment": (162.0, float("nan"), "")}
-    assert told(slip, values)["at"] == "2.70 min after the first row"
-    assert told(slip, values, timed=False)["at"] == "row 163, as no times are logged"
+    step = {"step": (2e-4, 1e-5, "rad")}
+    assert told(slip, step | {"moment": (162.0, nan, "s")})["at"] == "2.70 min after the first row"
+    assert told(slip, step | {"moment": (162.0, nan, "rows")})["at"] == "row 163, as no times are logged"
     drift = Drift(course="exponential", constant="291 s")
-    values = {**dict.fromkeys("xyz", (0.0001, 3e-06, "m")), "constant": (291.0, 21.0, "")}
-    assert told(drift, values)["time constant"] == "4.85 ± 0.35 min"
-    assert told(drift, values, timed=False)["time constant"] == "291 ± 21 rows, as no times are logged"
+    timed, untimed = (dict.fromkeys("xyz", (1e-4, 3e-6, "m")) | {"constant": (290.0, 20.0, u)} for u in ("s", "rows"))
+    assert told(drift, timed)["settled within"] == "14.5 ± 1.0 min to 5 %"
+    assert told(drift, untimed)["settled within"] == "870 ± 60 rows to 5 %, as no times are logged"
+    assert drift.worded(FittedSizes(timed)) == "the measured point drifts, and settles within 14.5 ± 1.0 min"
+    first = Drift(course="settling", constant="291 s").worded(FittedSizes(untimed))
+    assert first == "the first rows are off, and the measured point settles within 870 ± 60 rows"
     lost = Hysteresis(joint="joint2", travel="0.2 rad")
     values = {"height": (2e-4, 1e-5, "rad"), "travel": (0.2, 0.03, "")}
     assert told(lost, values)["63 % reached after"] == "a move of 11.5 ± 1.7 deg"
 
 
-def told(effect: Effect, values: dict[str, tuple[float, float, str]], timed: bool = True) -> dict[str, str]:
-    return {size.label: str(size) for size in effect.sizes(FittedSizes(values, timed=timed))}
+def told(effect: Effect, values: dict[str, tuple[float, float, str]]) -> dict[str, str]:
+    return {size.label: str(size) for size in effect.sizes(FittedSizes(values))}
 
 
 def test_p_values_and_amplitudes() -> None:

@@ -103,7 +103,7 @@ def test_without_stated_sigmas_the_data_alone_speak() -> None:
 
 def test_a_wrong_prior_is_a_lack_of_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Joint zeros that are off by 20 of their σ: what the prior holds is left of the data, and of the prior."""
-    monkeypatch.setattr(calibrate, "consistent_problem", lambda problem, *_: (problem, Refuted()))
+    monkeypatch.setattr(calibrate, "consistent_problem", lambda problem, *_, **__: (problem, Refuted()))
     given, p_values = problem(stated=True), []
     for times in (1.0, 20.0):
         rng = np.random.default_rng(8)
@@ -116,3 +116,27 @@ def test_a_wrong_prior_is_a_lack_of_fit(monkeypatch: pytest.MonkeyPatch) -> None
     assert found.verdict == "unexplained"
     assert p_values[0] > 0.05
     assert p_values[1] < 1e-4
+
+
+@pytest.mark.parametrize(("times", "instrument"), [(1.0, True), (20.0, True), (20.0, False)])
+def test_wrong_sigmas_do_not_hide_behind_a_large_effect(times: float, instrument: bool) -> None:
+    """Joint zeros that are off by 20 of their σ, beside an eccentric gear that moves the tool ten times as far."""
+    given = problem(stated=True)
+    if not instrument:
+        given = replace(given, measurement=None)
+    rng = np.random.default_rng(11)
+    q = rng.uniform(-2.5, 2.5, (80, 2))
+    off = times * np.array([STATED["joint1.theta"], -STATED["joint2.theta"], 0.0, 0.0])
+    turned = q + 20e-3 * np.stack([np.sin(q[:, 0]), 0.0 * q[:, 1]], axis=1)
+    p = arm(turned, off) + rng.normal(0, INSTRUMENT, q.shape)
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
+    found = po.diagnose(given, po.read_measurements(table, given), plan=False)
+    refuted = {(c.cause.kind, c.cause.target): c.estimate["theta"] for c in found.calibration.contradictions}
+    wrong = [("joint_offset", "joint1"), ("joint_offset", "joint2")]
+    assert found.verdict == "effects_found"
+    assert list(refuted) == (wrong if times > 1 else [])
+    for key, true in zip(wrong, off[:2], strict=True):
+        value, std, _ = refuted.get(key, (true, 1.0, "rad"))
+        assert abs(value - true) < 3 * std
+    # Two coordinates of the instrument, and a few parameters of 80 rows.
+    assert found.errors["extended"].rms < 1.25 * np.sqrt(2) * INSTRUMENT + 2e-5

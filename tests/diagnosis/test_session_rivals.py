@@ -69,3 +69,24 @@ def test_an_unnamed_component_that_explains_as_much_is_a_rival(tmp_path: Path) -
     kinds = {rival.kind for f in moving(found) for rival in f.confounded_with}
     assert "course" in kinds
     assert "change with time" in found.report() or "course" in found.report()
+
+
+def test_first_rows_that_are_off_are_a_drift_that_settles(tmp_path: Path) -> None:
+    """The base is stated, so that an arm which ends where the file says was off when it began, and not since."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.0, 2.0, (ROWS, 2))
+    points = position(q, (1.0, 1.0)) + rng.normal(0, 2e-5, (ROWS, 2))
+    points += np.array([-1e-4, 2e-4]) * np.exp(-np.arange(ROWS) / 8)[:, None]
+    write(tmp_path / "data.csv", q, points)
+    problem = po.problem_from_dict(PROBLEM)
+    found = po.diagnose(problem, po.read_measurements(tmp_path / "data.csv", problem), flips=99, plan=False)
+    (drift,) = moving(found)
+    assert (drift.kind, drift.target) == ("drift", "settling")
+    assert [rival.kind for rival in drift.confounded_with].count("drift") == 0
+    sizes = drift.estimate
+    for axis, true in zip("xy", (-1e-4, 2e-4), strict=True):
+        assert abs(sizes[axis][0] - true) < 3 * sizes[axis][1]
+    constant, std, unit = sizes["constant"]
+    assert abs(constant - 8) < 3 * std
+    assert unit == "rows"
+    assert "the first rows are off, and the measured point settles within" in found.report().replace("\n", " ")

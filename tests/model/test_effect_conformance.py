@@ -157,10 +157,10 @@ def test_the_schema_knows_the_effect(cls: type[Effect]) -> None:
 def test_a_robot_without_the_target_is_refused(cls: type[Effect], sites: Any) -> None:
     site, robot, _ = sites["seven"]
     effect = instances(cls, site, robot)[0]
-    if effect.target in ("all", "base", "payload", "instrument", "linear", "exponential"):
+    if effect.target in ("all", "base", "payload", "instrument", "linear", "exponential", "settling"):
         effect = instances(cls, site, robot)[-1]
     other = sites["ur10"][1]
-    if effect.target in ("base", "payload", "instrument", "linear", "exponential"):
+    if effect.target in ("base", "payload", "instrument", "linear", "exponential", "settling"):
         effect.check_robot(other)
     else:
         with pytest.raises(BadValueError, match=r"joint1|one of its joints"):

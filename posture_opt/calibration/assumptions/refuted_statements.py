@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.calibration.assumptions.frame_coordinates import Chart
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.assumptions.kinematic_coupling import fitted_ratio, full_coupling
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.estimation.fit import Fit, minimum_of
@@ -20,7 +21,7 @@ from posture_opt.calibration.estimation.parameters import prior_covariance, tool
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
+from posture_opt.model.effects import EFFECTS, Cause, Effect, JointCoupling
 from posture_opt.numerics import Array, Json, rms_length
 from posture_opt.selection.fitted_arm import NEGLIGIBLE
 from posture_opt.selection.problem_data import ProblemData
@@ -38,6 +39,7 @@ _SUSPICIOUS_DEVIATION = {
 _MIN_DEVIATING_PARAMETERS = 2  # so many of them: one alone is more likely wrong itself
 _CLEAR_STD_ERRORS = 5.0  # standard errors that each of them is off
 _DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior does
+_LEAST_OF_UNSTATED = 0.01  # of the σ taken where none is stated: 1 µm, as of the best trackers
 _SPARE_RESIDUALS = 6  # residuals beyond the unknowns: with fewer, anything would fit
 _MAX_EFFECT_ROWS = 400  # that decide whether an effect explains as much
 
@@ -127,7 +129,9 @@ class Refuted:
         return tuple(found)
 
 
-def consistent_problem(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P, Refuted]:
+def consistent_problem(
+    problem: _P, data: Measurements, priors: bool = True, effects: Sequence[Effect] = ()
+) -> tuple[_P, Refuted]:  # fmt: skip
     """The problem without the statements that the data refute, and which those are.
 
     A statement is set aside where minus the log-likelihood falls by `_MIN_EVIDENCE` and by `_EVIDENCE_PER_RESIDUAL` for
@@ -138,13 +142,16 @@ def consistent_problem(problem: _P, data: Measurements, priors: bool = True) -> 
     the data, a joint may be logged relative to another, see `full_coupling`. Geometry is fitted within its tolerance in
     every comparison: what a joint's zero explains as well is no error of a frame.
 
+    Args:
+        effects: that are known to act, fitted in every comparison: what they do no statement need explain.
+
     Returns:
         The problem, with the refuted frames free and the refuted σ's gone, and what was refuted.
 
     Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
     """
-    before = _Statements(problem, data, priors)
-    coupling = full_coupling(problem.arm, data)
+    before = _Statements(problem, data, priors, effects)
+    coupling = None if effects else full_coupling(problem.arm, data)
     stated = before if coupling is None else _Statements(problem.released((), (), (coupling,)), data, priors)
     if coupling is not None and not stated.explains(before):
         coupling, stated = None, before
@@ -178,6 +185,7 @@ class _Trial:
     Args:
         e: (N, block) residuals; ``known`` (p, k) rows of the prior, as the data weigh it.
         count: how many combinations of parameters the data determine.
+        least: that the instrument's σ can be, over the one that residuals are counted in.
     """
 
     released: tuple[str, ...]
@@ -186,11 +194,12 @@ class _Trial:
     e: Array
     known: Array
     count: int
+    least: float
 
     @cached_property
     def scale(self) -> float:
-        """The residuals' standard deviation in units of the instrument's, at least 1, whatever a few outliers say."""
-        return _scale_of(self.e, self.count)
+        """The residuals' standard deviation in units of the instrument's, at least ``least``, of most rows."""
+        return _scale_of(self.e, self.count, self.least)
 
     @property
     def rms(self) -> float:
@@ -207,8 +216,8 @@ class _Trial:
         return self.rms * self.e.size / max(self.e.size - self.count, 1)
 
 
-def _scale_of(e: Array, count: int) -> float:
-    """The standard deviation of residuals e (N, block) from their median length, at least 1.
+def _scale_of(e: Array, count: int, least: float) -> float:
+    """The standard deviation of residuals e (N, block) from their median length, no less than ``least``.
 
     ``count`` parameters were fitted.
     """
@@ -216,7 +225,7 @@ def _scale_of(e: Array, count: int) -> float:
 
     N, block = e.shape
     squared = float(np.median(np.sum(e**2, axis=1))) / (2 * float(gammaincinv(block / 2, 0.5)))
-    return max(float(np.sqrt(squared * N * block / max(N * block - count, 1))), 1.0)
+    return max(float(np.sqrt(squared * N * block / max(N * block - count, 1))), least)
 
 
 def _negative_log_likelihood(e: Array, known: Array, scale: float) -> float:
@@ -239,8 +248,8 @@ class _Statements(Generic[_P]):
         sigma: of the latter [rad or m].
     """
 
-    def __init__(self, problem: _P, data: Measurements, priors: bool) -> None:
-        self.problem, self.data, self.priors = problem, data, priors
+    def __init__(self, problem: _P, data: Measurements, priors: bool, effects: Sequence[Effect] = ()) -> None:
+        self.problem, self.data, self.priors, self.effects = problem, data, priors, effects
         self._trials: dict[tuple[str, ...], _Trial] = {}
         robot = problem.robot
         free = {"base": robot.base_free or data.position is None, "tool": tool_unknown(robot, data)}
@@ -265,9 +274,16 @@ class _Statements(Generic[_P]):
 
         To first order about the arm as stated, unless that is too far off for tangents.
         """
-        residuals = arm_and_data(self.problem, self.data)[0]
-        e, _, count = self._without_all(residuals, fit_frames(residuals), 1.0)
-        return self._fitted_trial(self.statements, 1.0).scale if self._far_off(e, residuals) else _scale_of(e, count)
+        residuals, x = self._start(arm_and_data(self.problem, self.data)[0])
+        e, _, count = self._without_all(residuals, x, 1.0)
+        if self._far_off(e, residuals):
+            return self._fitted_trial(self.statements, 1.0).scale
+        return _scale_of(e, count, self._least)
+
+    @cached_property
+    def _least(self) -> float:
+        """The least σ of the instrument, over the one taken: where none is stated, it may be much better than that."""
+        return 1.0 if position_sigma(self.problem, self.data) else _LEAST_OF_UNSTATED
 
     def _far_off(self, e: Array, residuals: Residuals) -> bool:
         """Whether residuals (N, block) are so far off that a tangent says little of them."""
@@ -278,8 +294,28 @@ class _Statements(Generic[_P]):
     def _fitted_trial(self, released: tuple[str, ...], weight: float) -> _Trial:
         """The arm fitted without the ``released`` statements, in the chart that suits its frames."""
         problem = _released_problem(self.problem, released)
-        residuals = Chart.of(arm_and_data(problem, self.data)[0]).fitted
-        return _calibrated_trial(problem, residuals, released, self.priors, weight)
+        residuals, x = self._start(Chart.of(arm_and_data(problem, self.data)[0]).fitted)
+        return self._calibrated_trial(problem, residuals, x, released, weight)
+
+    def _calibrated_trial(
+        self, problem: _P, residuals: Residuals, x0: Array, released: tuple[str, ...], weight: float
+    ) -> _Trial:
+        """The arm fitted without the ``released`` statements, from ``x0`` (k,); ``weight`` is that of the prior."""
+        parameters = residuals.parameters
+        stated = prior_covariance(problem, parameters)[0] if self.priors else []
+        known = weight * _prior_rows(problem, residuals, stated)
+        x, found = minimum_of(residuals, x0, np.diag(prior_tolerances(parameters, [])), known)
+        count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _DETERMINED_STRENGTH * weight))
+        e = found.residuals[: residuals.measured].reshape(len(residuals.data), -1)
+        return _Trial(released, residuals, x, e, known, count, self._least)
+
+    def _start(self, residuals: Residuals) -> tuple[Residuals, Array]:
+        """The unknowns with those of the effects, and where a fit of them starts (k,): free frames fitted."""
+        x = fit_frames(residuals)
+        if not self.effects:
+            return residuals, x
+        wide = residuals.with_effects(self.effects, x)
+        return wide, np.r_[x, wide.start_of(self.effects)]
 
     def _without_all(self, residuals: Residuals, x: Array, weight: float) -> tuple[Array, Array, int]:
         """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order.
@@ -288,6 +324,7 @@ class _Statements(Generic[_P]):
             residuals: as stated, with deviations x (k,); weight: of the prior, in units of the instrument's σ.
         """
         wide = arm_and_data(_released_problem(self.problem, self.statements), self.data)[0]
+        wide = wide.with_effects(self.effects, fit_frames(wide)) if self.effects else wide
         value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
         at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
         r, J = wide.residuals_and_jacobian(at)
@@ -303,9 +340,9 @@ class _Statements(Generic[_P]):
         """Whether setting everything aside could bring much, to first order; or the arm is far off."""
         stated = self.trial(())
         e, known, count = self._without_all(stated.residuals, stated.x, self._weight)
-        if stated.scale <= 1.0 or e.size < count + _SPARE_RESIDUALS:
+        if stated.scale <= self._least or e.size < count + _SPARE_RESIDUALS:
             return False
-        scale = _scale_of(e, count)
+        scale = _scale_of(e, count, self._least)
         gain = _negative_log_likelihood(stated.e, stated.known @ stated.x, scale) - _negative_log_likelihood(
             e, known, scale
         )
@@ -338,7 +375,7 @@ class _Statements(Generic[_P]):
         """The arm without the statements that are refuted: one after the other, and none that is not needed.
 
         Greedy: the release of largest gain next, then any of them taken back that is not needed. An effect of the
-        catalogue that explains as much ends it.
+        catalogue that explains as much ends it, unless those are known already that act.
         """
         now = self.trial(())
         while True:
@@ -409,6 +446,8 @@ class _Statements(Generic[_P]):
 
         On `_MAX_EFFECT_ROWS` rows at most, to first order: every candidate of the catalogue, its size by least squares.
         """
+        if self.effects:
+            return False
         rows = np.unique(
             np.linspace(0, len(self.data) - 1, min(len(self.data), _MAX_EFFECT_ROWS)).round().astype(np.intp)
         )
@@ -435,18 +474,6 @@ class _Statements(Generic[_P]):
 def _required_evidence(e: Array) -> float:
     """The evidence at which residuals (N, block) are much smaller, with certainty."""
     return max(_MIN_EVIDENCE, _EVIDENCE_PER_RESIDUAL * e.size)
-
-
-def _calibrated_trial(
-    problem: ProblemData, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
-) -> _Trial:
-    """The arm fitted without the ``released`` statements; ``weight`` is that of the prior."""
-    parameters = residuals.parameters
-    known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
-    x, found = minimum_of(residuals, fit_frames(residuals), np.diag(prior_tolerances(parameters, [])), known)
-    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _DETERMINED_STRENGTH * weight))
-    e = found.residuals[: residuals.measured].reshape(len(residuals.data), -1)
-    return _Trial(released, residuals, x, e, known, count)
 
 
 def _prior_rows(problem: ProblemData, residuals: Residuals, stated: list[int]) -> Array:

@@ -23,6 +23,7 @@ from posture_opt.model.effects import (
     CATALOGUE,
     EFFECTS,
     INPUTS,
+    ROWS,
     Cause,
     Effect,
     Evidence,
@@ -200,6 +201,7 @@ def _estimates_of(model: Fit, place: int, parts: Sequence[int] = (0,)) -> dict[s
         fitted = place in model.shapes and name == effect.smooth_shape
         error = float(model.std[model.shapes[place]]) if fitted else math.nan
         unit = effect.shape_units.get(name, "1")
+        unit = ROWS if unit == "s" and model.residuals.data.time is None else unit
         estimate[name] = (value, value * error if effect.relative_shape else error, unit)
     return estimate
 

@@ -33,9 +33,8 @@ class FittedEffects:
     def sizes(self, finding: Finding) -> FittedSizes:
         """What the fit says of a finding: estimate, covariance of its parameters, and the turn of its joint."""
         model, place = self.model, finding.place
-        timed = model.residuals.data.time is not None
         if place is None:
-            return FittedSizes(finding.estimate, timed=timed)
+            return FittedSizes(finding.estimate)
         part = places_of_parts(model, place, finding.stated_parts)
         own = [k - model.slices[place].start for k in part]
         turns = self._turns(place)[:, own]
@@ -44,7 +43,7 @@ class FittedEffects:
             turns = self._tilts(place)[:, :, own]
             turned = np.linalg.norm(turns @ model.x[part], axis=0)
         return FittedSizes(
-            finding.estimate, C, timed, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
+            finding.estimate, C, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
             self._span(finding),
         )  # fmt: skip
 

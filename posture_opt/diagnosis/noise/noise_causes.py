@@ -25,7 +25,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
-from posture_opt.model.effects import Outliers, Rows, StatedSigma
+from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
@@ -235,6 +235,17 @@ def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
     shapes = [shape for cause in causes if (shape := cause.effect.shape(rows)) is not None]
     one = np.eye(columns.shape[2])
     return np.asarray(one + sum(shape - one for shape in shapes)) if shapes else None
+
+
+def joint_scatter(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
+    """(N, block, k) whitened shift of the rows per standard deviation of each joint that scatters; None without one."""
+    names, columns = model.residuals.robot.joint_names, _joint_columns(model)
+    every = [
+        cause.effect.value * columns[names.index(cause.effect.target)]
+        for cause in causes
+        if isinstance(cause.effect, JointNoise)
+    ]
+    return np.stack(every, axis=2) if every else None
 
 
 def _joint_columns(model: Fit) -> Array:

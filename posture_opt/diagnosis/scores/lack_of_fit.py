@@ -11,7 +11,8 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, orthonormal_basis, p_value_of_maximum
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_of_row
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, rms
+from posture_opt.validation.scatter_model import whitened_repeats
 
 _SMALL_RANK_SHARE = 8  # of the rows of a kernel, from which on its factor costs less than itself
 _KERNEL_TOLERANCE = 1e-12  # of a kernel's diagonal, which its factor may leave
@@ -29,12 +30,12 @@ class HeldResiduals:
     Args:
         e: (m,) whitened residuals of rows.
         prior: (p,) how far the estimate is from what the prior holds, weighed as in the fit.
-        fitted: how many parameters were fitted.
+        basis: (m + p, f) directions of the rows, then of the prior, that f fitted parameters reach.
     """
 
     e: Array
     prior: Array
-    fitted: int
+    basis: Array
 
     @classmethod
     def of(cls, r: Array, columns: Array, prior: Array, known: Array) -> HeldResiduals:
@@ -46,7 +47,41 @@ class HeldResiduals:
         Q = orthonormal_basis(np.concatenate([columns, known]))
         both = np.concatenate([r, prior])
         left = both - Q @ (Q.T @ both)
-        return cls(left[: len(r)], left[len(r) :], Q.shape[1])
+        return cls(left[: len(r)], left[len(r) :], Q)
+
+    @property
+    def fitted(self) -> int:
+        """How many parameters were fitted."""
+        return int(self.basis.shape[1])
+
+    def weighed(self, scatter: Array, cell: Codes, repeat: Codes, code: Codes) -> HeldResiduals:
+        """The same least squares for the means of each cell, weighed as an arm whose joints scatter asks for.
+
+        They are of unit covariance then. A joint takes all rows of a repeat along, so that a mean of more of them is
+        more certain only where the instrument scatters.
+
+        Args:
+            scatter: (C, block, k) shift of a cell by each of k joints, per standard deviation of its scatter.
+            cell: (N,) the cell of each row; repeat, code: (C,) the repeat that a cell is of, and the posture.
+        """
+        (C, block, k), m = scatter.shape, len(self.e)
+        size = np.bincount(cell)
+        columns = _group_means(
+            np.column_stack([self.e, self.basis[:m]]).reshape(len(cell), -1), cell, np.ones(len(cell))
+        )
+        columns = columns.reshape(C, block, -1)
+        # The instrument's own variance: what repeats differ by across all that the joints do.
+        e = columns[:, :, 0]
+        across = e - np.einsum("nbk,nkc,nc->nb", scatter, np.linalg.pinv(scatter), e)
+        between = across - _group_means(across, code, size.astype(float))[code]
+        free = max(block - k, 0) * (C - int(code.max()) - 1)
+        own = float(np.sum(size[:, None] * between**2)) / free if free else 1.0
+        variances = np.repeat(max(own, 1e-300) / size[:, None], block, axis=1)
+        rows, basis = whitened_repeats(e, np.moveaxis(columns[:, :, 1:], 2, 0), scatter, repeat, variances)
+        unit = max(rms(self.e), 1e-300)
+        return HeldResiduals.of(
+            rows.ravel(), np.moveaxis(basis, 0, 2).reshape(C * block, -1), self.prior / unit, self.basis[m:] / unit
+        )
 
 
 @dataclass(frozen=True)
@@ -85,11 +120,17 @@ def assess_adequacy(
         held: what is left where a prior holds parameters; without one, the baseline's own residuals.
     """
     structure, place = _structure_test(baseline, data, groups, points, block)
-    left = held or HeldResiduals(baseline.e[: len(data) * block], np.zeros(0), baseline.Q.shape[1])
-    return Adequacy(_lack_of_fit(left, data, groups, block), structure, place)
+    return Adequacy(lack_of_fit(held or left_of(baseline, len(data) * block), data, groups, block), structure, place)
 
 
-def _lack_of_fit(held: HeldResiduals, data: Measurements, groups: Codes, block: int) -> float:
+def left_of(baseline: ProjectedBaseline, m: int) -> HeldResiduals:
+    """The residuals of the first m rows of a baseline, which no prior holds."""
+    return HeldResiduals(baseline.e[:m], np.zeros(0), baseline.Q[:m])
+
+
+def lack_of_fit(
+    held: HeldResiduals, data: Measurements, groups: Codes, block: int, scatter: Array | None = None
+) -> float:  # fmt: skip
     """p-value of the F test of lack of fit: scatter about the model against that between repeats of one posture.
 
     Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
@@ -100,6 +141,10 @@ def _lack_of_fit(held: HeldResiduals, data: Measurements, groups: Codes, block: 
 
     ``F = (SS_left / ν_left) / (SS_pure / ν_pure)``, the rows of a prior among what is left. The p-value is 1 where
     repeats are too few (`levels`).
+
+    Args:
+        scatter: (N, block, k) shift of the rows per standard deviation of each joint that is known to scatter: where it
+            moves the tool much, rows and repeats differ more than elsewhere.
     """
     from scipy.special import fdtrc
 
@@ -108,13 +153,18 @@ def _lack_of_fit(held: HeldResiduals, data: Measurements, groups: Codes, block: 
     code, _, repeats = _group_codes(groups[first])
     # The targets of one repeat share its scatter too: so many residuals say as much as one.
     shared = len(size) / (repeat[-1] + 1)
+    weightings = [size.astype(float), np.ones(len(size))]
+    if scatter is not None:
+        held = held.weighed(scatter[first], cell, repeat[first], code)
+        e, shared, weightings = held.e.reshape(-1, block), 1.0, weightings[1:]
+    else:
+        e = _group_means(held.e.reshape(-1, block), cell, np.ones(len(cell)))
     pure_freedom = int((repeats - 1).sum()) * block / shared
     freedom = (len(size) * block + len(held.prior) - held.fitted) / shared - pure_freedom
     if pure_freedom < levels.MIN_REPEAT_FREEDOM or freedom < 1:
         return 1.0
-    e = _group_means(held.e.reshape(-1, block), cell, np.ones(len(cell)))
     ratios = []
-    for weights in (size.astype(float), np.ones(len(size))):
+    for weights in weightings:
         pure = float(np.sum(weights[:, None] * (e - _group_means(e, code, weights)[code]) ** 2))
         left = float(np.sum(weights[:, None] * e**2)) - pure + float(held.prior @ held.prior)
         ratios.append((left / freedom) / max(pure / pure_freedom, 1e-300))

@@ -24,11 +24,11 @@ from posture_opt.diagnosis.search.selection_criterion import (
     candidate_pool,
     eliminate_members,
     find_rivals,
+    implausible_members,
     member_weight,
     member_weights,
     merged_candidates,
     rank_members,
-    sizes_plausible,
     substantial_members,
 )
 from posture_opt.diagnosis.search.shape_refinement import has_shape, refine_shape, separate_lines
@@ -155,8 +155,9 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
     found = _select_allowed(start, foldings[-1:], lambda c: True)
     report_step()
     if all(s.persistent for s in found.considered):
-        return _search_result(start, _select_allowed(start, foldings, lambda c: c.persistent))
-    names = _named_model(start, foldings)
+        lasting = _select_allowed(start, foldings, lambda c: c.persistent)
+        return _search_result(start, _plausible(start, foldings, lasting))
+    names = _plausible(start, foldings, _named_model(start, foldings))
     report_step()
     if all(s.named for s in found.chosen):
         return _search_result(start, names)
@@ -170,6 +171,20 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
 def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
     """Every candidate but lines, with what the instrument as stated limits them to."""
     return list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
+
+
+def _plausible(start: InitialScores, foldings: Sequence[Folding], found: _Selection) -> _Selection:
+    """The set, or one whose sizes arms can have, where that explains nearly as much.
+
+    A drift explains what a length would only by growing ten times as much as metals do.
+    """
+    impossible = {s.key for s in implausible_members(start.linearised, found.chosen)}
+    if not impossible:
+        return found
+    other = _select_allowed(start, foldings, lambda c: c.named and c.key not in impossible)
+    if not other.chosen or implausible_members(start.linearised, other.chosen):
+        return found
+    return other if other.nested.explained >= levels.PLAUSIBLE_SHARE * found.nested.explained else found
 
 
 def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> _Selection:
@@ -188,7 +203,7 @@ def _named_model(start: InitialScores, foldings: Sequence[Folding]) -> _Selectio
     alone = NestedSelections(persistent.nested.each[-1:])
     enough = alone.explained >= levels.PERSISTENT_SHARE * every.nested.explained
     fewer = 0 < every.size < persistent.size and every.nested.explained >= alone.explained
-    if fewer or not sizes_plausible(start.linearised, persistent.chosen):
+    if fewer or implausible_members(start.linearised, persistent.chosen):
         return every if len(foldings) == 1 else _select_allowed(start, foldings, lambda c: c.named)
     if enough or not every.nested.clearly_better(alone):
         return persistent

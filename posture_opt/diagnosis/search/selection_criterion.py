@@ -160,13 +160,13 @@ def beyond_instrument(linearised: LinearisedData, members: Sequence[Candidate]) 
     return found
 
 
-def sizes_plausible(linearised: LinearisedData, members: Sequence[Candidate]) -> bool:
-    """Whether every effect of a set has a size that such a cause can have on the arm, `Effect.plausible`.
+def implausible_members(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
+    """The effects of a set of a size that such a cause cannot have on the arm, see `Effect.plausible`.
 
     Linear parameters alone decide; the standard errors are those of a fit of all members together.
     """
     if not members:
-        return True
+        return []
     A = np.concatenate([linearised.G, *(s.Z for s in members)], axis=1)
     norms = np.where((norms := np.linalg.norm(A, axis=0)) > 0, norms, 1.0)
     C = np.linalg.pinv((A / norms).T @ (A / norms), rcond=1e-12, hermitian=True)
@@ -174,7 +174,7 @@ def sizes_plausible(linearised: LinearisedData, members: Sequence[Candidate]) ->
     rest = linearised.r + (A / norms) @ theta
     C = C * float(rest @ rest) / max(len(rest) - A.shape[1], 1)
     edges = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in members)])
-    robot = linearised.excitation.robot
+    robot, found = linearised.excitation.robot, []
     for member, a, b in zip(members, edges[:-1], edges[1:], strict=True):
         known = member.what.plausible(robot) if isinstance(member.what, Effect) else None
         if isinstance(member.what, Effect) and known is not None and not member.what.unstated_loads:
@@ -184,8 +184,8 @@ def sizes_plausible(linearised: LinearisedData, members: Sequence[Candidate]) ->
             sizes = zip(member.what.dimensions, theta[own] / scale, np.sqrt(np.diag(covariance)), strict=True)
             fitted = FittedSizes({name: (float(v), float(std), "") for (name, _), v, std in sizes}, covariance)
             if not known.holds(*member.what.plausible_size(fitted)):
-                return False
-    return True
+                found.append(member)
+    return found
 
 
 def _size_possible(candidate: Candidate, sizes: Array, errors: Array) -> bool:
@@ -274,14 +274,15 @@ def _rivals_of(
     members: Chosen,
     for_all: Sequence[tuple[float, int]],
 ) -> tuple[Candidate, ...]:
-    """Those of the alternatives to a member that resemble it, one of each kind and target, the best first."""
-    found: dict[tuple[str, str], Candidate] = {}
+    """Those of the alternatives to a member that resemble it, the best shape of each, the best first."""
+    found: dict[object, Candidate] = {}
     pools = *pools, _other_duration_pool(pools[0], every, member)
     close = close_alternatives(pools, members, member, levels.RIVAL_CRITERION)
     for _, other in sorted([*close, *for_all]):
         alike = pools[0].alike(member, other) > levels.MIN_RIVAL_COSINE
         if alike and every[other].key != every[member].key:
-            found.setdefault(every[other].key, every[other])
+            found.setdefault(every[other].exclusive, every[other])
+    found.pop(every[member].exclusive, None)
     return tuple(found.values())
 
 

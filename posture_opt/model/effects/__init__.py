@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
-from posture_opt.model.effects.base.cause import Abscissa, Cause, FittedSizes, Size
+from posture_opt.model.effects.base.cause import ROWS, Abscissa, Cause, FittedSizes, Size
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
@@ -96,6 +96,7 @@ __all__ = [
     "MOVING_KINDS",
     "NOISES",
     "NOISY_KINDS",
+    "ROWS",
     "Abscissa",
     "CatalogueEntry",
     "Cause",

@@ -15,14 +15,17 @@ from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, ov
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.units import Time, plus_minus, shown
 
+_SETTLED = 3.0  # time constants after which 5 % are left
 _CONSTANT_SHARES = (0.03, 0.06, 0.12, 0.25, 0.5)
 """Time constants that are tried, of the duration; slower than half of it an exponential is a line."""
 
 
 class Drift(Effect):
-    """``dp = v (1 − exp(−t / τ))`` (exponential) or ``dp = v t / t_end`` (linear, v the shift at the end).
+    """``dp = v (1 − exp(−t / τ))`` (exponential), ``v exp(−t / τ)`` (settling) or ``v t / t_end`` (linear).
 
     v (3,) [m], world axes; t [s] since the first measurement, or the number of the row where no times are logged.
+    An exponential drift leaves the place of the first row, one that is settling comes to where the file says: where the
+    base is free, both are the same.
     """
 
     summary: ClassVar[str] = "the measured point drifts with time, the same in all postures"
@@ -42,47 +45,83 @@ class Drift(Effect):
     for_planning: ClassVar[bool] = False
 
     kind: Literal["drift"] = "drift"
-    course: Literal["exponential", "linear"] = Field("linear", description="of the shift over time")
-    constant: Time = Field(gt=0, description="τ of an exponential drift, duration of a linear one")
+    course: Literal["exponential", "linear", "settling"] = Field("linear", description="of the shift over time")
+    constant: Time = Field(gt=0, description="τ of an exponential or settling drift, duration of a linear one")
 
     @property
     def target(self) -> str:
-        """The course: ``exponential`` or ``linear``."""
+        """The course: ``exponential``, ``linear`` or ``settling``."""
         return self.course
 
     @property
+    def exclusive(self) -> tuple[object, ...]:
+        """Drifts that end are shapes of one: where it starts or where it ends may be where the file says."""
+        return self.kind, self.course == "linear"
+
+    @property
+    def words(self) -> str:
+        """The cause in one clause; of a settling drift, that the first rows are off."""
+        if self.course == "settling":
+            return "the measured point is off at first, and settles with time"
+        return super().words
+
+    @property
+    def less_likely(self) -> bool:
+        """A drift that is settling: where geometry hides which place is right, all folds are to choose one course."""
+        return self.course == "settling"
+
+    def worded(self, estimate: FittedSizes) -> str:
+        """The cause in one clause, with when a drift that ends has done so."""
+        if self.course == "linear":
+            return self.words
+        what = (
+            "the first rows are off, and the measured point settles"
+            if self.course == "settling"
+            else ("the measured point drifts, and settles")
+        )
+        return f"{what} within {_settling(estimate)}"
+
+    @property
     def smooth_shape(self) -> str:
-        """The time constant of an exponential drift; a linear one has no shape to fit."""
-        return "constant" if self.course == "exponential" else ""
+        """The time constant of a drift that ends; a linear one has no shape to fit."""
+        return "" if self.course == "linear" else "constant"
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """Time [min], or the row."""
         return over_time(state, timed)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Length of the shift [µm] with its standard error, and the time constant of an exponential drift."""
+        """Length of the shift [µm] with its standard error; when a drift that ends has done so."""
         shift, std = _vector_length([estimate.entry(axis) for axis in "xyz"])
-        sizes = (Size("shift", plus_minus(shift, std, 1e6, "µm"), " at the end"),)
-        if self.course == "linear":
+        linear = self.course == "linear"
+        between = " from the first row to the last" if linear else " from the first row to where it settles"
+        sizes = (Size("shift", plus_minus(shift, std, 1e6, "µm"), between),)
+        if linear:
             return sizes
-        constant = estimate.entry("constant")
-        if estimate.timed:
-            return (*sizes, Size("time constant", shown(constant[0], "time", constant[1])))
-        return (*sizes, Size("time constant", plus_minus(*constant, 1.0, "rows"), ", as no times are logged"))
+        untimed = "" if estimate.timed else ", as no times are logged"
+        return (*sizes, Size("settled within", f"{_settling(estimate)} to 5 %", untimed))
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """A shift (3,) along each world axis, times ``1 − exp(−t/τ)`` or ``t/t_end``."""
+        """A shift (3,) along each world axis, times ``1 − exp(−t/τ)``, ``exp(−t/τ)`` or ``t/t_end``."""
         t = state.inputs.time / self.constant
-        size: Scalar = t if self.course == "linear" else 1 - exp(-t)
+        size: Scalar = t if self.course == "linear" else exp(-t) if self.course == "settling" else 1 - exp(-t)
         return tuple(Sensitivity(twist=(_axis_vector(axis, size), ZERO)) for axis in range(3))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """A linear drift and exponential ones on the grid of time constants, where times are known."""
+        """A linear drift and those that end on the grid of time constants, where times are known."""
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
-        curves = [cls(course="exponential", constant=_seconds_text(f * case.duration)) for f in _CONSTANT_SHARES]
+        courses = ("exponential",) if case.robot.base_free else ("exponential", "settling")
+        constants = [_seconds_text(share * case.duration) for share in _CONSTANT_SHARES]
+        curves = [cls(course=course, constant=constant) for course in courses for constant in constants]
         return [cls(course="linear", constant=_seconds_text(case.duration)), *curves]
+
+
+def _settling(estimate: FittedSizes) -> str:
+    """The time, or the rows, after which 5 % of a drift are left."""
+    value, error = (_SETTLED * part for part in estimate.entry("constant"))
+    return shown(value, "time", error) if estimate.timed else plus_minus(value, error, 1.0, "rows")
 
 
 def _seconds_text(value: float) -> Scalar:

@@ -39,6 +39,10 @@ class Size:
         return f"{self.text}{self.more}"
 
 
+ROWS = "rows"
+"""Unit of a time where none is logged: rows are counted."""
+
+
 @dataclass(frozen=True, eq=False)
 class FittedSizes:
     """What a fit says of one cause.
@@ -46,7 +50,6 @@ class FittedSizes:
     Args:
         values: parameter or shape -> (value, standard error, SI unit).
         covariance: (k, k) of the linear parameters, where it is known [SI].
-        timed: whether the rows have times; without them, what happens in time is counted in rows.
         turn: least and largest turn of its joint in the data, where it turns one [rad].
         rms: root mean square of that turn about its mean, with its standard error [rad].
         span: range of that joint in the data [rad]; 0 where it is not known.
@@ -54,10 +57,14 @@ class FittedSizes:
 
     values: Mapping[str, tuple[float, float, str]]
     covariance: Array | None = None
-    timed: bool = True
     turn: tuple[float, float] | None = None
     rms: tuple[float, float] | None = None
     span: float = 0.0
+
+    @property
+    def timed(self) -> bool:
+        """Whether the rows have times; without them, what happens in time is counted in rows."""
+        return all(unit != ROWS for _, _, unit in self.values.values())
 
     def entry(self, name: str) -> tuple[float, float]:
         """Value and standard error [SI] of a parameter or a shape.
