@@ -84,7 +84,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
         faults.stop("there is no row behind the header", "add one row for each target", table.line)
     MOST_COMPENSATED.check_at(len(cells.line), (faults.file,))
     faults.refuse()
-    check_inputs(cells, faults)
+    check_inputs(cells, robot, faults)
     near = _near_postures(cells, columns, robot, faults)
     position = _wanted_positions(cells, columns, robot)
     rotation = rotation_of(cells, columns, robot, faults)

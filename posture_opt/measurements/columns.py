@@ -20,6 +20,7 @@ from posture_opt.measurements.kinds.position import COORDINATES
 from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RowBlock
 from posture_opt.numerics import Array, Codes
+from posture_opt.robot.robot import Robot
 from posture_opt.texts import text_fault
 
 AXES = COORDINATES
@@ -137,8 +138,13 @@ def columns_of_kinds(spec: DataSpec) -> set[str]:
     return {*_NAMES_OF_KINDS, *ORIENTATIONS, *(name for kind in KINDS for name in kind.columns_in(spec))}
 
 
-def check_inputs(cells: Cells, faults: Faults) -> None:
-    """A fault for each payload and temperature that nothing can have, by `LEAST_INPUTS`."""
+def check_inputs(cells: Cells, robot: Robot, faults: Faults) -> None:
+    """A fault for each payload and temperature that nothing can have, by `LEAST_INPUTS` and the mass of the arm."""
+    payload = cells.number("payload")
+    payload = np.zeros(0) if payload is None else payload
+    for row in np.flatnonzero(payload > robot.most_payload):
+        message, hint = f"no arm like this one carries {payload[row]:g} kg", "is the unit of the column right?"
+        faults.add(message, "payload", payload[row], hint, int(cells.line[row]))
     for name, (least, message, hint) in LEAST_INPUTS.items():
         values = cells.number(name)
         if values is not None:

@@ -116,7 +116,7 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     line = cells.line
     q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
     _check_limits(q, robot, columns, line, faults)
-    check_inputs(cells, faults)
+    check_inputs(cells, robot, faults)
     pose, goal = cells.code("pose"), cells.code("goal")
     poses = pose[0] if pose else _codes_of_rows(q)
     without_column: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())

@@ -31,6 +31,7 @@ from posture_opt.problem.schema import ProblemSpec, read_sections
 from posture_opt.problem.second_arms import with_second_arms
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
+from posture_opt.robot.format import check_payload
 from posture_opt.robot.robot import Repeatability, Robot
 from posture_opt.robot.urdf import pitched_rolls
 from posture_opt.selection.tasks import Task
@@ -127,6 +128,7 @@ def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, 
     if nominal is None:
         return None
     known = nominal
+    _collect(issues, lambda: _at("robot", lambda: check_payload(known)))
     plain = _collect(issues, lambda: _at("robot", lambda: corrected(known, spec.robot.corrections))) or known
     arm = _collect(issues, lambda: arm_with(plain, spec.effects, spec.task))
     return known, arm or Arm(plain)

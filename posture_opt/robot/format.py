@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator
 
-from posture_opt.errors import BadValueError, as_given
+from posture_opt.errors import BadValueError, InputError, Issue, as_given
 from posture_opt.limits import MOST_JOINTS
 from posture_opt.numerics import TURN
 from posture_opt.robot.corrections import corrected
@@ -228,6 +228,17 @@ class RobotFormat(Spec):
             tool_free=self.tool.free,
             tool_radius=self.tool.radius,
         )
+
+
+def check_payload(robot: Robot) -> None:
+    """Refuses a payload that no arm of this mass carries.
+
+    Raises:
+        InputError: its key within the section.
+    """
+    if robot.payload > robot.most_payload:
+        message, hint = f"no arm like this one carries {robot.payload:g} kg", "is it in grams?"
+        raise InputError(Issue(message, ("payload",), hint=hint))
 
 
 class TableRobot(RobotFormat):

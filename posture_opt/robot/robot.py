@@ -11,6 +11,8 @@ from typing import Literal
 from posture_opt.robot.shape import Capsule
 
 Axis = Literal[0, 1, 2]
+_MOST_PAYLOAD_SHARE = 3.0  # of the mass of the arm
+_MOST_PAYLOAD_KG = 3000.0
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,15 @@ class Robot:
     allowed_collisions: frozenset[frozenset[str]] = frozenset()
     named_postures: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     description: UrdfDescription | None = None
+
+    @property
+    def most_payload(self) -> float:
+        """The largest payload that can be meant [kg]: three times the mass of the arm, 3 t where that is not known.
+
+        No industrial arm is rated for its own mass, and none for 3 t (FANUC M-2000iA/2300, data sheet: 2.3 t of 11 t).
+        """
+        mass = sum(joint.mass for joint in self.joints)
+        return _MOST_PAYLOAD_SHARE * mass if mass > 0 else _MOST_PAYLOAD_KG
 
     @property
     def n(self) -> int:

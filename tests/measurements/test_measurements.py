@@ -283,6 +283,7 @@ FAULTS = {
         [(2, "joint1.approach: 0 is no side – write 1 or -1"), (3, "2 is no side")],
     ),
     "payload": (HEAD + ", payload [kg]\n0,0,2000,0,-2\n", [(2, "payload: a payload is not negative")]),
+    "grams": (HEAD + ", payload [kg]\n0,0,2000,0,5000\n", [(2, "payload: no arm like this one carries 5000 kg")]),
     "no label": (HEAD + ", pose\n0,0,2000,0,\n", [(2, "pose: the cell is empty")]),
     "all at once": (
         HEAD.replace("y [mm]", "y") + ", spin\n0,x,2000,0,1\n0,0,nan,0,1\n",

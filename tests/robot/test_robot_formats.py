@@ -406,3 +406,15 @@ def test_a_roll_in_front_of_a_pitch_is_told_where_it_is_named(tmp_path):
     (note,) = notes({"j.roll": "1 mrad", "k.roll": "1 mrad"})
     assert note.startswith("j.roll is a turn about x before the pitch of its origin is applied")
     assert notes({"j.yaw": "1 mrad"}, corrections={"j.roll": "0.1 deg"}) == [note]
+
+
+@pytest.mark.parametrize(("mass", "payload", "refused"), [("20 kg", "61 kg", True), ("20 kg", "59 kg", False)])
+def test_a_payload_that_no_arm_of_its_mass_carries_is_in_grams(mass, payload, refused):
+    row = {"name": "j1", "type": "revolute", "a": "1 m", "mass": mass, "com": ["0.5 m", "0 m", "0 m"]}
+    document = {"robot": {"kind": "dh", "joints": [row], "payload": payload}}
+    if not refused:
+        assert po.problem_from_dict(document).robot.payload == 59
+        return
+    with pytest.raises(InputError, match="no arm like this one carries 61 kg") as caught:
+        po.problem_from_dict(document)
+    assert caught.value.issues[0].key == ("robot", "payload")

@@ -99,8 +99,8 @@ PERSISTENT_SHARE = 0.9
 """Share of what all named effects explain of rows left out, at which those that outlast the session are the model:
 fields and slips imitate what has another cause; chosen on the real sets UR5 and kuka_14."""
 PLAUSIBLE_SHARE = 0.85
-"""Share of what named effects explain of rows left out, at which others replace those of a size that no arm has; chosen on
-6 vertical drifts of a UR10 in `tests.hidden`'s simulator, judged on 12 others."""
+"""Share of what named effects explain of rows left out, at which others replace those of a size that no arm has.
+Chosen on 6 vertical drifts of a UR10 in the simulator of `tests.hidden`, judged on 12 others."""
 MAX_LINE_FIT_RESIDUALS = 2000
 """Residuals up to which the lines of a pursuit are fitted together after each step; chosen for time."""
 MIN_EFFECT_SHARE = 0.02
