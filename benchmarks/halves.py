@@ -27,7 +27,6 @@ from posture_opt.calibration.estimation.error_statistics import By, Statistics, 
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.model.effects import CyclicError
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 
 MOST_ROWS = 600  # a half: the search then takes seconds
 MODELS = ("nominal", "calibrated", "extended")
@@ -123,7 +122,7 @@ def named(found: Diagnosis) -> list[Finding]:
 def sizes_of(found: Diagnosis, finding: Finding) -> Iterator[Size]:
     """The numbers that are stated of a cause: of a sine and a cosine the amplitude, of unstated loads the turn."""
     if finding.effect is not None and finding.effect.unstated_loads:
-        turn = fitted_sizes(found, finding).rms
+        turn = finding.sizes.rms
         if turn is not None:
             yield Size(finding.kind, finding.target, "turn RMS", *turn, "rad")
         return

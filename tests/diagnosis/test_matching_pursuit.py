@@ -21,7 +21,6 @@ from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelecti
 from posture_opt.diagnosis.search.search import search_effects
 from posture_opt.diagnosis.search.selection_criterion import substantial_members
 from posture_opt.model.effects.cyclic_error import CyclicError
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -184,7 +183,7 @@ def test_lines_of_one_joint_are_one_cause_led_by_the_largest(tmp_path: Path) -> 
     (gear,) = [f for f in found.effects if f.kind == "cyclic_error"]
     assert gear.effect.cycles == pytest.approx(40, abs=0.1)
     assert "of 3 lines (40.0, 80.0 and 160.0 cycles per revolution)" in gear.cause.words
-    together, each = gear.cause.sizes(fitted_sizes(found, gear))
+    together, each = gear.cause.sizes(gear.sizes)
     assert "(harmonic 2)" in each.text
     assert "(harmonic 4)" in each.text
     assert "what turns or meshes 40.0 times" in found.to_json()["effects"][0]["inspect"]

@@ -14,7 +14,6 @@ from posture_opt.diagnosis.causes.delivered_effects import deliver_arm
 from posture_opt.diagnosis.causes.determined_sizes import determined_parts
 from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.model.effects import CyclicError
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.same_problem import assert_same_numbers, written
@@ -53,14 +52,14 @@ def test_the_sure_lines_have_their_size_and_the_open_one_has_none(found: po.Diag
     assert finding.determined
     assert isinstance(finding.cause, CyclicError)
     assert finding.cause.lines == pytest.approx((FASTER, FAST), abs=0.1)
-    together, _ = fitted_sizes(found, finding).rms or (0.0, 0.0)
+    together, _ = finding.sizes.rms or (0.0, 0.0)
     assert together == pytest.approx(np.sqrt((1.5e-4**2 + 2e-4**2) / 2), abs=0.02e-3)  # not over whole cycles
     entry = next(e for e in found.to_json()["effects"] if e["kind"] == "cyclic_error")
     assert entry["undetermined_lines"] == pytest.approx([SLOW], abs=0.1)
     assert set(entry["estimate"]) == {"sin", "cos", "sin 2", "cos 2", "cycles", "centre"}
     brief, full = (" ".join(found.report(full=whole).split()) for whole in (False, True))
     assert "has a cyclic error of 2 lines, the largest at 40.0" in brief
-    assert "1 line open" in brief
+    assert "+ 1 open" in brief
     assert "these data do not determine its line at 4.5" in full
 
 

@@ -14,6 +14,7 @@ import pytest
 import posture_opt as po
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.plausible_causes import with_plausibility
+from posture_opt.model.effects import FittedSizes
 from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -61,7 +62,8 @@ def test_a_second_slip_in_one_session_is_rather_something_else() -> None:
     slips = [
         Finding(Slip(of=name, moment="10 s"), {}, 1e-6, 0.2, place=i) for i, name in enumerate(("joint1", "joint2"))
     ]
-    first, second = with_plausibility(slips, SimpleNamespace(state=SimpleNamespace(robot=robot)))
+    fitted = SimpleNamespace(state=SimpleNamespace(robot=robot), sizes=lambda finding: FittedSizes(finding.estimate))
+    first, second = with_plausibility(slips, fitted)
     assert first.plausible
     assert not second.plausible
     assert "2 of them in one session" in second.would_need

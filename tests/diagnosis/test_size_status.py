@@ -11,7 +11,6 @@ import pytest
 import posture_opt as po
 from posture_opt.diagnosis.causes.determined_sizes import is_determined
 from posture_opt.diagnosis.diagnose import _determined_first
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_sizes
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -66,7 +65,7 @@ def test_an_undetermined_size_never_leads(found: po.Diagnosis) -> None:
     lead = " ".join(vague.report().split("Causes, the largest first, geometry last")[0].split())
     assert lead.partition("One cause explains")[2].lstrip().startswith("the errors: joint2 has an eccentric gear")
     assert "Of a size that these data do not determine: joint1 has an eccentric gear" in lead
-    amplitude = f"{first.cause.headline(fitted_sizes(found, first)).partition(' ±')[0]} ±"
+    amplitude = f"{first.cause.headline(first.sizes).partition(' ±')[0]} ±"
     assert amplitude in found.report()
     assert amplitude not in vague.report()
     nothing = replace(found, effects=tuple(replace(f, determined=False) for f in (first, second)))

@@ -102,3 +102,27 @@ def test_the_size_of_a_play_is_said_to_be_the_whole_width() -> None:
     found = FittedSizes({"width": (1.897e-4, 8.6e-6, "rad")})
     assert Backlash(joint="elbow").headline(found) == "0.1897 ± 0.0086 mrad whole width"
     assert str(Backlash(joint="elbow").sizes(found)[0]) == "0.1897 ± 0.0086 mrad, whole width"
+
+
+def test_what_has_no_period_within_the_range_is_a_curve_and_has_no_frequency() -> None:
+    """Over a radian 3.6 cycles per revolution are 0.57 periods, 20 are 3.2."""
+    robot = load_preset("ur10")
+    slow = CyclicError(joint="elbow", cycles=3.6, further=(20.0,))
+    assert slow.worded(sizes(span=1.0)) == (
+        "elbow has a slow error over its range and a cyclic error of 20.0 cycles per revolution"
+    )
+    assert slow.labelled(sizes(span=1.0)) == "cyclic error (elbow, 20.0/rev + 1 more)"
+    assert "20.0 times per revolution" in slow.inspect_fitted(robot, sizes(span=1.0))
+    alone = CyclicError(joint="elbow", cycles=3.6)
+    assert alone.worded(sizes(span=1.0)) == "elbow has a slow error over its range"
+    assert alone.inspect_fitted(robot, sizes(span=1.0)).startswith("elbow over its whole range: encoder or gear off")
+    assert alone.worded(sizes(span=4.0)) == "elbow has a cyclic error of 3.60 cycles per revolution"
+
+
+def test_cycles_are_as_certain_as_the_range_and_its_neighbours_let_them_be() -> None:
+    """√12 s / (A w) of 0.5 ± 0.05 mrad over 2 rad is 0.17; lines nearer than 2π / w share half of that distance."""
+    error = CyclicError(joint="elbow", cycles=20.0, further=(40.0,))
+    assert "the largest at 20.0 ± 0.2 cycles per revolution" in error.worded(sizes(std=5e-5, span=2.0))
+    assert "the largest at 20.0 cycles per revolution" in error.worded(sizes(span=2.0))
+    close = CyclicError(joint="elbow", cycles=20.0, further=(21.0,))
+    assert "the largest at 20 ± 2 cycles per revolution" in close.worded(sizes(span=2.0))

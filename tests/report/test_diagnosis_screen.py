@@ -12,11 +12,13 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.model.effects import CyclicError, GearEccentricity, JointCompliance, JointScale
+from posture_opt.model.effects import CyclicError, GearEccentricity, JointCompliance, JointNoise, JointScale
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
-from posture_opt.report.measured_parts.causes_table import _inspections, rivals_of
+from posture_opt.report.measured_parts.causes_table import _inspections, _of_one_type, inspection, rivals_of
+from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.results.diagnosis_report import diagnosis_report
 from posture_opt.report.text.screen import SCREEN, on_a_screen
 from posture_opt.report.text.text import render
@@ -43,7 +45,7 @@ def test_every_cause_is_on_the_screen_with_size_and_share(found: po.Diagnosis) -
         assert f"{number}. {finding.cause.label}" in text
     (line,) = [row for row in text.splitlines() if row.startswith("1. cyclic error (joint1, 73.0/rev + 1 more)")]
     assert re.search(r"0\.1\d+ ± 0\.\d+ mrad RMS +0\.\d+ mm +\d+ %$", line)
-    assert "what turns or meshes 73.0 times per revolution of joint1: motor, gear" in " ".join(text.split())
+    assert "what turns or meshes 73.0 times per revolution of joint1: bearing, encoder" in " ".join(text.split())
 
 
 def test_each_line_is_drawn_over_its_own_phase_without_the_others(found: po.Diagnosis, tmp_path: Path) -> None:
@@ -110,7 +112,7 @@ def test_periods_of_several_joints_share_their_words(found: po.Diagnosis) -> Non
     several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", 20.8)))
     (text,) = _inspections(several, list(several.effects))
     assert text.startswith(
-        "what turns or meshes 17.2 times per revolution of joint1 and 20.8 times per revolution of joint2: motor"
+        "what turns or meshes 17.2 times per revolution of joint1 and 20.8 times per revolution of joint2: bearing"
     )
 
 
@@ -121,3 +123,38 @@ def test_geometry_is_told_by_how_many_parameters_differ(found: po.Diagnosis) -> 
     for model, told in ((found.model, "0 of 4 parameters differ"), (moved, "4 of 4 parameters differ")):
         several = replace(found, effects=(replace(found.effects[0], place=None), geometry), model=model)
         assert told in render(on_a_screen(diagnosis_report(several), 100, ()), 100)
+
+
+def test_lines_of_several_joints_that_are_alike_are_of_the_type_of_drive(found: po.Diagnosis) -> None:
+    def wave(joint: str, cycles: float) -> Finding:
+        return Finding(CyclicError(joint=joint, cycles=cycles), {"sin": (1e-4, 1e-6, "rad")}, 1e-9, 0.3)
+
+    for second, told in ((17.4, 1), (20.8, 0)):
+        several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", second)))
+        assert len(_of_one_type(several, list(several.effects))) == told
+
+
+def test_joints_whose_errors_grow_alike_share_a_sentence() -> None:
+    def uneven(joint: str, refuted: bool) -> UnevenErrors:
+        return UnevenErrors(JointNoise(joint=joint, sigma="0.1 mrad"), 1e-3, refuted, np.zeros(0))
+
+    one, two = all_uneven_words([uneven("a", False), uneven("b", True), uneven("c", False)])
+    assert one.startswith("Errors are larger where any of a and c moves the tool more, as if it stopped elsewhere")
+    assert two.startswith("Errors are larger where b moves the tool more")
+
+
+def test_the_causes_stay_on_the_screen_whatever_the_rest_needs(found: po.Diagnosis) -> None:
+    report = diagnosis_report(found)
+    long = replace(report, lead=tuple(f"Sentence {i}." for i in range(60)))
+    titles = [block.title for block in on_a_screen(long, 100, ()).blocks]
+    assert titles[0].startswith("Causes, the largest first")
+    assert len(titles) == 2
+
+
+def test_a_correction_that_no_arm_is_built_with_is_said_to_be_so(found: po.Diagnosis) -> None:
+    geometry = Finding(GeometricDeviation.of_all(), {}, 1e-9, 0.3)
+    for size, told in ((1e-3, "as arms are built"), (12e-3, "more than arms are built with")):
+        x = np.where([p.name == "joint2.theta" for p in found.model.residuals.parameters], size, 0.0 * found.model.x)
+        text = inspection(replace(found, model=replace(found.model, x=x)), geometry)
+        assert f"largest correction: joint2.theta {size * 1e3:.0f}" in text
+        assert told in text

@@ -40,8 +40,7 @@ _INSPECTIONS = {
     "axis_tilt": "flange and bearing seat behind {target}: a collision, dirt, or bolts tightened unevenly",
     "base_frame": "where the base is mounted, and how its frame was measured",
     "tool_frame": "mounting of tool and reflector, and the offsets that the file has of them",
-    "geometry": "type and version of the arm in the file; if they are right, nothing is to be repaired: "
-    "the corrections hold what it was built with",
+    "geometry": "type of the arm in the file; the maker's own calibration of this arm, if there is one",
 }
 
 

@@ -59,6 +59,7 @@ class Finding:
         plausible_range: the sizes that such a cause can have on this arm; None where none is known to be impossible.
         would_need: what would have to be true for it to be this cause, where its size is beyond that range; else empty.
         parts: of its joint that turn as often as it repeats.
+        fitted: what the fit says of its size, with what the data are like; None of what is no effect.
     """
 
     cause: Cause
@@ -76,6 +77,17 @@ class Finding:
     plausible_range: PlausibleRange | None = None
     would_need: str = ""
     parts: tuple[RotatingPart, ...] = ()
+    fitted: FittedSizes | None = None
+
+    @property
+    def sizes(self) -> FittedSizes:
+        """Its size as words and inspections need it."""
+        return self.fitted or FittedSizes(self.estimate)
+
+    @property
+    def label(self) -> str:
+        """Kind and target, as its size has them."""
+        return self.cause.labelled(self.sizes)
 
     @property
     def plausible(self) -> bool:
@@ -109,7 +121,7 @@ class Finding:
 
     def inspect(self, robot: Robot) -> str:
         """What to look at on the arm, in one line."""
-        return self.cause.inspect_fitted(robot, FittedSizes(self.estimate))
+        return self.cause.inspect_fitted(robot, self.sizes)
 
     def _rival_json(self, rival: Cause) -> dict[str, str]:
         """Kind and target; of an alias, which has both in common with this cause, what distinguishes it."""

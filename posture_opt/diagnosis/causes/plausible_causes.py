@@ -105,6 +105,7 @@ def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> lis
                 plausible_range=effect.plausible(robot),
                 would_need=_would_need(effect, finding, fitted, seen[effect.kind]),
                 parts=effect.rotating_parts(robot),
+                fitted=fitted.sizes(finding),
             )
         )
     return found

@@ -15,7 +15,7 @@ from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.base.cause import FittedSizes, Size, amplitude
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
-from posture_opt.model.effects.base.multiples import cycles_text, harmonic_order
+from posture_opt.model.effects.base.multiples import cycles_error, cycles_text, harmonic_order
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, number, plus_minus, shown
@@ -32,6 +32,11 @@ _MIN_JOINT_VALUES = 10
 """Different values of a joint; fewer are met by some line of thousands whatever the errors are."""
 _ALIAS_WINDOW = 0.9
 """Value of the spectral window from which two lines have columns that are alike in all but rounding."""
+_SHOWN_CYCLES_ERROR = 0.05
+"""Standard error of cycles per revolution from which on it is said: smaller ones change nothing that is looked at."""
+_LEAST_PERIODS = 1.5
+"""Periods within the range of a joint from which on an error has a frequency; fewer are a curve."""
+_SLOW_INSPECTION = "{target} over its whole range: encoder or gear off centre, a bent shaft, cables and hoses that pull"
 _MAX_LISTED_LINES = 3
 """Lines in a sentence."""
 _LINE_UNITS = " (amplitudes at cycles per revolution)"
@@ -51,8 +56,8 @@ class CyclicError(Harmonic):
         "measure many values of {target} that lie on no regular grid, in postures that differ in all other joints"
     )
     inspection: ClassVar[str] = (
-        "what turns or meshes {cycles} times per revolution of {target}: motor, gear, bearing, encoder; "
-        "with a belt drive, a pulley"
+        "what turns or meshes {cycles} times per revolution of {target}: bearing, encoder, gear stage, a belt if it "
+        "has one; {motor}"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_ripple": "measure many joint values that lie on no regular grid, and state 'gear_ratio'",
@@ -142,13 +147,39 @@ class CyclicError(Harmonic):
             f"({_first_listed(self.lines)} cycles per revolution)"
         )
 
-    @property
-    def brief_words(self) -> str:
-        """The cause in one clause, of several lines with their number and the largest."""
-        if not self.further:
-            return self.words
-        largest = f"the largest at {cycles_text(self.cycles)} cycles per revolution"
-        return f"{self.joint} has a cyclic error of {len(self.lines)} lines, {largest}"
+    def worded(self, estimate: FittedSizes) -> str:
+        """The cause in one clause; of several lines their number and the largest that has a frequency of its own.
+
+        What has fewer than `_LEAST_PERIODS` within the range of the joint is a curve, whatever its line.
+        """
+        sharp = self.sharp(estimate.span)
+        slow = f"{self.joint} has a slow error over its range"
+        if not sharp:
+            return slow
+        many = f"{len(sharp)} lines, the largest at " if len(sharp) > 1 else ""
+        largest = f"{many}{self._cycles_known(sharp[0], estimate)} cycles per revolution"
+        if sharp[0]:
+            return f"{slow} and a cyclic error of {largest}"
+        return f"{self.joint} has a cyclic error of {largest}"
+
+    def sharp(self, span: float) -> tuple[int, ...]:
+        """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
+        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= _LEAST_PERIODS)
+
+    def _cycles_known(self, line: int, estimate: FittedSizes) -> str:
+        """Cycles per revolution of a line with their standard error, where that is known.
+
+        Lines nearer to each other than the range of the joint tells apart share the distance that it does.
+        """
+        cycles, span = self.lines[line], estimate.span
+        error = math.nan
+        if span > 0:
+            beside = any(0 < abs(k - cycles) < TURN / span for k in self.lines)
+            error = max(cycles_error(self._amplitudes(estimate)[line], span), TURN / span / 2 if beside else 0.0)
+        if not error > _SHOWN_CYCLES_ERROR:
+            return cycles_text(cycles)
+        digits = max(-math.floor(math.log10(error)), 0)
+        return f"{cycles:.{digits}f} ± {error:.{digits}f}"
 
     @property
     def qualifier(self) -> str:
@@ -157,15 +188,37 @@ class CyclicError(Harmonic):
             return f"{cycles_text(self.cycles)}/rev + {len(self.further)} more"
         return f"{cycles_text(self.cycles)} cycles per revolution"
 
+    def labelled(self, estimate: FittedSizes) -> str:
+        """Kind and joint, with the cycles of the largest line that has a frequency, and how many more there are."""
+        sharp = self.sharp(estimate.span)
+        if not sharp:
+            return f"{self.title} ({self.joint}, slow)"
+        more = f" + {len(self.lines) - 1} more" if self.further else ""
+        return f"{self.title} ({self.joint}, {cycles_text(self.lines[sharp[0]])}/rev{more})"
+
     def inspect(self, robot: Robot) -> str:
-        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count.
+        """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
+        return self._inspect(robot, tuple(range(len(self.lines))), cycles_text(self.cycles))
+
+    def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
+        """What turns so often as the lines that have a frequency; what makes a slow curve where there are none."""
+        sharp = self.sharp(estimate.span)
+        if not sharp:
+            return _SLOW_INSPECTION.format(target=self.joint)
+        return self._inspect(robot, sharp, self._cycles_known(sharp[0], estimate))
+
+    def _inspect(self, robot: Robot, lines: Sequence[int], cycles: str) -> str:
+        """What turns as often as some lines, the largest of which has so many ``cycles``.
 
         One part turns at one rate: of several lines the largest is looked for.
         """
-        for part in self.rotating_parts(robot):
+        own = self.of_parts(lines)
+        assert isinstance(own, CyclicError)
+        for part in own.rotating_parts(robot):
             return f"{part.part} of {self.joint}: {part.words}"
-        others = " (other lines may be of other parts)" if self.further else ""
-        return self.inspection.format(target=self.joint, cycles=cycles_text(self.cycles)) + others
+        ratio = {joint.name: joint.gear_ratio for joint in robot.joints}.get(self.joint, math.nan)
+        motor = f"at {number(abs(ratio))}:1 not the motor" if math.isfinite(ratio) else "no motor at a usual ratio"
+        return self.inspection.format(target=self.joint, cycles=cycles, motor=motor)
 
     @classmethod
     def joined(cls, lines: Sequence[CyclicError], amplitudes: Sequence[float]) -> CyclicError:

@@ -29,9 +29,7 @@ class Hysteresis(LostMotion):
     summary: ClassVar[str] = "lost motion that grows with the length of the last move"
     phrase: ClassVar[str] = "{target} has hysteresis: it stops short of its command, more so after long moves"
     measurement: ClassVar[str] = "approach each posture from both sides after short moves and after long ones"
-    inspection: ClassVar[str] = (
-        "friction in {target}: seals, lubrication and bearing preload; with a belt drive, its tension"
-    )
+    inspection: ClassVar[str] = "friction in {target}: seals, lubrication and bearing preload, a belt if it has one"
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle"),)
     shape: ClassVar[tuple[str, ...]] = ("travel",)
     shape_units: ClassVar[Mapping[str, str]] = {"travel": "rad"}

@@ -29,7 +29,7 @@ class JointCompliance(GravityLoaded, JointEffect):
     measurement: ClassVar[str] = "measure the same postures under two payloads"
     inspection: ClassVar[str] = (
         "{target}: compare with the maker's stiffness or an equal arm; if clearly softer: bolts of the links, output "
-        "bearing, gear; with a belt drive, the belt"
+        "bearing, gear, a belt if it has one"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_eccentricity": "measure the same postures under two payloads: a compliance is proportional to the load, "

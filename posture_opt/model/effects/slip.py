@@ -67,7 +67,7 @@ class Slip(Effect):
         "return again and again to a few postures in which arm and tool point in different directions"
     )
     inspection: ClassVar[str] = (
-        "{target}: clamp screws of coupling, encoder and flanges; collisions; with a belt drive, a jumped tooth"
+        "{target}: clamp screws of coupling, encoder and flanges; collisions; a belt that jumped, if it has one"
     )
     shape: ClassVar[tuple[str, ...]] = ("moment",)
     shape_units: ClassVar[Mapping[str, str]] = {"moment": "s"}

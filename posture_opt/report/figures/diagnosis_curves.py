@@ -98,7 +98,7 @@ def _title(finding: Finding, line: int) -> str:
     """What a panel shows: of a cyclic error the joint and the cycles of its line, else kind and target."""
     lines = finding.cause.spectral_lines
     if not lines:
-        return finding.cause.label
+        return finding.label
     return f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
 
 

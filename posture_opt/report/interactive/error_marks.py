@@ -67,7 +67,7 @@ def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
     named = (cause.target, cause.moved_joint, owner_of(cause.target, problem.arm))
     owner = next((name for name in named if name in owners), "")
-    size = headline_of(found, finding)
+    size = headline_of(finding)
     if owner:
         return (Mark(owner, f"{cause.label}\n{size}" if size else cause.label),)
     geometric = finding.effect is None and finding.noise is None

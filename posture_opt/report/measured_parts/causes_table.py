@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
+from posture_opt.model.effects import CyclicError
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Facts, Table
 from posture_opt.report.text.units_text import count, percent
+from posture_opt.units import ERROR_UNITS, plus_minus
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,8 +25,13 @@ if TYPE_CHECKING:
 
 FILE = "split_measurements.csv"
 """The table of measurements that discriminate between causes."""
-_MAX_INSPECTED = 3  # causes whose parts are named
+_MAX_INSPECTED = 4  # lines on the parts of causes on a screen
+_BUILT_WITHIN = {"rad": 5e-3, "m": 5e-3}  # rad, m: geometry that is farther off was hardly built so
+_ALIKE_CYCLES = 0.05  # of the cycles of a line, by which those of other joints are the same
 _MAX_CAUSES = 12  # that a screen has room for
+_SIDES_OF_ORDER = (
+    "of approach are those of the move from the row before, as if it were straight: columns JOINT.approach state them"
+)
 _TARGET = "{target}"  # in place of the joint in texts that are compared
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
 _DIFFERENT = 1.96  # standard errors
@@ -35,15 +42,31 @@ def causes_table(found: Diagnosis) -> Table:
     """Every cause with its size and the share of the RMS error on held-out rows that it removes.
 
     The share is that which is lost without it, everything else fitted again. Scatter removes no error. Between them
-    is the largest shift of the tool point in the data [mm].
+    is the largest shift of the tool point in the data [mm]; behind it the share on a test file, where there is one.
     """
     rows, views = [], []
     for number, finding in enumerate(found.effects, 1):
         gain = "" if finding.noise is not None else percent(finding.gain)
-        rows.append((f"{number}. {finding.cause.label}", _size(found, finding), _largest_shift(found, finding), gain))
+        row = (f"{number}. {finding.label}", _size(found, finding), _largest_shift(found, finding), gain)
+        rows.append((*row, *_elsewhere(found, finding)))
         views.append(view_key(found, finding))
-    headers = ("cause", "size", "at the tool", "RMS drop")
+    headers = ("cause", "size", "at the tool", "RMS drop", *_elsewhere_header(found))
     return Table(headers, tuple(rows), views=tuple(views), least=_MAX_CAUSES)
+
+
+def _elsewhere_header(found: Diagnosis) -> tuple[str, ...]:
+    """The header of what causes bring on a test file; none without one that effects are tested on."""
+    return ("on the test file",) if found.test is not None and any(found.test.gains) else ()
+
+
+def _elsewhere(found: Diagnosis, finding: Finding) -> tuple[str, ...]:
+    """The share that a cause removes on the test file, and that it is not significant there."""
+    if not _elsewhere_header(found):
+        return ()
+    gain = None if found.test is None or finding.place is None else found.test.gains[finding.place]
+    if gain is None:
+        return ("",)
+    return (percent(gain.value) if gain.low > 0 else f"{percent(gain.value)}, not sure",)
 
 
 def _largest_shift(found: Diagnosis, finding: Finding) -> str:
@@ -63,8 +86,8 @@ def _size(found: Diagnosis, finding: Finding) -> str:
     if not finding.determined:
         return "not determined"
     if finding.open_part is not None:
-        return f"{headline_of(found, finding)}, {count(len(finding.open_part.size_parts), 'line')} open"
-    return headline_of(found, finding) or (_differing(found) if finding.kind == "geometry" else "several parameters")
+        return f"{headline_of(finding)} + {len(finding.open_part.size_parts)} open"
+    return headline_of(finding) or (_differing(found) if finding.kind == "geometry" else "several parameters")
 
 
 def _differing(found: Diagnosis) -> str:
@@ -89,17 +112,58 @@ def determined_geometry(found: Diagnosis) -> list[tuple[Parameter, float, float]
 
 
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
-    """What to look at on the arm for the first causes of a known size, and what else a cause could be.
-
-    Nothing without such causes.
-    """
-    known = [f for f in found.effects if f.determined][:_MAX_INSPECTED]
+    """What to look at on the arm for causes of a known size, and what else a cause could be; nothing without such."""
+    known = [f for f in found.effects if f.determined]
     rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, known).items()]
+    rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
+    rows += _of_one_type(found, known)
+    if any("approach" in f.effect.needs for f in known if f.effect) and not found.request.data.approach_given:
+        rows.append(("Sides", _SIDES_OF_ORDER))
     rows += [
         (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
     ]
     rows += _next(found)
     return (Facts(tuple(rows)),) if rows else ()
+
+
+def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, ...]:
+    """What to look at on the arm for some causes, each line with their numbers; nothing for none."""
+    texts = _inspections(found, findings).items()
+    return (Facts(tuple((f"Look at ({', '.join(numbers)})", words) for words, numbers in texts)),) if texts else ()
+
+
+def inspection(found: Diagnosis, finding: Finding) -> str:
+    """What to look at for one cause; of the geometry also the correction that is hardest to build."""
+    text = finding.inspect(found.problem.robot)
+    every = determined_geometry(found) if finding.kind == "geometry" else []
+    if not every:
+        return text
+    largest, x, std = max(every, key=lambda own: abs(own[1]) / _BUILT_WITHIN[own[0].unit])
+    size = f"largest correction: {largest.name} {plus_minus(x, std, *ERROR_UNITS[largest.unit])}"
+    if abs(x) > _BUILT_WITHIN[largest.unit]:
+        return f"{text}; {size}, more than arms are built with: a link bent in a collision?"
+    return f"{text}; {size}, as arms are built"
+
+
+def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[str, str]]:
+    """That errors of several joints repeat about as often, which is of the type of their drives; nothing else."""
+    first: dict[float, list[Finding]] = {}
+    for finding in findings:
+        error = finding.cause
+        sharp = error.sharp(finding.sizes.span) if isinstance(error, CyclicError) else ()
+        if isinstance(error, CyclicError) and sharp:
+            cycles = error.lines[sharp[0]]
+            near = next((k for k in first if abs(k - cycles) < _ALIKE_CYCLES * k), cycles)
+            first.setdefault(near, []).append(finding)
+    return [
+        (
+            f"Alike ({', '.join(str(number_of(found, f)) for f in those)})",
+            f"they repeat about as often, {cycles:.0f} times per revolution: it is of the type of these drives, rather "
+            "than a fault of each",
+        )
+        for cycles, those in first.items()
+        if len(those) > 1
+    ]
 
 
 def _next(found: Diagnosis) -> list[tuple[str, str]]:
@@ -115,7 +179,7 @@ def _inspections(found: Diagnosis, findings: Sequence[Finding]) -> dict[str, lis
     """What to look at -> the numbers of the causes that it is for: what is alike of several joints is said once."""
     alike: dict[str, list[tuple[Finding, str]]] = {}
     for finding in findings:
-        subject, colon, parts = finding.inspect(found.problem.robot).partition(": ")
+        subject, colon, parts = inspection(found, finding).partition(": ")
         key = colon + parts if colon else subject.replace(finding.target, _TARGET)
         alike.setdefault(key, []).append((finding, subject))
     texts = {}

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
-from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.model.effects.base.multiples import line_words
+from posture_opt.model.effects.drift import Drift
 from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.causes_table import (
     causes_table,
     determined_geometry,
+    inspection,
+    inspections,
     look_at,
     number_of,
     rival_words,
@@ -25,7 +27,6 @@ from posture_opt.report.measured_parts.causes_table import (
 )
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     fitted_effects,
-    fitted_sizes,
     headline_of,
     periodic_joints,
 )
@@ -55,8 +56,8 @@ def finding_words(finding: Finding, problem: ProblemData) -> str:
     """
     noise = finding.noise
     if noise is not None and noise.unstated and finding.determined and not _states(problem, finding):
-        return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
-    return finding.cause.worded(FittedSizes(finding.estimate)) if finding.plausible else finding.cause.looks_like
+        return noise.unstated.format(target=noise.target, size=noise.headline(finding.sizes))
+    return finding.cause.worded(finding.sizes) if finding.plausible else finding.cause.looks_like
 
 
 def _states(problem: ProblemData, finding: Finding) -> bool:
@@ -83,11 +84,12 @@ def causes_block(found: Diagnosis) -> Block:
         what = f"{number}. {sentence(finding_words(finding, found.problem))}"
         items += [what, Facts(tuple(rows), view=view_key(found, finding))]
     if short:
-        items += ["Lighter ones:", _lighter(found, short)]
+        items += ["Lighter ones:", _lighter(found, short), *inspections(found, [f for f in short if f.determined])]
     figure = "diagnosis_curves" if effects else ""
     alone = (_ALONE,) if len(found.effects) > 1 else ()
     brief: tuple[str | Facts | Table, ...] = (causes_table(found), *alone, *look_at(found))
-    return Block("Causes, the largest first, geometry last", tuple(items), figure, brief)
+    open_ = ", open sizes" if not all(f.determined for f in found.effects) else ""
+    return Block(f"Causes, the largest first{open_}, geometry last", tuple(items), figure, brief, stays=True)
 
 
 def _said_once(label: str, text: str, number: int, said: dict[str, int]) -> str:
@@ -107,8 +109,8 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
     rows = []
     for finding in findings:
         most = length(float(tool_shifts(found.model, finding)[0].max())) if finding.determined else ""
-        size = headline_of(found, finding) or ("" if finding.determined else "not determined")
-        label = f"{number_of(found, finding)}. {finding.cause.label}"
+        size = headline_of(finding) or ("" if finding.determined else "not determined")
+        label = f"{number_of(found, finding)}. {finding.label}"
         rows.append((label, size, most, percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
     return Table(("cause", "size", "at the tool", "RMS drop", "p-value"), tuple(rows), views=views)
@@ -122,8 +124,9 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
     """
     place = finding.place
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
+    name = f"{finding.kind} ({finding.target})" if isinstance(finding.cause, Drift) else name
     rows = [("Name", name)]
-    sizes = finding.cause.sizes(fitted_sizes(found, finding)) if finding.determined else ()
+    sizes = finding.cause.sizes(finding.sizes) if finding.determined else ()
     rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
     if finding.effect is None and finding.noise is None and not finding.estimate:
         rows += _geometry(found)
@@ -137,7 +140,7 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
         rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
     if place is not None and finding.determined:
         rows.append(_at_tool(found, finding))
-    rows.append(("Look at", finding.inspect(found.problem.robot)))
+    rows.append(("Look at", inspection(found, finding)))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
     gain = _gain(found, finding)
     rows += [("Gain", gain)] if gain else []
@@ -238,7 +241,7 @@ def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
     for finding in found.effects:
         rivals = {rival_words(rival): rival for rival in finding.confounded_with}
         for label, rival in rivals.items():
-            splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.cause.label} or {label}")
+            splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.label} or {label}")
     if not splits:
         return ()
     text = "These data fit either cause about equally well; the named one fits best. To discriminate them:"

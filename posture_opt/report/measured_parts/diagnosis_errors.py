@@ -22,14 +22,16 @@ from posture_opt.report.measured_parts.error_table import (
     mm,
 )
 from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, file_words, range_items
-from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import listed_lines, percent
+from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.units_text import count, listed_lines, percent
 from posture_opt.report.text.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.sessions import Gain
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
+_LEAST_COVERED = 0.9
+"""Share of rows in their 95 % regions below which it is said that these are too small."""
 _CHOSEN = "Effects were selected and fitted anew in each round, from the other rows alone."
 
 
@@ -52,6 +54,11 @@ def errors_block(found: Diagnosis) -> Block:
     if fitted_effects(found):
         texts.append(_gain_text(found))
     texts.append(delivered_words(found))
+    inside = float(found.held[next(reversed(models_of(found)))].inside.mean())
+    if inside < _LEAST_COVERED:
+        texts.append(
+            f"Of the rows left out {percent(inside)} lie in their 95 % regions: these lack what is unexplained."
+        )
     if floor.rms:
         texts.append(f"{floor.sentence}{_beside(found, floor)}")
     table = Table(headers, tuple(rows))
@@ -159,7 +166,10 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
     if test is None:
         return ()
     if any(test.gains):
-        return (effects_words(test.file, test.gain, tested_models(found)["extended"]),)
+        words = effects_words(test.file, test.gain, tested_models(found)["extended"])
+        own = [gain.low > 0 for gain in test.gains if gain is not None]
+        alone = f" One by one, {sum(own)} of {count(len(own), 'effect')} are sure there." if not all(own) else ""
+        return (f"{words}{alone}",)
     one = len(fitted_effects(found)) == 1
     which = "The effect is" if one else "The effects are"
     why = f"{'it belongs' if one else 'they belong'} to the first session"
@@ -191,21 +201,20 @@ def test_block(found: Diagnosis) -> Block:
     assert test is not None
     models = tested_models(found)
     table = error_table({words: test.models[name] for name, words in models.items()}, found.request.data)
-    items: list[str | Facts | Table] = [file_words(test.file), table, *range_items(test.file, models)]
+    odd = list[str]()
     if test.worse:
-        labels = [f.cause.label for place, f in fitted_effects(found) if place in test.worse]
-        items.append(
-            f"These effects extrapolate badly, rows outside are predicted better without: {'; '.join(labels)}."
-        )
+        labels = [f.label for place, f in fitted_effects(found) if place in test.worse]
+        odd.append(f"These effects extrapolate badly, rows outside are predicted better without: {'; '.join(labels)}.")
     own = found.errors["calibrated"].rms
     if not test.file.refitted and test.models["calibrated"].rms > ELSEWHERE * own:
-        items.append(
+        odd.append(
             "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
         )
-    rows = [(f.cause.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in fitted_effects(found)]
-    if rows:
-        items.append(Table(("effect", "gain here", "on the test file", "verdict"), tuple(rows)))
-    return Block("On the test file", tuple(items))
+    rows = [(f.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in fitted_effects(found)]
+    effects = [Table(("effect", "gain here", "on the test file", "verdict"), tuple(rows))] if rows else []
+    items = (file_words(test.file), table, *range_items(test.file, models), *odd, *effects)
+    # The lead has the RMS errors, and the table of causes what each brings.
+    return Block("On the test file", items, brief=tuple(odd) if effects else None)
 
 
 def _elsewhere(gain: Gain | None) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from posture_opt.csv_text import csv_line
 from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable_causes
 from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
 from posture_opt.diagnosis.scores import levels
+from posture_opt.errors import enumerated
 from posture_opt.measurements.columns import AXES
 from posture_opt.measurements.kinds.pose_columns import QUATERNION
 from posture_opt.report.measured_parts.causes_table import FILE
@@ -26,6 +27,8 @@ from posture_opt.report.text.words import UNLIKELY, p_value, p_words
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminatedPair, DiscriminationPlan
     from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan
@@ -79,7 +82,7 @@ def left_block(found: Diagnosis) -> Block:
         )
     items += [Facts(tuple(rows))] if rows else []
     brief = [*items[:1], *([Facts(tuple(rows[:1]))] if rows and items else [])]
-    items += [uneven_words(errors) for errors in found.uneven]
+    items += all_uneven_words(found.uneven)
     items += [_to_repeat(plan) for plan in found.repeat_plans]
     items += [
         f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
@@ -102,13 +105,27 @@ def _pattern_words(found: Diagnosis) -> str:
     )
 
 
-def uneven_words(errors: UnevenErrors) -> str:
-    """Errors that look like a noisy joint, and what repeats say of them.
+def all_uneven_words(uneven: Sequence[UnevenErrors]) -> list[str]:
+    """Errors that look like noisy joints or instruments; joints of which repeats say the same share a sentence."""
+    alike: dict[tuple[object, ...], list[UnevenErrors]] = {}
+    for errors in uneven:
+        of_joint = errors.effect.moved_joint and (errors.refuted, errors.still)
+        alike.setdefault((errors.effect.kind, of_joint or errors.effect.target), []).append(errors)
+    return [uneven_words(those) for those in alike.values()]
+
+
+def uneven_words(alike: Sequence[UnevenErrors]) -> str:
+    """Errors that look like noise of one joint or of several, and what repeats say of them.
 
     Refuted: repeats of one posture do not scatter so, the errors are systematic. Otherwise too few postures were
     repeated.
     """
-    text = f"{errors.effect.uneven_clause} ({p_words(errors.p_value)})"
+    errors = max(alike, key=lambda one: one.p_value)
+    clause = errors.effect.uneven_clause
+    if len(alike) > 1:
+        joints = enumerated([one.effect.target for one in alike])
+        clause = errors.effect.uneven_words.format(target=f"any of {joints}")
+    text = f"{clause} ({p_words(errors.p_value)})"
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
     if errors.still:
@@ -264,7 +281,7 @@ def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:
     rows = []
     for place, finding in fitted_effects(found):
         for split in plan.pairs.get(place, ()):
-            names = finding.cause.label, split.rival.label
+            names = finding.label, split.rival.label
             rows.append((*names, angle(split.angle), _probability(detection_probability(split.now)), *_then(split)))
     table = Table(("cause", "rival", "angle", "now", "planned", "needed"), tuple(rows), text_columns=2)
     return table if len(plan.rows) else Table(table.headers[:4], tuple(row[:4] for row in table.rows), text_columns=2)

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
-from posture_opt.diagnosis.causes.plausible_causes import FittedEffects
 from posture_opt.diagnosis.scores import levels
-from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.numerics import rms_length
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.units_text import stated_length
@@ -29,16 +27,9 @@ def fitted_effects(found: Diagnosis) -> tuple[tuple[int, Finding], ...]:
     return tuple((f.place, f) for f in found.effects if f.place is not None)
 
 
-def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
-    """What the fit says of a finding: estimate, covariance of its parameters, and the range of the turn that it
-    causes.
-    """
-    return FittedEffects(found.model, found.linearised.sensitivities.state).sizes(finding)
-
-
-def headline_of(found: Diagnosis, finding: Finding) -> str:
+def headline_of(finding: Finding) -> str:
     """The size of a finding that is shown with its words; empty where no single number says it, or no data."""
-    return "" if not finding.determined else finding.cause.headline(fitted_sizes(found, finding))
+    return "" if not finding.determined else finding.cause.headline(finding.sizes)
 
 
 def largest_scatter(found: Diagnosis, noise: NoiseEffect) -> float:

@@ -14,7 +14,7 @@ from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
 from posture_opt.report.measured_parts.diagnosis_causes import finding_words
-from posture_opt.report.measured_parts.diagnosis_open import uneven_words
+from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.results.batch_report import batch_facts, batch_report
@@ -37,7 +37,7 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
     lead = f"Causes beyond the model: {named}." if named else "The model explains the data of these robots."
     if found.uneven and not named:
         lead = "The errors of these robots are uneven; the cause is not identifiable from these data."
-    left = [uneven_words(errors) for errors in found.uneven]
+    left = all_uneven_words(found.uneven)
     return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
 

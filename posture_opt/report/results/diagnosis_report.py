@@ -141,10 +141,10 @@ def _beyond(found: Diagnosis) -> str:
 
 def _named(found: Diagnosis, finding: Finding) -> str:
     """A cause in words with its size; without, where the words have the size already or no single number says it."""
-    size, words = headline_of(found, finding), finding_words(finding, found.problem)
-    words = finding.cause.brief_words if words == finding.cause.words else words
+    size, words = headline_of(finding), finding_words(finding, found.problem)
     if not size or size in words:
         return words
+    size += " together" if len(finding.cause.spectral_lines) > 1 else ""
     return f"{words}, {size}" if words.endswith(")") else f"{words} ({size})"
 
 
@@ -270,7 +270,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         title = "all causes" if every else "no cause found"
         postures = [ShownPosture("causes", title, q, spread=spread, marks=every)]
         for finding, own in zip(found.effects, marks, strict=True):
-            words, size = finding_words(finding, found.problem), headline_of(found, finding)
+            words, size = finding_words(finding, found.problem), headline_of(finding)
             facts = (("Cause", words), *([("Size", size)] if size else []))
             postures.append(ShownPosture(view_key(found, finding), words, q, facts, spread, marks=own))
         return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)

@@ -70,12 +70,14 @@ class Block:
 
     Args:
         brief: what a report of one screen shows in place of ``items``; None: all of them, empty: not this block.
+        stays: whether it is the answer, and stays on a screen that has no room for all.
     """
 
     title: str
     items: tuple[Item, ...]
     figure: str = ""
     brief: tuple[Item, ...] | None = None
+    stays: bool = False
 
     @property
     def short(self) -> Block:

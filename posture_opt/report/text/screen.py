@@ -18,7 +18,8 @@ _MAX_NAMED_SECTIONS = 3  # sections that the last line names
 def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report | None = None) -> Report:
     """The report in at most ``SCREEN`` lines of ``width`` columns: its title, its lead, and what fits of its blocks.
 
-    Too long, its last long table is cut first, then blocks are left out from the end; title and lead stay whole.
+    Too long, its last long table is cut first, then blocks are left out from the end; title, lead and blocks that are
+    to stay are whole, beyond the screen if need be.
 
     Args:
         brief: what to show in place of the report as far as it fits; None: its blocks in brief.
@@ -29,7 +30,10 @@ def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report 
         excess = _lines(short, width) - SCREEN
         place = next((k for k in reversed(range(len(kept))) if kept[k].rows > kept[k].least), None)
         if place is None:
-            kept.pop(_dispensable([shown.block for shown in kept], excess, width))
+            out = _dispensable([shown.block for shown in kept], excess, width)
+            if out is None:
+                break
+            kept.pop(out)
         else:
             kept[place] = replace(kept[place], limit=max(kept[place].least, kept[place].rows - excess))
     return short
@@ -87,10 +91,10 @@ def _cut(table: Table, rows: int) -> tuple[Table, str]:
     return short, f"… {len(table.rows) - rows} more{f': {enumerated(left)}' if named else ''}"
 
 
-def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int:
-    """The last block that is so long that the rest fits without it, else the last."""
-    sizes = [_lines(Report("", (), (block,)), width) - 1 for block in kept]
-    return max((k for k, size in enumerate(sizes) if size >= excess), default=len(kept) - 1)
+def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int | None:
+    """The last block that is so long that the rest fits without it, else the last; None where all stay."""
+    sizes = {k: _lines(Report("", (), (block,)), width) - 1 for k, block in enumerate(kept) if not block.stays}
+    return max((k for k, size in sizes.items() if size >= excess), default=max(sizes, default=None))
 
 
 def _ended(report: Report, kept: Sequence[_Shown], saved: Sequence[str]) -> Report:

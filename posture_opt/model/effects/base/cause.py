@@ -106,11 +106,6 @@ class Cause:
         """The cause in one clause: "elbow is compliant under gravity"."""
         return self.phrase.format(target=self.target)
 
-    @property
-    def brief_words(self) -> str:
-        """The cause in as few words as a list of several can hold; `words` where these are few."""
-        return self.words
-
     def worded(self, estimate: FittedSizes) -> str:
         """The cause in one clause, as its fitted size has it; `words` where the size does not change them.
 
@@ -151,6 +146,10 @@ class Cause:
         """Kind and target: "cyclic error (elbow, 12.0 cycles per revolution)"."""
         more = ", ".join(filter(None, (self.place, self.qualifier)))
         return f"{self.title} ({more})" if more else self.title
+
+    def labelled(self, estimate: FittedSizes) -> str:
+        """The label, as its fitted size has it; `label` where the size does not change it."""
+        return self.label
 
     @property
     def looks_like(self) -> str:

@@ -21,10 +21,7 @@ _SURE_HARMONIC_TOLERANCE = 0.05
 def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]], line: int, span: float) -> int:
     """Which multiple of the first line another one is for sure; 0 for none.
 
-    The ratio of both is whole within `_HARMONIC_DEVIATION` of its standard errors, and these are small. The cycles of a
-    line of amplitude A ± s, from values spread evenly over a range w [rad], have the standard error ``√12 s / (A w)``.
-
-    Source: Rife, Boorstyn (1974), Cramér-Rao bounds of amplitude and frequency.
+    The ratio of both is whole within `_HARMONIC_DEVIATION` standard errors, see `cycles_error`, and these are small.
 
     Args:
         cycles: per revolution of each line.
@@ -34,11 +31,23 @@ def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]]
     if not span > 0:
         return 0
     ratio = cycles[line] / cycles[0]
-    errors = [math.sqrt(12) * sizes[i][1] / (sizes[i][0] * span) / cycles[i] for i in (0, line)]
+    errors = [cycles_error(sizes[i], span) / cycles[i] for i in (0, line)]
     deviation = _HARMONIC_DEVIATION * ratio * math.hypot(*errors)
     n = round(ratio)
     sure = 1 < n <= _MAX_HARMONIC and deviation < _SURE_HARMONIC_TOLERANCE
     return n if sure and abs(ratio - n) < deviation else 0
+
+
+def cycles_error(size: tuple[float, float], span: float) -> float:
+    """The standard error of the cycles of a line of amplitude A ± s, ``√12 s / (A w)``.
+
+    Source: Rife, Boorstyn (1974), Cramér-Rao bounds of amplitude and frequency.
+
+    Args:
+        size: amplitude and its standard error [rad].
+        span: w, the range of the joint that the data spread over evenly [rad].
+    """
+    return math.sqrt(12) * size[1] / (size[0] * span)
 
 
 def line_words(lines: Sequence[float]) -> str:

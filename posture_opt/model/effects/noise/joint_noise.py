@@ -30,7 +30,7 @@ class JointNoise(NoiseEffect):
     unstated: ClassVar[str] = "{target} scatters from repeat to repeat by {size}, which the file does not state"
     measurement: ClassVar[str] = "repeat each posture a few times, moving away in between"
     inspection: ClassVar[str] = (
-        "{target}: brake, in-position window and servo gains, coupling of the encoder; with a belt drive, the belt"
+        "{target}: brake, in-position window and servo gains, coupling of the encoder, a belt if it has one"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "range_noise": "repeat postures near the instrument and far from it, moving away in between",
