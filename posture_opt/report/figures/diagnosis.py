@@ -161,5 +161,5 @@ def _mark(axes: Axes, cycles: float, k: int) -> None:
     axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
     axes.annotate(
         cycles_text(cycles), (cycles, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points",
-        xytext=(3, -10 - 10 * (k % 3)),
+        xytext=(3, -10 - 10 * (k % 5)),
     )  # fmt: skip

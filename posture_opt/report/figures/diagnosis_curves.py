@@ -16,6 +16,7 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.diagnosis.scores.lack_of_fit import side_place
 from posture_opt.model.effects.base.cause import Abscissa, over_joint, over_phase
 from posture_opt.model.effects.base.multiples import cycles_text
+from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
@@ -99,7 +100,14 @@ def _title(finding: Finding, line: int) -> str:
     lines = finding.cause.spectral_lines
     if not lines:
         return finding.label
+    if _is_slow(finding, line):
+        return f"{finding.target}: slow error over its range"
     return f"{finding.target}: {cycles_text(lines[line])} cycles per revolution"
+
+
+def _is_slow(finding: Finding, line: int) -> bool:
+    """Whether a line of a cyclic error has too few periods within the range of its joint to have a phase."""
+    return isinstance(finding.cause, CyclicError) and line not in finding.cause.sharp(finding.sizes.span)
 
 
 def _panel(axes: Axes, curve: Curve) -> None:
@@ -160,7 +168,9 @@ def curve_of(
     assert effect is not None
     over = effect.abscissa(sensitivities.state, residuals.data.time is not None)
     moved = {j for one in effect.sensitivities(sensitivities.state) for j in one.joints}
-    if several:
+    if _is_slow(finding, line):
+        over = over_joint(sensitivities.state, min(moved))
+    elif several:
         over = over_phase(sensitivities.state, min(moved), finding.cause.spectral_lines[line])
     if over is not None and len(moved) == 1:
         return _joint_curve(sensitivities, moved.pop(), over, partial, modelled)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
+from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.numerics import TURN
 from posture_opt.report.page.colours import GREY
 from posture_opt.report.page.new_figure import new_figure
@@ -40,11 +41,13 @@ class ScoredRow:
         scored: the candidate with its score on the calibrated arm.
         evidence: log p-value over the critical one of its family.
         p_value: of dropping it from the final model; None where it is not in it.
+        label: of the cause that it is in the model, else its own.
     """
 
     scored: ScoredCandidate
     evidence: float
     p_value: float | None
+    label: str
 
     @property
     def named(self) -> bool:
@@ -79,7 +82,7 @@ def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
 
     Those of the model come first, wherever they rank, then the best others up to the largest number of rows.
     """
-    rows = [ScoredRow(scored, value, _p_value(scored, found)) for scored, value in evidence(found)]
+    rows = [ScoredRow(scored, value, *_in_model(scored, found)) for scored, value in evidence(found)]
     own = [row for row in rows if row.p_value is not None]
     others = [row for row in rows if row.p_value is None]
     return [*own, *others[: max(_MAX_CANDIDATES - len(own), 0)]], len(rows)
@@ -106,10 +109,10 @@ def plot_scores(found: Diagnosis) -> Figure:
             _say(axes, k, p_value(row.p_value))
     own = sum(row.p_value is not None for row in rows)
     if own:
-        _say(axes, -1, "p in the model")
+        _say(axes, -1, "p-value")
     if 0 < own < len(rows):
         axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
-    axes.set_yticks(range(len(rows)), [row.scored.candidate.what.label for row in rows])
+    axes.set_yticks(range(len(rows)), [row.label for row in rows])
     axes.set_ylim(max(len(rows), 4) - 0.5, -0.5)
     ticks = _spaced_ticks(right)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
@@ -136,7 +139,7 @@ def _title(own: int, drawn: int, count: int) -> str:
     """Where the candidates of the model end, and how many of the others are drawn."""
     if not own:
         return f"The best {drawn} of {count} candidates" if drawn < count else "All candidates"
-    return f"Above the line: in the model. Below: {drawn - own} of {count - own} others"
+    return f"Above the line: the model. Below: {drawn - own} of {count - own} others"
 
 
 def _say(axes: Axes, k: int, text: str) -> None:
@@ -161,20 +164,22 @@ def _line_words() -> str:
     return f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
 
 
-def _p_value(scored: ScoredCandidate, found: Diagnosis) -> float | None:
-    """The p-value of dropping the candidate from the final model; None where it is not in it.
+def _in_model(scored: ScoredCandidate, found: Diagnosis) -> tuple[float | None, str]:
+    """The p-value of dropping the candidate from the final model, None where it is not in it; and its label there.
 
     A line of a periodogram is in the model where the cyclic error of its joint has one that the data cannot separate
     from it: nearer than ``2π`` over the range of the joint. Unnamed components are never part of the model.
     """
-    cycles = getattr(scored.candidate.what, "cycles", None)
+    what = scored.candidate.what
+    cycles = getattr(what, "cycles", None)
     for finding in found.effects:
         if finding.place is None or finding.kind != scored.candidate.kind or finding.target != scored.candidate.target:
             continue
         if cycles is None:
-            return finding.p_value
+            return finding.p_value, what.label
         data = found.model.residuals.data
         resolved = TURN / max(float(np.ptp(data.q[:, data.joint_names.index(finding.target)])), 1e-3)
-        if min(abs(k - cycles) for k in finding.cause.spectral_lines) < resolved:
-            return finding.p_value
-    return None
+        nearest = min(finding.cause.spectral_lines, key=lambda k: abs(k - cycles))
+        if abs(nearest - cycles) < resolved:
+            return finding.p_value, f"{what.title} ({what.target}, {cycles_text(nearest)} cycles per revolution)"
+    return None, what.label
