@@ -16,6 +16,7 @@ from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.large_file import LargeFile
+from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
 from posture_opt.calibration.start_up import StartUp, start_up
 from posture_opt.diagnosis.causes.causes import (
     Finding,
@@ -168,6 +169,7 @@ class Diagnosis(Result):
         preset = self.calibration.other_preset
         lengths = {} if preset is None else {"other_preset": preset.to_json()}
         first = {} if self.start_up is None else {"start_up": self.start_up.to_json()}
+        first |= {} if self.scatter_change is None else {"scatter_change": self.scatter_change.to_json()}
         thinned = {} if self.large is None else {"thinned": self.large.to_json()}
         probability = self.calibration.better_than_nominal
         sure = {} if probability is None else {"better_than_nominal": probability}
@@ -217,6 +219,15 @@ class Diagnosis(Result):
     def start_up(self) -> StartUp | None:
         """First rows that are farther off than the rest, predicted by the arm with its effects."""
         return start_up(self.held["extended"].errors, self.model.residuals.data)
+
+    @cached_property
+    def scatter_change(self) -> ScatterChange | None:
+        """Where the errors that the arm with its effects leaves are of another size from some row on."""
+        residuals = self.model.residuals
+        if residuals.data.part is not None:  # instruments of several kinds are of different accuracy
+            return None
+        left = self.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)]
+        return scatter_change(residuals.metres(left), residuals.data)
 
     @cached_property
     def contrasts(self) -> Contrasts:

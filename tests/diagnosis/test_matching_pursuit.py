@@ -186,7 +186,7 @@ def test_lines_of_one_joint_are_one_cause_led_by_the_largest(tmp_path: Path) -> 
     together, each = gear.cause.sizes(gear.sizes)
     assert "(harmonic 2)" in each.text
     assert "(harmonic 4)" in each.text
-    assert "what turns or meshes 40.0 times" in found.to_json()["effects"][0]["inspect"]
+    assert "what comes 40.0 times" in found.to_json()["effects"][0]["inspect"]
     # Waves of 0.2, 0.15 and 0.1 mrad: sqrt((0.2² + 0.15² + 0.1²) / 2) = 0.190 mrad.
     assert together.text.startswith("0.19")
     assert found.errors["extended"].rms < 1.15 * np.sqrt(2) * NOISE

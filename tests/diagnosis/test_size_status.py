@@ -62,16 +62,16 @@ def test_an_undetermined_size_never_leads(found: po.Diagnosis) -> None:
     assert [entry["status"] for entry in vague.to_json()["effects"]][:2] == ["determined", "size_undetermined"]
     assert [bool(entry["estimate"]) for entry in vague.to_json()["effects"]][:2] == [True, False]
     assert "tool_shift_rms" not in vague.to_json()["effects"][1]
-    lead = " ".join(vague.report().split("Causes, the largest first, geometry last")[0].split())
+    lead = " ".join(vague.report().split("Causes, by what they explain")[0].split())
     assert lead.partition("One cause explains")[2].lstrip().startswith("the errors: joint2 has an eccentric gear")
     assert "Of a size that these data do not determine: joint1 has an eccentric gear" in lead
     amplitude = f"{first.cause.headline(first.sizes).partition(' ±')[0]} ±"
     assert amplitude in found.report()
     assert amplitude not in vague.report()
     nothing = replace(found, effects=tuple(replace(f, determined=False) for f in (first, second)))
-    lead = nothing.report().split("Causes, the largest first, geometry last")[0]
+    lead = nothing.report().split("Causes, by what they explain")[0]
     assert "that no cause of known size explains" in " ".join(lead.split())
-    assert "these data do not determine the size: its error is as large" in " ".join(nothing.report().split())
+    assert "these data do not determine the size: its uncertainty is as large" in " ".join(nothing.report().split())
 
 
 def test_what_is_sure_beside_the_rest_alone_is_delivered_as_no_size(found: po.Diagnosis) -> None:

@@ -95,7 +95,7 @@ def test_with_the_gear_ratio_the_part_that_turns_so_often_is_named() -> None:
         f"wave generator or pinion, motor shaft and motor encoder of {joint.name}: 107.4 cycles per revolution is "
         "twice per revolution of the motor"
     )
-    assert "what turns or meshes 7.50 times per revolution" in CyclicError(joint=joint.name, cycles=7.5).inspect(robot)
+    assert "what comes 7.50 times per revolution" in CyclicError(joint=joint.name, cycles=7.5).inspect(robot)
 
 
 def test_the_size_of_a_play_is_said_to_be_the_whole_width() -> None:

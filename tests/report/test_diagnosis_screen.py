@@ -45,7 +45,7 @@ def test_every_cause_is_on_the_screen_with_size_and_share(found: po.Diagnosis) -
         assert f"{number}. {finding.cause.label}" in text
     (line,) = [row for row in text.splitlines() if row.startswith("1. cyclic error (joint1, 73.0/rev + 1 more)")]
     assert re.search(r"0\.1\d+ ± 0\.\d+ mrad RMS +0\.\d+ mm +\d+ %$", line)
-    assert "what turns or meshes 73.0 times per revolution of joint1: bearing, encoder" in " ".join(text.split())
+    assert "what comes 73.0 times per revolution of joint1: bolts of a flange" in " ".join(text.split())
 
 
 def test_each_line_is_drawn_over_its_own_phase_without_the_others(found: po.Diagnosis, tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_periods_of_several_joints_share_their_words(found: po.Diagnosis) -> Non
     several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", 20.8)))
     (text,) = _inspections(several, list(several.effects))
     assert text.startswith(
-        "what turns or meshes 17.2 times per revolution of joint1 and 20.8 times per revolution of joint2: bearing"
+        "what comes 17.2 times per revolution of joint1 and 20.8 times per revolution of joint2: bolts"
     )
 
 
@@ -147,7 +147,7 @@ def test_the_causes_stay_on_the_screen_whatever_the_rest_needs(found: po.Diagnos
     report = diagnosis_report(found)
     long = replace(report, lead=tuple(f"Sentence {i}." for i in range(60)))
     titles = [block.title for block in on_a_screen(long, 100, ()).blocks]
-    assert titles[0].startswith("Causes, the largest first")
+    assert titles[0].startswith("Causes, by what they explain")
     assert len(titles) == 2
 
 
@@ -156,5 +156,5 @@ def test_a_correction_that_no_arm_is_built_with_is_said_to_be_so(found: po.Diagn
     for size, told in ((1e-3, "as arms are built"), (12e-3, "more than arms are built with")):
         x = np.where([p.name == "joint2.theta" for p in found.model.residuals.parameters], size, 0.0 * found.model.x)
         text = inspection(replace(found, model=replace(found.model, x=x)), geometry)
-        assert f"largest correction: joint2.theta {size * 1e3:.0f}" in text
+        assert f"largest correction: zero of joint2 (joint2.theta), {size * 1e3:.0f}" in text
         assert told in text

@@ -32,6 +32,13 @@ _PHRASES = {
     "tool_frame": "the tool frame differs from the file",
     "geometry": "many geometric parameters differ from the file",
 }
+_NOUNS = {
+    "joint_offset": "zero of {target}",
+    "link_length": "length of the link behind {target}",
+    "link_offset": "offset along the axis of {target}",
+    "link_twist": "twist of the link behind {target}",
+    "axis_tilt": "tilt of the axis behind {target}",
+}
 _INSPECTIONS = {
     "joint_offset": "zero mark of {target}: was it mastered again, its motor or encoder changed, or its belt moved?",
     "link_length": "type and version of the arm in the file; the link behind {target}: exchanged, or bent",
@@ -40,7 +47,7 @@ _INSPECTIONS = {
     "axis_tilt": "flange and bearing seat behind {target}: a collision, dirt, or bolts tightened unevenly",
     "base_frame": "where the base is mounted, and how its frame was measured",
     "tool_frame": "mounting of tool and reflector, and the offsets that the file has of them",
-    "geometry": "type of the arm in the file; the maker's own calibration of this arm, if there is one",
+    "geometry": "type and version of the arm in the file; the maker's calibration of this arm in its controller",
 }
 
 
@@ -73,6 +80,11 @@ class GeometricDeviation(Cause):
     def of_all(cls) -> GeometricDeviation:
         """Many parameters together, none of which is prominent."""
         return cls("geometry", "all")
+
+    @property
+    def noun(self) -> str:
+        """The parameter in words: "twist of the link behind elbow"."""
+        return _NOUNS[self.kind].format(target=self.target)
 
     @property
     def single(self) -> bool:

@@ -16,6 +16,7 @@ from posture_opt.model.effects.base.cause import FittedSizes, Size, amplitude
 from posture_opt.model.effects.base.effect import Effect, Excitation
 from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.model.effects.base.multiples import cycles_error, cycles_text, harmonic_order
+from posture_opt.model.effects.base.rotating_parts import COMMON_RATIOS
 from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, number, plus_minus, shown
@@ -56,8 +57,8 @@ class CyclicError(Harmonic):
         "measure many values of {target} that lie on no regular grid, in postures that differ in all other joints"
     )
     inspection: ClassVar[str] = (
-        "what turns or meshes {cycles} times per revolution of {target}: bearing, encoder, gear stage, a belt if it "
-        "has one; {motor}"
+        "what comes {cycles} times per revolution of {target}: bolts of a flange, rollers, encoder periods, a gear "
+        "stage or belt; {motor}"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "gear_ripple": "measure many joint values that lie on no regular grid, and state 'gear_ratio'",
@@ -217,7 +218,10 @@ class CyclicError(Harmonic):
         for part in own.rotating_parts(robot):
             return f"{part.part} of {self.joint}: {part.words}"
         ratio = {joint.name: joint.gear_ratio for joint in robot.joints}.get(self.joint, math.nan)
-        motor = f"at {number(abs(ratio))}:1 not the motor" if math.isfinite(ratio) else "no motor at a usual ratio"
+        known = math.isfinite(ratio)
+        slowest = abs(ratio) if known else min(COMMON_RATIOS)
+        motor = "too slow for the motor" if own.cycles < slowest else "no whole number per turn of the motor"
+        motor += f" at {number(slowest)}:1" if known else " at usual ratios"
         return self.inspection.format(target=self.joint, cycles=cycles, motor=motor)
 
     @classmethod

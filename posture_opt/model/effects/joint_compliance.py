@@ -16,6 +16,11 @@ from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
+_WITHOUT_STIFFNESS = (
+    "{target}: state 'mass' and 'com' of every joint, then compare its stiffness with the maker's; if clearly softer: "
+    "bolts of the links, output bearing, gear"
+)
+
 
 class JointCompliance(GravityLoaded, JointEffect):
     """``dq = c τ(q, m)``, τ the torque of gravity from links and payload [N m], c in rad/(N m).
@@ -56,6 +61,12 @@ class JointCompliance(GravityLoaded, JointEffect):
     def less_likely(self) -> bool:
         """Never: joints are most of an arm's compliance."""
         return False
+
+    def inspect(self, robot: Robot) -> str:
+        """What to look at; without masses there is no stiffness to compare."""
+        if self.unstated_loads:
+            return _WITHOUT_STIFFNESS.format(target=self.target)
+        return super().inspect(robot)
 
     def acts(self, state: ArmState) -> bool:
         """Whether the axis of the joint leans against the vertical in some posture."""

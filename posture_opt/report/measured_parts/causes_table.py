@@ -5,10 +5,12 @@ from __future__ import annotations
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.model.effects import CyclicError
+from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Facts, Table
@@ -30,8 +32,10 @@ _BUILT_WITHIN = {"rad": 5e-3, "m": 5e-3}  # rad, m: geometry that is farther off
 _ALIKE_CYCLES = 0.05  # of the cycles of a line, by which those of other joints are the same
 _MAX_CAUSES = 12  # that a screen has room for
 _SIDES_OF_ORDER = (
-    "of approach are those of the move from the row before, as if it were straight: columns JOINT.approach state them"
+    "from which side each joint arrived is taken from the row before; if the arm went elsewhere in between, state it "
+    "in columns JOINT.approach"
 )
+_NORMAL = "gears and encoders in catalogues err as much: open nothing unless it grew; extended.yaml compensates for it"
 _TARGET = "{target}"  # in place of the joint in texts that are compared
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
 _DIFFERENT = 1.96  # standard errors
@@ -66,7 +70,7 @@ def _elsewhere(found: Diagnosis, finding: Finding) -> tuple[str, ...]:
     gain = None if found.test is None or finding.place is None else found.test.gains[finding.place]
     if gain is None:
         return ("",)
-    return (percent(gain.value) if gain.low > 0 else f"{percent(gain.value)}, not sure",)
+    return (f"{percent(gain.value)}{'' if gain.low > 0 else ', not sure' if gain.value > 0 else ', no gain'}",)
 
 
 def _largest_shift(found: Diagnosis, finding: Finding) -> str:
@@ -117,8 +121,11 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, known).items()]
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
     rows += _of_one_type(found, known)
-    if any("approach" in f.effect.needs for f in known if f.effect) and not found.request.data.approach_given:
-        rows.append(("Sides", _SIDES_OF_ORDER))
+    normal = [str(number_of(found, f)) for f in known if f.plausible and isinstance(f.cause, Harmonic)]
+    rows += [(f"Normal ({', '.join(normal)})", _NORMAL)] if normal else []
+    sided = [str(number_of(found, f)) for f in known if f.effect and "approach" in f.effect.needs]
+    if sided and not found.request.data.approach_given:
+        rows.append((f"Sides ({', '.join(sided)})", _SIDES_OF_ORDER))
     rows += [
         (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
     ]
@@ -139,9 +146,10 @@ def inspection(found: Diagnosis, finding: Finding) -> str:
     if not every:
         return text
     largest, x, std = max(every, key=lambda own: abs(own[1]) / _BUILT_WITHIN[own[0].unit])
-    size = f"largest correction: {largest.name} {plus_minus(x, std, *ERROR_UNITS[largest.unit])}"
+    noun = GeometricDeviation.of(largest).noun
+    size = f"largest correction: {noun} ({largest.name}), {plus_minus(x, std, *ERROR_UNITS[largest.unit])}"
     if abs(x) > _BUILT_WITHIN[largest.unit]:
-        return f"{text}; {size}, more than arms are built with: a link bent in a collision?"
+        return f"{text}; {size}, more than arms are built with: a link bent in a collision, or seated askew?"
     return f"{text}; {size}, as arms are built"
 
 

@@ -44,7 +44,11 @@ if TYPE_CHECKING:
 _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of measurements that discriminate them
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
-_ALONE = "At the tool: largest shift, or σ. RMS drop: lost without that cause alone; drops do not add up."
+_ALONE = (
+    "At the tool: largest shift, or σ. RMS drop: by how much the error is smaller than with all other causes alone, so "
+    "that drops do not add up."
+)
+_OPEN = "Open: seen, but of uncertain size."
 _MASSES = "Masses"  # what is said of a compliance where the file states none
 _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
@@ -86,10 +90,11 @@ def causes_block(found: Diagnosis) -> Block:
     if short:
         items += ["Lighter ones:", _lighter(found, short), *inspections(found, [f for f in short if f.determined])]
     figure = "diagnosis_curves" if effects else ""
-    alone = (_ALONE,) if len(found.effects) > 1 else ()
+    open_ = any(not f.determined or f.open_part is not None for f in found.effects)
+    alone = (f"{_ALONE} {_OPEN}" if open_ else _ALONE,) if len(found.effects) > 1 else ()
     brief: tuple[str | Facts | Table, ...] = (causes_table(found), *alone, *look_at(found))
-    open_ = ", open sizes" if not all(f.determined for f in found.effects) else ""
-    return Block(f"Causes, the largest first{open_}, geometry last", tuple(items), figure, brief, stays=True)
+    last = ", open sizes" if not all(f.determined for f in found.effects) else ""
+    return Block(f"Causes, by what they explain{last}, geometry last", tuple(items), figure, brief, stays=True)
 
 
 def _said_once(label: str, text: str, number: int, said: dict[str, int]) -> str:
@@ -133,7 +138,7 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
     if not finding.plausible:
         rows.append(("Would need", finding.would_need))
     if not finding.determined:
-        rows.append(("Open", "these data do not determine the size: its error is as large"))
+        rows.append(("Open", "these data do not determine the size: its uncertainty is as large"))
     if finding.open_part is not None:
         rows.append(("Open", f"these data do not determine its {line_words(finding.open_part.spectral_lines)}"))
     if finding.stated is not None and finding.determined:

@@ -98,7 +98,7 @@ def _pattern_words(found: Diagnosis) -> str:
     if not like_noise(found):
         return "The remaining errors are not random, and no known cause explains their pattern."
     rest, floor = found.errors["extended"].rms, noise_floor(found)
-    noise = f"{'measurement noise' if floor.repeated else 'the instrument as stated'} ({mm(floor.rms)} mm)"
+    noise = f"{'' if floor.repeated else 'the '}{floor.label} ({mm(floor.rms)} mm)"
     return (
         f"The remaining errors ({mm(rest)} mm RMS) are about as large as {noise}, but not random; no known cause "
         "explains their pattern."
@@ -218,7 +218,11 @@ def absorbed_block(found: Diagnosis) -> Block:
     if faint:
         items.append(f"Hardly identifiable, as geometry absorbs more than nine tenths of them: {_list(faint)}.")
     lacking = missing_inputs(found.model.residuals)
-    rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {hint}") for what, hint, kinds in lacking.values())
+    logged = [key for key in lacking if getattr(found.request.data, key, None) is not None]
+    rows = tuple(
+        (what.capitalize(), f"{_kinds(kinds)}; {'it hardly changed in these rows: ' * (key in logged)}{hint}")
+        for key, (what, hint, kinds) in lacking.items()
+    )
     if rows:
         items += ["Not searched for, as the files lack the inputs that they depend on:", Facts(rows)]
     if not items:

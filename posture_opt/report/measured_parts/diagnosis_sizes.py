@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -57,17 +57,19 @@ class NoiseFloor:
         repeated: whether repeats of postures show it; else it is that of the instrument as stated, and how far the
             arm itself scatters is not known.
         coordinate: σ of the instrument in one of the ``axes`` coordinates as stated [m], where that is the floor.
+        source: what has that σ.
     """
 
     rms: float
     repeated: bool
     coordinate: float = 0.0
     axes: int = 1
+    source: Literal["instrument", "touch"] = "instrument"
 
     @property
     def label(self) -> str:
         """Its name in tables and figures."""
-        return "measurement noise" if self.repeated else "instrument as stated"
+        return "measurement noise" if self.repeated else f"{self.source} as stated"
 
     @property
     def clause(self) -> str:
@@ -80,14 +82,14 @@ class NoiseFloor:
         if self.repeated:
             return "measurement noise alone"
         each = f" ({stated_length(self.coordinate)} in each of {self.axes} coordinates)" if self.axes > 1 else ""
-        return f"the instrument as stated{each}"
+        return f"the {self.source} as stated{each}"
 
     @property
     def sentence(self) -> str:
         """Where it is known from, without the full stop."""
         if self.repeated:
             return "Measurement noise is the scatter of repeated postures"
-        return "No posture was repeated often enough to tell the scatter; the instrument is as stated"
+        return f"No posture was repeated often enough to tell the scatter; the {self.source} is as stated"
 
 
 def noise_floor(found: Diagnosis) -> NoiseFloor:
@@ -102,7 +104,8 @@ def noise_floor(found: Diagnosis) -> NoiseFloor:
         differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
         return NoiseFloor(rms_length(differences), True)
     sigma, axes = position_sigma(found.problem, residuals.data), e.shape[1]
-    return NoiseFloor(sigma * float(np.sqrt(axes)), False, sigma, axes)
+    source: Literal["instrument", "touch"] = "touch" if residuals.data.touches else "instrument"
+    return NoiseFloor(sigma * float(np.sqrt(axes)), False, sigma, axes, source)
 
 
 def held_out_noise(found: Diagnosis, floor: NoiseFloor) -> float:

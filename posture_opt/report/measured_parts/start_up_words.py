@@ -1,13 +1,15 @@
-"""What a report says of first rows that are farther off than the rest."""
+"""What a report says of rows that are farther off than those before or behind them."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from posture_opt.errors import enumerated
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.words import p_words
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.scatter_change import ScatterChange
     from posture_opt.calibration.start_up import StartUp
 
 
@@ -20,4 +22,16 @@ def start_up_lead(found: StartUp | None) -> tuple[str, ...]:
         f"The first {found.rows} rows{taken} are off by {mm(found.rms)} mm RMS, all others by {mm(found.rest)} mm "
         f"({p_words(found.p_value)}), as while an arm or an instrument warms up: warm up before measuring, or leave "
         "these rows out.",
+    )
+
+
+def scatter_change_lead(found: ScatterChange | None) -> tuple[str, ...]:
+    """From which line on errors are of another size, and what to look at; nothing where they are not."""
+    if found is None:
+        return ()
+    verb = "is" if len(found.points) == 1 else "are"
+    touched = f", where {enumerated(found.points)} {verb} touched," if found.points else ""
+    return (
+        f"From line {found.line} on{touched} the rows are off by {mm(found.after)} mm RMS, before by "
+        f"{mm(found.before)} mm ({p_words(found.p_value)}): was something moved, loosened or changed there?",
     )

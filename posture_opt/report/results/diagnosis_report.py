@@ -47,14 +47,14 @@ from posture_opt.report.measured_parts.diagnosis_sizes import (
 from posture_opt.report.measured_parts.error_table import instrument_words, mm, rows_words
 from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead, sure_gain_lead
 from posture_opt.report.measured_parts.large_file_words import large_file_facts
-from posture_opt.report.measured_parts.start_up_words import start_up_lead
+from posture_opt.report.measured_parts.start_up_words import scatter_change_lead, start_up_lead
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_lead
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
-from posture_opt.report.text.units_text import count, listed_lines
+from posture_opt.report.text.units_text import count, listed_lines, percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -126,7 +126,8 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         first,
         _improvement(found),
         *unexplained_lead(found),
-        *start_up_lead(found.start_up),
+        *outliers_lead(found),
+        *(start_up_lead(found.start_up) or scatter_change_lead(found.scatter_change)),
         *delivery_lead(found),
         *elsewhere_lead(found),
         *comparison_lead(comparison),
@@ -151,7 +152,9 @@ def _named(found: Diagnosis, finding: Finding) -> str:
 def _vague(found: Diagnosis, findings: list[Finding]) -> str:
     """Causes whose size the data do not determine."""
     if len(findings) > _NAMED_OF_MANY:
-        return f"{len(findings)} more causes are of a size that these data do not determine."
+        first = max(findings, key=lambda f: f.gain)
+        words = f"{finding_words(first, found.problem)} (RMS drop {percent(first.gain)})"
+        return f"Of a size that these data do not determine: {words} and {len(findings) - 1} more causes."
     names = "; ".join(finding_words(f, found.problem) for f in findings)
     return f"Of a size that these data do not determine: {names}."
 
@@ -168,6 +171,12 @@ def _improvement(found: Diagnosis) -> str:
         return f"{text}."
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
     return f"{text}; {floor.clause}{every}."
+
+
+def outliers_lead(found: Diagnosis) -> tuple[str, ...]:
+    """Which rows are left out as outliers; nothing without any."""
+    lines = found.calibration.lines
+    return (f"Left out as outliers: {listed_lines(lines)}.",) if lines else ()
 
 
 def _rest(found: Diagnosis) -> str:

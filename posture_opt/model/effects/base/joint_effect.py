@@ -16,6 +16,7 @@ from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, am
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart, rotating_parts
+from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, fixed, shown
 
@@ -26,6 +27,8 @@ _LARGEST_AMPLITUDE = 3e-3
 where they are worn or badly aligned."""
 _DISC_CYCLES = 2.0
 """Cycles per revolution of what is off its centre, or oval or tilted."""
+_WHOLE_CYCLE_SHARE = 0.75
+"""Share of a cycle that a joint has to be moved over for the error to look like no other."""
 _WHOLE_CYCLES = 1e-9
 """By how much a number of cycles per revolution may differ from a whole one: rounding."""
 
@@ -127,6 +130,18 @@ class Harmonic(JointEffect):
         """Parts of the joint that turn as often as a line repeats, by the gear ratio of the file or a common one."""
         ratios = {joint.name: joint.gear_ratio for joint in robot.joints}
         return rotating_parts(self.frequencies, ratios.get(self.joint, math.nan))
+
+    def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
+        """What to look at, first of all the rest of its cycle where the joint was moved over a part of it only."""
+        cycle = TURN / self.frequency
+        text = self.inspect(robot)
+        if not 0 < estimate.span < _WHOLE_CYCLE_SHARE * cycle:
+            return text
+        moved, whole = (f"{math.degrees(angle):.0f}" for angle in (estimate.span, cycle))
+        return (
+            f"{self.joint} over a whole cycle before opening it: it was moved over {moved} of {whole} deg, where sag, "
+            f"scale and offset look alike; then {text}"
+        )
 
     @property
     def valid_between(self) -> tuple[float, float] | None:
