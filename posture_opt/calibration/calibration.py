@@ -171,6 +171,17 @@ class Calibration(Result):
         return fit_with_effects(residuals, fit.x, fit.directions, effects, fit.prior, fit.weight)
 
     @property
+    def outliers_at_ends(self) -> int:
+        """How many outliers follow each other, in the order of measuring, from the first row on or to the last.
+
+        Gross errors of an instrument do not: what was moved then does.
+        """
+        data, kept = self.request.data, self.fit.kept
+        order = np.arange(len(kept)) if data.time is None else np.argsort(data.time, kind="stable")
+        inside = np.flatnonzero(kept[order])
+        return len(kept) - 1 - int(inside[-1] - inside[0])
+
+    @property
     def kept_rows(self) -> Codes:
         """(M,) rows that are no outliers."""
         return np.flatnonzero(self.fit.kept)

@@ -94,3 +94,14 @@ def test_a_slip_of_the_tool_shifts_and_turns_it_about_the_flange() -> None:
     lever = np.array([f.value for f in case.arm.tool[:3]])
     shift = np.array([1e-4, -2e-4, 3e-4]) + np.cross([1e-4, 2e-4, -3e-4], lever)
     np.testing.assert_allclose(before[:3, :3].T @ (after[:3, 3] - before[:3, 3]), shift, atol=1e-7)
+
+
+def test_outliers_that_follow_each_other_to_the_end_are_asked_about() -> None:
+    """Six rows are too few for a step to be named, and too many for an instrument that failed."""
+    case = SimulatedSession(103, "kr16")
+    points = case.points()
+    points[-6:] += vector(case, 2e-3)
+    found = case.diagnosis(case.table(points), free=True)
+    assert found.calibration.outliers_at_ends == 6
+    text = " ".join(found.report(full=False).split())
+    assert "6 of them follow each other at an end of the session: was a tool, base or instrument moved?" in text

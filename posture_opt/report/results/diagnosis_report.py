@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.comparison.comparison import Comparison
 
 _MAX_NAMED_CAUSES = 3
+_LONG_RUN = 4  # outliers that follow each other, which instruments do not make
 _NAMED_OF_MANY = 2  # causes of the first sentence where there are more than it can name
 _NUMBER_WORDS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
@@ -175,8 +176,14 @@ def _improvement(found: Diagnosis) -> str:
 
 def outliers_lead(found: Diagnosis) -> tuple[str, ...]:
     """Which rows are left out as outliers; nothing without any."""
-    lines = found.calibration.lines
-    return (f"Left out as outliers: {listed_lines(lines)}.",) if lines else ()
+    calibration = found.calibration
+    if not calibration.lines:
+        return ()
+    run = calibration.outliers_at_ends
+    text = f"Left out as outliers: {listed_lines(calibration.lines)}"
+    if run < _LONG_RUN:
+        return (f"{text}.",)
+    return (f"{text}; {run} of them follow each other at an end of the session: was a tool, base or instrument moved?",)
 
 
 def _rest(found: Diagnosis) -> str:
