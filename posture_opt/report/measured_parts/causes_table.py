@@ -142,7 +142,8 @@ def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, .
 def inspection(found: Diagnosis, finding: Finding) -> str:
     """What to look at for one cause; of the geometry also the correction that is hardest to build."""
     text = finding.inspect(found.problem.robot)
-    every = determined_geometry(found) if finding.kind == "geometry" else []
+    known = determined_geometry(found) if finding.kind == "geometry" else []
+    every = [(p, x, std) for p, x, std in known if abs(x) > _DIFFERENT * std]
     if not every:
         return text
     largest, x, std = max(every, key=lambda own: abs(own[1]) / _BUILT_WITHIN[own[0].unit])

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.selection.comparison.comparison import Comparison
 
+_WORSE = " These rows are predicted worse than before: measure more postures before anything of this is believed."
 _MAX_NAMED_CAUSES = 3
 _LONG_RUN = 4  # outliers that follow each other, which instruments do not make
 _NAMED_OF_MANY = 2  # causes of the first sentence where there are more than it can name
@@ -168,10 +169,11 @@ def _improvement(found: Diagnosis) -> str:
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
     floor = noise_floor(found)
+    worse = _WORSE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:
-        return f"{text}."
+        return f"{text}.{worse}"
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
-    return f"{text}; {floor.clause}{every}."
+    return f"{text}; {floor.clause}{every}.{worse}"
 
 
 def outliers_lead(found: Diagnosis) -> tuple[str, ...]:
