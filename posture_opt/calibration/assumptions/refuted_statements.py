@@ -40,6 +40,7 @@ _MIN_DEVIATING_PARAMETERS = 2  # so many of them: one alone is more likely wrong
 _CLEAR_STD_ERRORS = 5.0  # standard errors that each of them is off
 _DETERMINED_STRENGTH = 2.0  # σ of the data that a tolerance moves: more than a prior does
 _LEAST_OF_UNSTATED = 0.01  # of the σ taken where none is stated: 1 µm, as of the best trackers
+_CONTRADICTING_SIGMAS = 2.0  # of its stated σ that a parameter is off at the least
 _SPARE_RESIDUALS = 6  # residuals beyond the unknowns: with fewer, anything would fit
 _MAX_EFFECT_ROWS = 400  # that decide whether an effect explains as much
 
@@ -164,6 +165,8 @@ def consistent_problem(
     others = {name: stated.trial([n for n in found.released if n != name]) for name in found.released}
     others |= {} if coupling is None else {coupling.kind: before.trial(found.released)}
     gains = {name: 1 - found.predicted_rms / max(other.predicted_rms, 1e-300) for name, other in others.items()}
+    if not any(gain > 0 for gain in gains.values()):  # a likelihood that gross rows alone raise predicts nothing
+        return problem, Refuted()
     return _released_problem(stated.problem, found.released), Refuted(
         found.released, stated.sigma, evidence, max(more, 1), first.rms, found.rms, coupling, gains
     )
@@ -392,7 +395,8 @@ class _Statements(Generic[_P]):
             widest = best  # what is taken back one by one must not add up to a loss
             for name in widest.released:
                 less = self.trial([n for n in best.released if n != name])
-                best = best if self._clearly_better(less, widest) else less
+                needed = self._contradicted(widest, name) and self._clearly_better(less, widest)
+                best = best if needed else less
             if len(best.released) <= len(now.released):
                 return now
             now = best
@@ -436,6 +440,11 @@ class _Statements(Generic[_P]):
         # Where all are wrong, the others make up for one that is set aside: it explains little by itself.
         together = [tuple(names) for names in (*kinds.values(), every) if len(names) > 1]
         return [*found, *dict.fromkeys(together)]
+
+    def _contradicted(self, now: _Trial, name: str) -> bool:
+        """Whether an estimate lies outside what is stated of it: a frame, or a σ that it exceeds."""
+        at = {p.name: i for i, p in enumerate(now.residuals.parameters)}
+        return name in self._frames or self._sigmas_off(now, at[name]) > _CONTRADICTING_SIGMAS
 
     def _sigmas_off(self, now: _Trial, i: int) -> float:
         """How many of its stated σ's a parameter is off where the others share what it cannot take."""
