@@ -25,8 +25,8 @@ _DISAGREEING_MOTION = (
 )
 _MET_EXACTLY = 1e-14  # of the reach: rounding; no readings are met so closely
 _STANDS_STILL = 0.01  # of the nominal motion of the tool point: no tool is held that close to where nothing moves it
-_AT_REST = "holds its tool point where no joint moves it"
-_MORE_THAN_REST = "state tool and base, add a known length, or measure where more joints move"
+_STATIONARY_POINT_WORDS = "holds its tool point where no joint moves it"
+_STATIONARY_POINT_HINT = "state tool and base, add a known length, or measure where more joints move"
 _PLAN_HINT = "'optimize-posture plan-measurements' proposes postures"
 
 
@@ -227,10 +227,10 @@ def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None 
     touched, file = residuals.data.position is None, residuals.data.file
     if touched and _stands_still(residuals, x):
         message = (
-            f"the arm that fits these rows best {_AT_REST}, and so meets planes, bars and points anywhere: the rows "
-            "say nothing of the arm"
+            f"the arm that fits these rows best {_STATIONARY_POINT_WORDS}, and so meets planes, bars and points "
+            "anywhere: the rows say nothing of the arm"
         )
-        raise InsufficientDataError(Issue(message, hint=_MORE_THAN_REST, file=file))
+        raise InsufficientDataError(Issue(message, hint=_STATIONARY_POINT_HINT, file=file))
     if touched and left < _MET_EXACTLY * reach(residuals.robot):
         message = "these rows are met exactly, to the last digit: they hold no reading that the arm could miss"
         hint = "touch each point, plane or length from several postures"
@@ -246,6 +246,6 @@ def check_sense(residuals: Residuals, x: Array, errors: Array, held: int | None 
     hint = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
     # Which of both ends a fit arrives at is a matter of rounding: one that misses is no proof against these rows.
     if touched and _rest_meets(residuals, held):
-        message += f"; an arm that {_AT_REST} would meet them: the rows say nothing of the arm"
-        raise InsufficientDataError(Issue(message, hint=f"{hint} If so: {_MORE_THAN_REST}", file=file))
+        message += f"; an arm that {_STATIONARY_POINT_WORDS} would meet them: the rows say nothing of the arm"
+        raise InsufficientDataError(Issue(message, hint=f"{hint} If so: {_STATIONARY_POINT_HINT}", file=file))
     raise InputError(Issue(message, hint=hint, file=file))

@@ -173,7 +173,7 @@ class Robot:
     def most_payload(self) -> float:
         """The largest payload that can be meant [kg]: three times the mass of the arm, 3 t where that is not known.
 
-        No industrial arm is rated for its own mass, and none for 3 t (FANUC M-2000iA/2300, data sheet: 2.3 t of 11 t).
+        No industrial arm is rated for its own mass, and none for 3 t (FANUC M-2000iA/2300: 2.3 t at 11 t, unverified).
         """
         mass = sum(joint.mass for joint in self.joints)
         return _MOST_PAYLOAD_SHARE * mass if mass > 0 else _MOST_PAYLOAD_KG

@@ -33,9 +33,9 @@ _MIN_JOINT_VALUES = 10
 """Different values of a joint; fewer are met by some line of thousands whatever the errors are."""
 _ALIAS_WINDOW = 0.9
 """Value of the spectral window from which two lines have columns that are alike in all but rounding."""
-_SHOWN_CYCLES_ERROR = 0.05
+_MIN_STATED_CYCLES_ERROR = 0.05
 """Standard error of cycles per revolution from which on it is said: smaller ones change nothing that is looked at."""
-_LEAST_PERIODS = 1.5
+_MIN_PERIODS = 1.5
 """Periods within the range of a joint from which on an error has a frequency; fewer are a curve."""
 _SLOW_INSPECTION = "{target} over its whole range: encoder or gear off centre, a bent shaft, cables and hoses that pull"
 _MAX_LISTED_LINES = 3
@@ -151,7 +151,7 @@ class CyclicError(Harmonic):
     def worded(self, estimate: FittedSizes) -> str:
         """The cause in one clause; of several lines their number and the largest that has a frequency of its own.
 
-        What has fewer than `_LEAST_PERIODS` within the range of the joint is a curve, whatever its line.
+        What has fewer than `_MIN_PERIODS` within the range of the joint is a curve, whatever its line.
         """
         sharp = self.sharp(estimate.span)
         slow = f"{self.joint} has a slow error over its range"
@@ -165,7 +165,7 @@ class CyclicError(Harmonic):
 
     def sharp(self, span: float) -> tuple[int, ...]:
         """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
-        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= _LEAST_PERIODS)
+        return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= _MIN_PERIODS)
 
     def _cycles_known(self, line: int, estimate: FittedSizes) -> str:
         """Cycles per revolution of a line with their standard error, where that is known.
@@ -177,7 +177,7 @@ class CyclicError(Harmonic):
         if span > 0:
             beside = any(0 < abs(k - cycles) < TURN / span for k in self.lines)
             error = max(cycles_error(self._amplitudes(estimate)[line], span), TURN / span / 2 if beside else 0.0)
-        if not error > _SHOWN_CYCLES_ERROR:
+        if not error > _MIN_STATED_CYCLES_ERROR:
             return cycles_text(cycles)
         digits = max(-math.floor(math.log10(error)), 0)
         return f"{cycles:.{digits}f} ± {error:.{digits}f}"

@@ -15,7 +15,7 @@ from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, ov
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.units import Time, plus_minus, shown
 
-_SETTLED = 3.0  # time constants after which 5 % are left
+_SETTLING_TIME_CONSTANTS = 3.0  # time constants after which 5 % are left
 _CONSTANT_SHARES = (0.03, 0.06, 0.12, 0.25, 0.5)
 """Time constants that are tried, of the duration; slower than half of it an exponential is a line."""
 
@@ -77,7 +77,7 @@ class Drift(Effect):
         what = (
             "the first rows are off, and the measured point settles"
             if self.course == "settling"
-            else ("the measured point drifts, and settles")
+            else "the measured point drifts, and settles"
         )
         return f"{what} within {_settling(estimate)}"
 
@@ -120,7 +120,7 @@ class Drift(Effect):
 
 def _settling(estimate: FittedSizes) -> str:
     """The time, or the rows, after which 5 % of a drift are left."""
-    value, error = (_SETTLED * part for part in estimate.entry("constant"))
+    value, error = (_SETTLING_TIME_CONSTANTS * part for part in estimate.entry("constant"))
     return shown(value, "time", error) if estimate.timed else plus_minus(value, error, 1.0, "rows")
 
 

@@ -16,7 +16,7 @@ from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
-_WITHOUT_STIFFNESS = (
+_UNKNOWN_LOADS_INSPECTION = (
     "{target}: state 'mass' and 'com' of every joint, then compare its stiffness with the maker's; if clearly softer: "
     "bolts of the links, output bearing, gear"
 )
@@ -65,7 +65,7 @@ class JointCompliance(GravityLoaded, JointEffect):
     def inspect(self, robot: Robot) -> str:
         """What to look at; without masses there is no stiffness to compare."""
         if self.unstated_loads:
-            return _WITHOUT_STIFFNESS.format(target=self.target)
+            return _UNKNOWN_LOADS_INSPECTION.format(target=self.target)
         return super().inspect(robot)
 
     def acts(self, state: ArmState) -> bool:

@@ -22,20 +22,24 @@ if TYPE_CHECKING:
 
     from posture_opt.calibration.estimation.parameters import Parameter
     from posture_opt.diagnosis.causes.causes import Finding
+    from posture_opt.diagnosis.causes.sessions import Gain
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.model.effects import Cause
 
 FILE = "split_measurements.csv"
 """The table of measurements that discriminate between causes."""
 _MAX_INSPECTED = 4  # lines on the parts of causes on a screen
-_BUILT_WITHIN = {"rad": 5e-3, "m": 5e-3}  # rad, m: geometry that is farther off was hardly built so
-_ALIKE_CYCLES = 0.05  # of the cycles of a line, by which those of other joints are the same
+_MANUFACTURING_TOLERANCES = {"rad": 5e-3, "m": 5e-3}  # rad, m, of new arms; a choice of taste
+_EQUAL_CYCLES_TOLERANCE = 0.05  # of the cycles of a line, by which those of other joints are the same
 _MAX_CAUSES = 12  # that a screen has room for
-_SIDES_OF_ORDER = (
+_DERIVED_SIDES_NOTE = (
     "from which side each joint arrived is taken from the row before; if the arm went elsewhere in between, state it "
     "in columns JOINT.approach"
 )
-_NORMAL = "gears and encoders in catalogues err as much: open nothing unless it grew; extended.yaml compensates for it"
+_CATALOGUE_SIZE_NOTE = (
+    "gears and encoders in catalogues err as much: open nothing unless it grew; extended.yaml compensates for it"
+)
+_HOLDS = "holds"
 _TARGET = "{target}"  # in place of the joint in texts that are compared
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
 _DIFFERENT = 1.96  # standard errors
@@ -67,10 +71,18 @@ def _elsewhere(found: Diagnosis, finding: Finding) -> tuple[str, ...]:
     """The share that a cause removes on the test file, and that it is not significant there."""
     if not _elsewhere_header(found):
         return ()
-    gain = None if found.test is None or finding.place is None else found.test.gains[finding.place]
-    if gain is None:
+    if found.test is None or finding.place is None:
         return ("",)
-    return (f"{percent(gain.value)}{'' if gain.low > 0 else ', not sure' if gain.value > 0 else ', no gain'}",)
+    gain, verdict = gain_elsewhere(found.test.gains[finding.place])
+    return (gain if verdict == _HOLDS else f"{gain}, {verdict}",)
+
+
+def gain_elsewhere(gain: Gain | None) -> tuple[str, str]:
+    """What an effect brings on the other file, and whether that can be sure."""
+    if gain is None:
+        return "not tested", "left out"
+    sure = "not significant" if gain.value > 0 else "no gain"
+    return percent(gain.value), _HOLDS if gain.low > 0 else sure
 
 
 def _largest_shift(found: Diagnosis, finding: Finding) -> str:
@@ -122,10 +134,10 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
     rows += _of_one_type(found, known)
     normal = [str(number_of(found, f)) for f in known if f.plausible and isinstance(f.cause, Harmonic)]
-    rows += [(f"Normal ({', '.join(normal)})", _NORMAL)] if normal else []
+    rows += [(f"Normal ({', '.join(normal)})", _CATALOGUE_SIZE_NOTE)] if normal else []
     sided = [str(number_of(found, f)) for f in known if f.effect and "approach" in f.effect.needs]
     if sided and not found.request.data.approach_given:
-        rows.append((f"Sides ({', '.join(sided)})", _SIDES_OF_ORDER))
+        rows.append((f"Sides ({', '.join(sided)})", _DERIVED_SIDES_NOTE))
     rows += [
         (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
     ]
@@ -146,10 +158,10 @@ def inspection(found: Diagnosis, finding: Finding) -> str:
     every = [(p, x, std) for p, x, std in known if abs(x) > _DIFFERENT * std]
     if not every:
         return text
-    largest, x, std = max(every, key=lambda own: abs(own[1]) / _BUILT_WITHIN[own[0].unit])
+    largest, x, std = max(every, key=lambda own: abs(own[1]) / _MANUFACTURING_TOLERANCES[own[0].unit])
     noun = GeometricDeviation.of(largest).noun
     size = f"largest correction: {noun} ({largest.name}), {plus_minus(x, std, *ERROR_UNITS[largest.unit])}"
-    if abs(x) > _BUILT_WITHIN[largest.unit]:
+    if abs(x) > _MANUFACTURING_TOLERANCES[largest.unit]:
         return f"{text}; {size}, more than arms are built with: a link bent in a collision, or seated askew?"
     return f"{text}; {size}, as arms are built"
 
@@ -162,7 +174,7 @@ def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[st
         sharp = error.sharp(finding.sizes.span) if isinstance(error, CyclicError) else ()
         if isinstance(error, CyclicError) and sharp:
             cycles = error.lines[sharp[0]]
-            near = next((k for k in first if abs(k - cycles) < _ALIKE_CYCLES * k), cycles)
+            near = next((k for k in first if abs(k - cycles) < _EQUAL_CYCLES_TOLERANCE * k), cycles)
             first.setdefault(near, []).append(finding)
     return [
         (

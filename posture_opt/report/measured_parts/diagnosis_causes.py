@@ -48,7 +48,7 @@ _ALONE = (
     "At the tool: largest shift, or σ. RMS drop: by how much the error is smaller than with all other causes alone, so "
     "that drops do not add up."
 )
-_OPEN = "Open: seen, but of uncertain size."
+_OPEN_SIZE_NOTE = "Open: seen, but of uncertain size."
 _MASSES = "Masses"  # what is said of a compliance where the file states none
 _MAX_GEOMETRY = 5  # geometric parameters that are farthest off, for their errors
 
@@ -91,7 +91,7 @@ def causes_block(found: Diagnosis) -> Block:
         items += ["Lighter ones:", _lighter(found, short), *inspections(found, [f for f in short if f.determined])]
     figure = "diagnosis_curves" if effects else ""
     open_ = any(not f.determined or f.open_part is not None for f in found.effects)
-    alone = (f"{_ALONE} {_OPEN}" if open_ else _ALONE,) if len(found.effects) > 1 else ()
+    alone = (f"{_ALONE} {_OPEN_SIZE_NOTE}" if open_ else _ALONE,) if len(found.effects) > 1 else ()
     brief: tuple[str | Facts | Table, ...] = (causes_table(found), *alone, *look_at(found))
     last = ", open sizes" if not all(f.determined for f in found.effects) else ""
     return Block(f"Causes, by what they explain{last}, geometry last", tuple(items), figure, brief, stays=True)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.report.measured_parts.causes_table import gain_elsewhere
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     MODELS,
     NoiseFloor,
@@ -27,10 +28,9 @@ from posture_opt.report.text.units_text import count, listed_lines, percent
 from posture_opt.report.text.words import MODEL_NAMES
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.causes.sessions import Gain
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
-_LEAST_COVERED = 0.9
+_MIN_COVERAGE = 0.9
 """Share of rows in their 95 % regions below which it is said that these are too small."""
 _CHOSEN = "Effects were selected and fitted anew in each round, from the other rows alone."
 
@@ -55,7 +55,7 @@ def errors_block(found: Diagnosis) -> Block:
         texts.append(_gain_text(found))
     texts.append(delivered_words(found))
     inside = float(found.held[next(reversed(models_of(found)))].inside.mean())
-    if inside < _LEAST_COVERED:
+    if inside < _MIN_COVERAGE:
         texts.append(
             f"Of the rows left out {percent(inside)} lie in their 95 % regions: these lack what is unexplained."
         )
@@ -210,16 +210,8 @@ def test_block(found: Diagnosis) -> Block:
         odd.append(
             "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
         )
-    rows = [(f.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in fitted_effects(found)]
+    rows = [(f.label, percent(f.gain), *gain_elsewhere(test.gains[place])) for place, f in fitted_effects(found)]
     effects = [Table(("effect", "gain here", "on the test file", "verdict"), tuple(rows))] if rows else []
     items = (file_words(test.file), table, *range_items(test.file, models), *odd, *effects)
     # The lead has the RMS errors, and the table of causes what each brings.
     return Block("On the test file", items, brief=tuple(odd) if effects else None)
-
-
-def _elsewhere(gain: Gain | None) -> tuple[str, str]:
-    """What an effect brings on the other file, and whether that can be sure."""
-    if gain is None:
-        return "not tested", "left out"
-    sure = "not significant" if gain.value > 0 else "no gain"
-    return percent(gain.value), "holds" if gain.low > 0 else sure

@@ -62,9 +62,11 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.selection.comparison.comparison import Comparison
 
-_WORSE = " These rows are predicted worse than before: measure more postures before anything of this is believed."
+_WORSE_THAN_NOMINAL_NOTE = (
+    " These rows are predicted worse than before: measure more postures before anything of this is believed."
+)
 _MAX_NAMED_CAUSES = 3
-_LONG_RUN = 4  # outliers that follow each other, which instruments do not make
+_MIN_OUTLIER_RUN = 4  # outliers that follow each other, which instruments do not make
 _NAMED_OF_MANY = 2  # causes of the first sentence where there are more than it can name
 _NUMBER_WORDS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
@@ -169,7 +171,7 @@ def _improvement(found: Diagnosis) -> str:
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
     floor = noise_floor(found)
-    worse = _WORSE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
+    worse = _WORSE_THAN_NOMINAL_NOTE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:
         return f"{text}.{worse}"
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
@@ -183,7 +185,7 @@ def outliers_lead(found: Diagnosis) -> tuple[str, ...]:
         return ()
     run = calibration.outliers_at_ends
     text = f"Left out as outliers: {listed_lines(calibration.lines)}"
-    if run < _LONG_RUN:
+    if run < _MIN_OUTLIER_RUN:
         return (f"{text}.",)
     return (f"{text}; {run} of them follow each other at an end of the session: was a tool, base or instrument moved?",)
 
