@@ -42,8 +42,8 @@ from posture_opt.diagnosis.search.linearised_data import (
     linearise_calibration,
     tool_points,
 )
-from posture_opt.diagnosis.search.nested_selection import Folding
-from posture_opt.diagnosis.search.outlier_reinclusion import reinclude_outliers
+from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
+from posture_opt.diagnosis.search.outlier_reinclusion import explains_outliers, reinclude_outliers
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SEARCHED
@@ -88,6 +88,11 @@ class _Explained:
     def names(self) -> SearchResult:
         """The search among candidates with names, where unnamed ones had to be taken."""
         return self.search.names or self.search
+
+    @cached_property
+    def nested(self) -> NestedSelection:
+        """What each fold chose among them."""
+        return self.names.nested.each[0].with_moments_of(self.model.effects)
 
     @property
     def adequacy_p_value(self) -> float:
@@ -276,7 +281,7 @@ def _held_out_errors(found: _Explained) -> _HeldOut:
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     shape = noise_shape(model, found.noise)
     if model.effects:
-        held["extended"] = found.names.nested.each[0].held_out(found.geometry, found.names.size, shape)
+        held["extended"] = found.nested.held_out(found.geometry, found.names.size, shape)
     else:
         held["extended"] = replace(held_out(model, parts, shape=shape), errors=held["calibrated"].errors)
     return _HeldOut(held, groups, parts)
@@ -314,7 +319,7 @@ def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
 
     Its errors are of effects chosen anew in each fold, too, without those that are not delivered.
     """
-    nested, size = found.names.nested.each[0], found.names.size
+    nested, size = found.nested, found.names.size
 
     def judge(fit: Fit, gone: Sequence[Effect]) -> HeldOut:
         rest = nested.without(lambda e: not outlasts_session(e, with_time) or nearer_to(e, gone, fit.effects))
@@ -420,8 +425,11 @@ def _search_effects(
     wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) == len(calibration.outliers):
         return calibration, linearised, found
-    linearised = linearise_calibration(wider, draws, seed)
-    return wider, linearised, search_effects(linearised, _selection_folds(wider))
+    all_linearised = linearise_calibration(wider, draws, seed)
+    among_all = search_effects(all_linearised, _selection_folds(wider))
+    if not explains_outliers(calibration, among_all):
+        return calibration, linearised, found
+    return wider, all_linearised, among_all
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:

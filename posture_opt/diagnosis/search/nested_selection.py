@@ -97,6 +97,30 @@ class NestedSelection:
         sets = tuple(tuple(tuple(e for e in own if not gone(e)) for own in fold) for fold in self.sets)
         return replace(self, sets=sets)
 
+    def with_moments_of(self, effects: Sequence[Effect]) -> NestedSelection:
+        """The same choices, each step at the moment of one of ``effects`` where the fold cannot tell them apart.
+
+        What a fold learned from does not say on which side of a step the rows are that it left out between its own two.
+        An arm cannot be wrong about that.
+        """
+        steps = [e for e in effects if e.shape and not e.smooth_shape]
+        if not steps:
+            return self
+        columns, block = self.linearised.sensitivities.columns, self.linearised.sensitivities.residuals.block
+
+        def moved(own: Effect, learned: Codes) -> Effect:
+            for other in (e for e in steps if e.kind == own.kind):
+                there = own.model_copy(update={name: getattr(other, name) for name in own.shape})
+                if np.array_equal(columns(own)[learned], columns(there)[learned]):
+                    return there
+            return own
+
+        sets = []
+        for left_out, fold in zip(self.folds, self.sets, strict=True):
+            learned = residual_indices(np.setdiff1d(np.arange(len(self.groups)), left_out), block)
+            sets.append(tuple(tuple(moved(e, learned) for e in own) for own in fold))
+        return replace(self, sets=tuple(sets))
+
     def held_out(self, calibrated: Fit, size: int, shape: Array | None = None) -> HeldOut:
         """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from.
 

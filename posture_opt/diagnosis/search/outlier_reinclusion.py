@@ -8,11 +8,12 @@ import numpy as np
 
 from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.estimation.least_squares import find_outliers
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import Effect
+from posture_opt.model.effects.slip import Slip, well_covered
 from posture_opt.numerics import Array, Mask
 
 _MAX_OUTLIER_ROUNDS = 8
@@ -20,11 +21,12 @@ _MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its
 
 
 def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibration:
-    """The calibration without those outliers that what was found, or a rival of it, explains.
+    """The calibration without those outliers that what was found, a rival of it, or a slip beside it explains.
 
     A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
     yet they say most about it. All rows are judged anew given geometry and effects, as the calibration judges them
-    given its geometry, and by whichever explanation leaves the fewest.
+    given its geometry, and by whichever explanation leaves the fewest. No search among the other rows finds a slip
+    behind which all are left out: where outliers follow each other at an end of the session, slips are tried there.
 
     Args:
         calibration: with its outliers; found: what explains the other rows.
@@ -32,28 +34,60 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
     Returns:
         The same estimate with more rows that count, or the calibration itself.
     """
-    effects = [s for s in found.chosen if isinstance(s.what, Effect)]
-    if not calibration.outliers or not effects:
+    if not calibration.outliers:
         return calibration
+    chosen = _effects(found.chosen)
+    left = _left_out(calibration, [*_effect_sets(found), *([*chosen, slip] for slip in _slips_at_ends(calibration))])
+    return recount_rows(calibration, ~left) if left.sum() < len(calibration.outliers) else calibration
+
+
+def explains_outliers(calibration: Calibration, found: SearchResult) -> bool:
+    """Whether what was found among all rows explains some that this calibration leaves out."""
+    return bool(_left_out(calibration, [*_effect_sets(found)]).sum() < len(calibration.outliers))
+
+
+def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]) -> Mask:
+    """(N,) outliers that stay so given the one of the explanations that leaves the fewest; empty ones do not count."""
     tangents = EffectSensitivities(calibration.residuals, calibration.x)
     r, J = tangents.residuals.residuals_and_jacobian(calibration.x)
     m = tangents.residuals.measured
     r, G = r[:m], J[:m] @ calibration.identifiability.directions
-    before = ~calibration.fit.kept
-    left = before
-    for explanation in _effect_sets(found):
-        Z = [tangents.columns(s.what)[:m] for s in explanation if isinstance(s.what, Effect)]
+    left = before = ~calibration.fit.kept
+    for effects in filter(None, explanations):
+        Z = [tangents.columns(effect)[:m] for effect in effects]
         gross = _gross_rows(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
         left = min(left, before & gross, key=np.count_nonzero)
-    return calibration if left is before else recount_rows(calibration, ~left)
+    return left
 
 
-def _effect_sets(found: SearchResult) -> Iterator[Sequence[Candidate]]:
+def _effects(chosen: Sequence[Candidate]) -> list[Effect]:
+    """Those that have a name."""
+    return [s.what for s in chosen if isinstance(s.what, Effect)]
+
+
+def _effect_sets(found: SearchResult) -> Iterator[list[Effect]]:
     """The chosen set, then sets with one member replaced by a named rival, `_MAX_EXPLANATIONS` at the most."""
-    yield found.chosen
+    yield _effects(found.chosen)
     others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
     for i, rival in others[: _MAX_EXPLANATIONS - 1]:
-        yield (*found.chosen[:i], rival, *found.chosen[i + 1 :])
+        yield _effects((*found.chosen[:i], rival, *found.chosen[i + 1 :]))
+
+
+def _slips_at_ends(calibration: Calibration) -> list[Slip]:
+    """Every slip at the moment from which on, or until which, rows are outliers rather than not."""
+    case, gone = case_of(calibration.request.data, calibration.residuals.robot), ~calibration.fit.kept
+    slips = {(s.of, s.way): s for s in Slip.candidates(case) if isinstance(s, Slip)}
+    times = np.asarray(case.times)
+    order = np.argsort(times, kind="stable")
+    excess = np.cumsum(np.where(gone[order], 1, -1))
+    moments = (times[order][1:] + times[order][:-1]) / 2
+    usable = well_covered(moments, times)
+    likely = []
+    for more in (excess[:-1], excess[-1] - excess[:-1]):  # of the rows before a moment, and of those behind it
+        more = np.where(usable, more, 0)
+        if more.max(initial=0) > 0:
+            likely.append(float(moments[np.argmax(more)]))
+    return [slip.model_copy(update={"moment": moment}) for slip in slips.values() for moment in likely]
 
 
 def _gross_rows(r: Array, A: Array, block: int) -> Mask:

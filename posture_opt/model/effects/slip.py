@@ -135,7 +135,7 @@ class Slip(Effect):
         step = float(np.ptp(times)) / SLIP_MOMENTS
         near = (times[:-1] < self.moment + step) & (times[1:] > self.moment - step)
         between = ((times[:-1] + times[1:]) / 2)[near]
-        return np.asarray(between[_well_covered(between, state.inputs.time)])
+        return np.asarray(between[well_covered(between, state.inputs.time)])
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         """Time [min], or the row."""
@@ -179,7 +179,7 @@ class Slip(Effect):
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         moments = case.duration * (np.arange(SLIP_MOMENTS) + 0.5) / SLIP_MOMENTS
-        moments = moments[_well_covered(moments, case.times)]
+        moments = moments[well_covered(moments, case.times)]
         joints = [cls(of=name, moment="0 s") for name in case.moving("revolute")]
         bases = [cls(of=_BASE, moment="0 s", way=way) for way in _FRAME_PARAMETERS]
         ways: tuple[_Way, ...] = ("shift", "settle") if case.oriented else ("shift",)
@@ -203,7 +203,7 @@ def _shift_length(estimate: FittedSizes) -> tuple[float, str, float]:
     return size, "length", math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
 
 
-def _well_covered(moments: Array, times: Scalar) -> Mask:
+def well_covered(moments: Array, times: Scalar) -> Mask:
     """Which moments (k,) [s] have enough rows of the ``times`` (N,) [s] on either side; all, where nothing is
     measured.
     """
