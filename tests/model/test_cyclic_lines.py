@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base.cause import FittedSizes
-from posture_opt.model.effects.base.multiples import harmonic_order
+from posture_opt.model.effects.base.multiples import harmonic_order, resolution
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.robot.preset import load_preset
 
@@ -119,10 +121,27 @@ def test_what_has_no_period_within_the_range_is_a_curve_and_has_no_frequency() -
     assert alone.worded(sizes(span=4.0)) == "elbow has a cyclic error of 3.60 cycles per revolution"
 
 
-def test_cycles_are_as_certain_as_the_range_and_its_neighbours_let_them_be() -> None:
-    """√12 s / (A w) of 0.5 ± 0.05 mrad over 2 rad is 0.17; lines nearer than 2π / w share half of that distance."""
+def test_cycles_are_as_certain_as_the_range_lets_them_be() -> None:
+    """√12 s / (A w) of 0.5 ± 0.05 mrad over 2 rad is 0.17."""
     error = CyclicError(joint="elbow", cycles=20.0, further=(40.0,))
     assert "the largest at 20.0 ± 0.2 cycles per revolution" in error.worded(sizes(std=5e-5, span=2.0))
     assert "the largest at 20.0 cycles per revolution" in error.worded(sizes(span=2.0))
-    close = CyclicError(joint="elbow", cycles=20.0, further=(21.0,))
-    assert "the largest at 20 ± 2 cycles per revolution" in close.worded(sizes(span=2.0))
+
+
+def test_lines_that_the_values_do_not_tell_apart_are_one_band() -> None:
+    error = CyclicError(joint="elbow", cycles=20.4, further=(22.0,))
+    found = replace(sizes(span=2.0), resolution=1.7)
+    assert error.worded(found) == "elbow has a cyclic error of 20 to 22 cycles per revolution"
+    assert error.labelled(found) == "cyclic error (elbow, 20 to 22/rev)"
+    assert error.sizes(found)[1].text == "0.51 mrad at 20 to 22"  # √(0.5² + 0.1²)
+    apart = replace(found, resolution=1.5)
+    assert "2 lines, the largest at 20.4 cycles per revolution" in error.worded(apart)
+
+
+def test_values_in_clumps_tell_less_apart_than_their_range_says() -> None:
+    """Even values have the window |sin(Δ w / 2) / (Δ w / 2)|, one half at Δ w = 3.79; two clumps |cos(Δ w / 2)|."""
+    even = np.linspace(0.0, 2.0, 400)
+    assert resolution(even) == pytest.approx(3.79 / 2.0, abs=0.05)
+    clumps = np.where(even < 1.0, 0.0, 2.0)
+    assert resolution(clumps) > 2 * np.pi / 2.0
+    assert resolution(np.zeros(5)) == 0.0

@@ -105,9 +105,9 @@ def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagno
 
 def test_periods_of_several_joints_share_their_words(found: po.Diagnosis) -> None:
     def wave(joint: str, cycles: float) -> Finding:
-        return Finding(
-            CyclicError(joint=joint, cycles=cycles, further=(99.0,)), {"sin": (1e-4, 1e-6, "rad")}, 1e-9, 0.3
-        )
+        sizes = {"sin": 1e-4, "cos": 0.0, "sin 2": 1e-5, "cos 2": 0.0}
+        estimate = {name: (size, 1e-6, "rad") for name, size in sizes.items()}
+        return Finding(CyclicError(joint=joint, cycles=cycles, further=(99.0,)), estimate, 1e-9, 0.3)
 
     several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", 20.8)))
     (text,) = _inspections(several, list(several.effects))
@@ -127,7 +127,8 @@ def test_geometry_is_told_by_how_many_parameters_differ(found: po.Diagnosis) -> 
 
 def test_lines_of_several_joints_that_are_alike_are_of_the_type_of_drive(found: po.Diagnosis) -> None:
     def wave(joint: str, cycles: float) -> Finding:
-        return Finding(CyclicError(joint=joint, cycles=cycles), {"sin": (1e-4, 1e-6, "rad")}, 1e-9, 0.3)
+        estimate = {"sin": (1e-4, 1e-6, "rad"), "cos": (0.0, 1e-6, "rad")}
+        return Finding(CyclicError(joint=joint, cycles=cycles), estimate, 1e-9, 0.3)
 
     for second, told in ((17.4, 1), (20.8, 0)):
         several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", second)))

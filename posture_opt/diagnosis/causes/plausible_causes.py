@@ -13,6 +13,7 @@ from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.determined_sizes import places_of_parts
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import Effect, FittedSizes
+from posture_opt.model.effects.base.multiples import resolution
 from posture_opt.numerics import Array
 
 _MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
@@ -44,7 +45,7 @@ class FittedEffects:
             turned = np.linalg.norm(turns @ model.x[part], axis=0)
         return FittedSizes(
             finding.estimate, C, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
-            self._span(finding),
+            *self._range(finding),
         )  # fmt: skip
 
     def _turns(self, place: int) -> Array:
@@ -65,12 +66,16 @@ class FittedEffects:
                 turns[axis, :, k] += np.asarray(one.twist[1][axis], dtype=float)
         return turns
 
-    def _span(self, finding: Finding) -> float:
-        """Range of the joint that a finding moves in the data [rad]; 0 where it moves none or several."""
+    def _range(self, finding: Finding) -> tuple[float, float]:
+        """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there.
+
+        0 where it moves none or several.
+        """
         data = self.model.residuals.data
         if finding.cause.moved_joint not in data.joint_names:
-            return 0.0
-        return float(np.ptp(data.q[:, data.joint_names.index(finding.cause.moved_joint)]))
+            return 0.0, 0.0
+        q = data.q[:, data.joint_names.index(finding.cause.moved_joint)]
+        return float(np.ptp(q)), resolution(q)
 
 
 def _rms(turns: Array, values: Array, C: Array) -> tuple[float, float]:

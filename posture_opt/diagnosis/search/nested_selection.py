@@ -32,6 +32,7 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import Pursued, pursue_in_folds
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
+from posture_opt.model.effects.slip import Slip
 from posture_opt.numerics import Array, Codes
 
 
@@ -98,19 +99,19 @@ class NestedSelection:
         return replace(self, sets=sets)
 
     def with_moments_of(self, effects: Sequence[Effect]) -> NestedSelection:
-        """The same choices, each step at the moment of one of ``effects`` where the fold cannot tell them apart.
+        """The same choices, each slip at the moment of one of ``effects`` where the fold cannot tell them apart.
 
-        What a fold learned from does not say on which side of a step the rows are that it left out between its own two.
+        What a fold learned from does not say on which side of a slip the rows are that it left out between its own two.
         An arm cannot be wrong about that.
         """
-        steps = [e for e in effects if e.shape and not e.smooth_shape]
+        steps = [e for e in effects if isinstance(e, Slip)]
         if not steps:
             return self
         columns, block = self.linearised.sensitivities.columns, self.linearised.sensitivities.residuals.block
 
         def moved(own: Effect, learned: Codes) -> Effect:
-            for other in (e for e in steps if e.kind == own.kind):
-                there = own.model_copy(update={name: getattr(other, name) for name in own.shape})
+            for other in steps if isinstance(own, Slip) else ():
+                there = own.model_copy(update={"moment": other.moment})
                 if np.array_equal(columns(own)[learned], columns(there)[learned]):
                     return there
             return own

@@ -149,17 +149,18 @@ class CyclicError(Harmonic):
         )
 
     def worded(self, estimate: FittedSizes) -> str:
-        """The cause in one clause; of several lines their number and the largest that has a frequency of its own.
+        """The cause in one clause; of several lines how many the data tell apart, and where the largest is.
 
         What has fewer than `_MIN_PERIODS` within the range of the joint is a curve, whatever its line.
         """
-        sharp = self.sharp(estimate.span)
         slow = f"{self.joint} has a slow error over its range"
-        if not sharp:
+        bands = self.bands(estimate)
+        if not bands:
             return slow
-        many = f"{len(sharp)} lines, the largest at " if len(sharp) > 1 else ""
-        largest = f"{many}{self._cycles_known(sharp[0], estimate)} cycles per revolution"
-        if sharp[0]:
+        noun = "lines" if all(len(band) == 1 for band in bands) else "bands"
+        many = f"{len(bands)} {noun}, the largest at " if len(bands) > 1 else ""
+        largest = f"{many}{self._cycles_known(bands[0], estimate)} cycles per revolution"
+        if 0 not in self.sharp(estimate.span):
             return f"{slow} and a cyclic error of {largest}"
         return f"{self.joint} has a cyclic error of {largest}"
 
@@ -167,20 +168,30 @@ class CyclicError(Harmonic):
         """The lines that have a frequency within a range of the joint [rad]; all of them where it is not known."""
         return tuple(i for i, k in enumerate(self.lines) if not span > 0 or k * span / TURN >= _MIN_PERIODS)
 
-    def _cycles_known(self, line: int, estimate: FittedSizes) -> str:
-        """Cycles per revolution of a line with their standard error, where that is known.
+    def bands(self, estimate: FittedSizes) -> tuple[tuple[int, ...], ...]:
+        """The lines that have a frequency, together where the values of the joint do not tell them apart.
 
-        Lines nearer to each other than the range of the joint tells apart share the distance that it does.
+        The strongest band first, in it the largest line.
         """
-        cycles, span = self.lines[line], estimate.span
-        error = math.nan
-        if span > 0:
-            beside = any(0 < abs(k - cycles) < TURN / span for k in self.lines)
-            error = max(cycles_error(self._amplitudes(estimate)[line], span), TURN / span / 2 if beside else 0.0)
+        found: list[list[int]] = []
+        for i in sorted(self.sharp(estimate.span), key=lambda i: self.lines[i]):
+            if found and self.lines[i] - self.lines[found[-1][-1]] <= estimate.resolution:
+                found[-1].append(i)
+            else:
+                found.append([i])
+        sizes = [size for size, _ in self._amplitudes(estimate)]
+        return tuple(tuple(sorted(band)) for band in sorted(found, key=lambda band: -_together(sizes, band)))
+
+    def _cycles_known(self, band: Sequence[int], estimate: FittedSizes) -> str:
+        """Cycles per revolution of a line with their standard error, where that is known; of several from, to."""
+        every = [self.lines[i] for i in band]
+        if len(every) > 1:
+            return f"{math.floor(min(every))} to {math.ceil(max(every))}"
+        error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span) if estimate.span > 0 else math.nan
         if not error > _MIN_STATED_CYCLES_ERROR:
-            return cycles_text(cycles)
+            return cycles_text(every[0])
         digits = max(-math.floor(math.log10(error)), 0)
-        return f"{cycles:.{digits}f} ± {error:.{digits}f}"
+        return f"{every[0]:.{digits}f} ± {error:.{digits}f}"
 
     @property
     def qualifier(self) -> str:
@@ -190,12 +201,13 @@ class CyclicError(Harmonic):
         return f"{cycles_text(self.cycles)} cycles per revolution"
 
     def labelled(self, estimate: FittedSizes) -> str:
-        """Kind and joint, with the cycles of the largest line that has a frequency, and how many more there are."""
-        sharp = self.sharp(estimate.span)
-        if not sharp:
+        """Kind and joint, with the cycles of the strongest band, and how many more lines there are."""
+        bands = self.bands(estimate)
+        if not bands:
             return f"{self.title} ({self.joint}, slow)"
-        more = f" + {len(self.lines) - 1} more" if self.further else ""
-        return f"{self.title} ({self.joint}, {cycles_text(self.lines[sharp[0]])}/rev{more})"
+        rest = len(self.lines) - len(bands[0])
+        cycles = cycles_text(self.lines[bands[0][0]]) if len(bands[0]) == 1 else self._cycles_known(bands[0], estimate)
+        return f"{self.title} ({self.joint}, {cycles}/rev{f' + {rest} more' if rest else ''})"
 
     def inspect(self, robot: Robot) -> str:
         """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
@@ -203,10 +215,10 @@ class CyclicError(Harmonic):
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
         """What turns so often as the lines that have a frequency; what makes a slow curve where there are none."""
-        sharp = self.sharp(estimate.span)
-        if not sharp:
+        bands = self.bands(estimate)
+        if not bands:
             return _SLOW_INSPECTION.format(target=self.joint)
-        return self._inspect(robot, sharp, self._cycles_known(sharp[0], estimate))
+        return self._inspect(robot, [i for band in bands for i in band], self._cycles_known(bands[0], estimate))
 
     def _inspect(self, robot: Robot, lines: Sequence[int], cycles: str) -> str:
         """What turns as often as some lines, the largest of which has so many ``cycles``.
@@ -277,13 +289,17 @@ class CyclicError(Harmonic):
         return found
 
     def _line_texts(self, estimate: FittedSizes) -> list[str]:
-        """Amplitude and cycles of each line, and which multiple of the largest it is where that is sure."""
+        """Amplitude and cycles of each line or band, and which multiple of the largest it is where that is sure."""
         sizes = self._amplitudes(estimate)
+        bands = self.bands(estimate)
+        slow = [(i,) for i in range(len(self.lines)) if not any(i in band for band in bands)]
+        alone = {band[0] for band in bands if len(band) == 1}
         texts = []
-        for i, ((size, _), cycles) in enumerate(zip(sizes, self.lines, strict=True)):
-            text = f"{number(size * 1e3, 2)} mrad at {cycles_text(cycles)}"
-            n = harmonic_order(self.lines, sizes, i, estimate.span) if i else 0
-            texts.append(f"{text} (harmonic {n})" if n else text)
+        for band in sorted([*slow, *bands]):
+            size, first = _together([size for size, _ in sizes], band), band[0]
+            cycles = cycles_text(self.lines[first]) if len(band) == 1 else self._cycles_known(band, estimate)
+            n = harmonic_order(self.lines, sizes, first, estimate.span) if first and {0, first} <= alone else 0
+            texts.append(f"{number(size * 1e3, 2)} mrad at {cycles}" + (f" (harmonic {n})" if n else ""))
         return texts
 
     def to_dict(self) -> dict[str, Any]:
@@ -337,6 +353,11 @@ def _alias_period(q: Array) -> float:
     window = np.abs(np.exp(1j * np.outer(far, q)).mean(axis=1))
     aliased = far[window > _ALIAS_WINDOW]
     return float(aliased[0]) if len(aliased) else math.inf
+
+
+def _together(amplitudes: Sequence[float], band: Sequence[int]) -> float:
+    """The amplitude that some lines have together, √Σ A²: that of a single one of the same RMS."""
+    return math.sqrt(sum(amplitudes[i] ** 2 for i in band))
 
 
 def _first_listed(cycles: Sequence[float]) -> str:

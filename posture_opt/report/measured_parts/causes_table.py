@@ -171,9 +171,9 @@ def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[st
     first: dict[float, list[Finding]] = {}
     for finding in findings:
         error = finding.cause
-        sharp = error.sharp(finding.sizes.span) if isinstance(error, CyclicError) else ()
-        if isinstance(error, CyclicError) and sharp:
-            cycles = error.lines[sharp[0]]
+        bands = error.bands(finding.sizes) if isinstance(error, CyclicError) else ()
+        if isinstance(error, CyclicError) and bands:
+            cycles = error.lines[bands[0][0]]
             near = next((k for k in first if abs(k - cycles) < _EQUAL_CYCLES_TOLERANCE * k), cycles)
             first.setdefault(near, []).append(finding)
     return [

@@ -53,6 +53,7 @@ class FittedSizes:
         turn: least and largest turn of its joint in the data, where it turns one [rad].
         rms: root mean square of that turn about its mean, with its standard error [rad].
         span: range of that joint in the data [rad]; 0 where it is not known.
+        resolution: distance up to which its values do not tell two frequencies apart [cycles per revolution].
     """
 
     values: Mapping[str, tuple[float, float, str]]
@@ -60,6 +61,7 @@ class FittedSizes:
     turn: tuple[float, float] | None = None
     rms: tuple[float, float] | None = None
     span: float = 0.0
+    resolution: float = 0.0
 
     @property
     def timed(self) -> bool:

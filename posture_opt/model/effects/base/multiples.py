@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from posture_opt.errors import enumerated
+from posture_opt.numerics import TURN, Array
 from posture_opt.units import number
 
 _TENTHS_FROM_CYCLES = 100.0
@@ -16,6 +19,13 @@ _HARMONIC_DEVIATION = 2.0
 """Standard errors by which the ratio of two lines may differ from a whole number."""
 _SURE_HARMONIC_TOLERANCE = 0.05
 """Largest deviation that still says something: a ratio known no better lies near some whole number by accident."""
+
+_ALIKE_WINDOW = 0.5
+"""Spectral window of two lines above which the fit shares an error between them."""
+_NEAR_LINES = 2.0
+"""How far two lines may be apart to be two shapes of one error, in units of 2π / range; chosen on series A, B, D."""
+_WINDOW_POINTS, _WINDOW_VALUES = 200, 500
+"""Distances at which the window is taken, and joint values that it is taken of; chosen for time."""
 
 
 def harmonic_order(cycles: Sequence[float], sizes: Sequence[tuple[float, float]], line: int, span: float) -> int:
@@ -48,6 +58,20 @@ def cycles_error(size: tuple[float, float], span: float) -> float:
         span: w, the range of the joint that the data spread over evenly [rad].
     """
     return math.sqrt(12) * size[1] / (size[0] * span)
+
+
+def resolution(q: Array) -> float:
+    """The largest distance at which two lines look alike at the values q (N,) [rad] of a joint, cycles per revolution.
+
+    Their columns do where the spectral window ``|Σ exp(i Δ q)| / N`` is above `_ALIKE_WINDOW`: Δ = 0.6 2π / range where
+    the values spread evenly, and more where they come in clumps. What repeats beyond `_NEAR_LINES` is an alias.
+    """
+    span = float(np.ptp(q))
+    if not span > 0:
+        return 0.0
+    near = np.linspace(0.0, _NEAR_LINES * TURN / span, _WINDOW_POINTS)
+    window = np.abs(np.exp(1j * np.outer(near, q[:: -(-len(q) // _WINDOW_VALUES)])).mean(axis=1))
+    return float(near[window > _ALIKE_WINDOW][-1])
 
 
 def line_words(lines: Sequence[float]) -> str:
