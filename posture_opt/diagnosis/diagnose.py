@@ -45,6 +45,7 @@ from posture_opt.diagnosis.search.linearised_data import (
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
 from posture_opt.diagnosis.search.outlier_reinclusion import explains_outliers, reinclude_outliers
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
+from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
@@ -66,6 +67,7 @@ class _Explained:
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
+        unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
     """
 
     calibration: Calibration
@@ -78,6 +80,7 @@ class _Explained:
     adequacy: Adequacy
     noise: Sequence[NoiseCause]
     uneven: Sequence[UnevenErrors]
+    unrefuted: Mapping[int, tuple[Effect, ...]]
 
     @cached_property
     def model(self) -> Fit:
@@ -235,7 +238,11 @@ def _explain_residuals(
         held = held or left_of(everything, residuals.measured)
         again = lack_of_fit(held, residuals.data, repeated, residuals.block, scatter)
         left = replace(left, lack_of_fit=again)
-    return _Explained(calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven)
+    open_ = unnamed or uneven or left.p_value < levels.LACK_OF_FIT_LEVEL
+    unrefuted = unrefuted_rivals(linearised, names) if open_ else {}
+    return _Explained(
+        calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven, unrefuted
+    )
 
 
 def _needed_effects(
@@ -304,7 +311,7 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
     )
     beforehand = contradiction_findings(calibration)
     refuted = [c.cause for c in calibration.contradictions]
-    effects = effect_findings(found.names, found.predictive, found.model, held.groups)
+    effects = effect_findings(found.names, found.predictive, found.model, held.groups, found.unrefuted)
     effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state))
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),

@@ -155,12 +155,19 @@ class Finding:
         }
 
 
-def effect_findings(found: SearchResult, predictive: PredictiveModel, model: Fit, groups: Codes) -> list[Finding]:
+def effect_findings(
+    found: SearchResult,
+    predictive: PredictiveModel,
+    model: Fit,
+    groups: Codes,
+    unrefuted: Mapping[int, tuple[Effect, ...]],
+) -> list[Finding]:
     """The named effects of a search with their fitted sizes, and what held-out rows lose without each, most first.
 
     Args:
         predictive: the arm with these effects; ``model`` the same with the standard errors of the choice, too.
         groups: what its folds leave out together.
+        unrefuted: by place among the chosen, further effects that could replace it.
     """
     left = predictive.left_out
     findings = []
@@ -173,7 +180,7 @@ def effect_findings(found: SearchResult, predictive: PredictiveModel, model: Fit
             _estimates_of(model, place, parts),
             found.p_values[i],
             gain.value,
-            tuple(r.what for r in found.rivals[i]),
+            (*(r.what for r in found.rivals[i]), *unrefuted.get(i, ())),
             (gain.low, gain.high),
             determined=bool(sure),
             place=place,
