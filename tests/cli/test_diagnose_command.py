@@ -372,7 +372,9 @@ def test_sizes_are_in_units_that_engineers_use() -> None:
     soft = JointCompliance(joint="joint2")
     (size,) = soft.sizes(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")}))
     assert str(size) == "8.00 ± 0.20 µrad/(N m) (stiffness 125.0 ± 3.1 kN m/rad)"
-    assert soft.headline(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")})) == "8.00 ± 0.20 µrad/(N m)"
+    assert soft.headline(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")})) == (
+        "8.00 ± 0.20 µrad/(N m), 125 kN m/rad"
+    )
     play = Backlash(joint="joint2").sizes(FittedSizes({"width": (2e-4, 1e-5, "rad")}))
     assert [(s.label, str(s)) for s in play] == [("width", "0.200 ± 0.010 mrad, whole width")]
     slip = Slip(of="joint2", moment="162 s")

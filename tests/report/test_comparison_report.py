@@ -98,7 +98,8 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
         "Most of the remaining error is systematic: 1.80 mm, mainly from joint1.a; scatter contributes"
     )
     assert first.endswith(
-        "; that posture is within the joint ranges measured, up to 11 deg in a joint from the nearest one."
+        "; that posture is within the joint ranges measured, up to 11 deg in a joint from the nearest one. "
+        "Planned posture: joint1 2.00 deg."
     )
 
 

@@ -14,7 +14,16 @@ from posture_opt.calibration.assumptions.geometric_deviation import GeometricDev
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.model.effects import CyclicError, GearEccentricity, JointCompliance, JointNoise, JointScale
+from posture_opt.model.effects import (
+    Cause,
+    CyclicError,
+    GearEccentricity,
+    InstrumentField,
+    JointCompliance,
+    JointNoise,
+    JointScale,
+)
+from posture_opt.report.figures.diagnosis import plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
 from posture_opt.report.measured_parts.causes_table import _inspections, _of_one_type, inspection, rivals_of
@@ -90,6 +99,25 @@ def test_rivals_stand_on_the_screen_those_with_a_name_first(found: po.Diagnosis)
     doubtful = replace(found, effects=(wave, *found.effects[1:]))
     text = " ".join(render(on_a_screen(diagnosis_report(doubtful), 100, ()), 100).split())
     assert "Could be (1) gear eccentricity (joint1) or a smooth curve over joint1 instead" in text
+
+
+def test_lines_of_open_size_stand_in_brackets_in_the_periodogram(found: po.Diagnosis) -> None:
+    (wheel,) = [f for f in found.effects if f.kind == "cyclic_error"]
+    (axes,) = plot_periodogram(found).axes
+    assert [text.get_text() for text in axes.texts] == ["40.0", "73.0"]
+    doubtful = replace(found, effects=(replace(wheel, determined=False),))
+    (axes,) = plot_periodogram(doubtful).axes
+    assert [text.get_text() for text in axes.texts] == ["(40.0)", "(73.0)"]
+
+
+def test_an_instrument_that_could_err_as_the_arm_is_checked_first(found: po.Diagnosis) -> None:
+    def text(rival: Cause) -> str:
+        doubtful = replace(found.effects[0], confounded_with=(rival,))
+        several = replace(found, effects=(doubtful, *found.effects[1:]))
+        return " ".join(render(on_a_screen(diagnosis_report(several), 100, ()), 100).split())
+
+    assert "Check first (1) the instrument, by a scale bar or from a second station" in text(InstrumentField())
+    assert "Check first" not in text(GearEccentricity(joint="joint1"))
 
 
 def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagnosis) -> None:

@@ -182,16 +182,20 @@ class CyclicError(Harmonic):
         sizes = [size for size, _ in self._amplitudes(estimate)]
         return tuple(tuple(sorted(band)) for band in sorted(found, key=lambda band: -_together(sizes, band)))
 
-    def _cycles_known(self, band: Sequence[int], estimate: FittedSizes) -> str:
-        """Cycles per revolution of a line with their standard error, where that is known; of several from, to."""
+    def band_text(self, band: Sequence[int]) -> str:
+        """Cycles per revolution of the lines of a band: "17.3", or from, to "15 to 18"."""
         every = [self.lines[i] for i in band]
-        if len(every) > 1:
-            return f"{math.floor(min(every))} to {math.ceil(max(every))}"
-        error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span) if estimate.span > 0 else math.nan
-        if not error > _MIN_STATED_CYCLES_ERROR:
+        if len(every) == 1:
             return cycles_text(every[0])
+        return f"{math.floor(min(every))} to {math.ceil(max(every))}"
+
+    def _cycles_known(self, band: Sequence[int], estimate: FittedSizes) -> str:
+        """Cycles per revolution of a band; of a single line with their standard error, where that is known."""
+        error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span) if estimate.span > 0 else math.nan
+        if len(band) > 1 or not error > _MIN_STATED_CYCLES_ERROR:
+            return self.band_text(band)
         digits = max(-math.floor(math.log10(error)), 0)
-        return f"{every[0]:.{digits}f} ± {error:.{digits}f}"
+        return f"{self.lines[band[0]]:.{digits}f} ± {error:.{digits}f}"
 
     @property
     def qualifier(self) -> str:
@@ -206,8 +210,8 @@ class CyclicError(Harmonic):
         if not bands:
             return f"{self.title} ({self.joint}, slow)"
         rest = len(self.lines) - len(bands[0])
-        cycles = cycles_text(self.lines[bands[0][0]]) if len(bands[0]) == 1 else self._cycles_known(bands[0], estimate)
-        return f"{self.title} ({self.joint}, {cycles}/rev{f' + {rest} more' if rest else ''})"
+        more = f" + {rest} more" if rest else ""
+        return f"{self.title} ({self.joint}, {self.band_text(bands[0])}/rev{more})"
 
     def inspect(self, robot: Robot) -> str:
         """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""
@@ -297,9 +301,9 @@ class CyclicError(Harmonic):
         texts = []
         for band in sorted([*slow, *bands]):
             size, first = _together([size for size, _ in sizes], band), band[0]
-            cycles = cycles_text(self.lines[first]) if len(band) == 1 else self._cycles_known(band, estimate)
             n = harmonic_order(self.lines, sizes, first, estimate.span) if first and {0, first} <= alone else 0
-            texts.append(f"{number(size * 1e3, 2)} mrad at {cycles}" + (f" (harmonic {n})" if n else ""))
+            harmonic = f" (harmonic {n})" if n else ""
+            texts.append(f"{number(size * 1e3, 2)} mrad at {self.band_text(band)}{harmonic}")
         return texts
 
     def to_dict(self) -> dict[str, Any]:

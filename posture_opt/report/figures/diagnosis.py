@@ -36,6 +36,7 @@ _MAX_BINS = 30  # along the rows, for the course of the RMS
 _MIN_BIN_ROWS = 5  # rows of such a bin
 
 _MAX_JOINTS = 6  # joints
+_OPEN_COLOUR = "#8c8c8c"  # grey with enough contrast for text
 _CYCLE_TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 
 
@@ -97,7 +98,8 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after.
 
     Over cycles per revolution of the joint, logarithmic; the dashed line is the share that is significant in the whole
-    search. A peak that is left above it in the second curve is not explained.
+    search. A peak that is left above it in the second curve is not explained. In brackets stand lines of a size that
+    the data leave open.
     """
     joints = periodic_joints(found)[:_MAX_JOINTS]
     linearised, model = found.linearised, found.model
@@ -116,8 +118,8 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
         null = f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
-        for k, frequency in enumerate(sorted(cycles for s in mine for cycles in s.what.spectral_lines)):
-            _mark(axes, frequency, k)
+        for k, mark in enumerate(sorted(_marks(found, name))):
+            _mark(axes, *mark, k)
         axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
     grid[-1].set_xticks(_CYCLE_TICKS, [f"{t:g}" for t in _CYCLE_TICKS])
     grid[-1].minorticks_off()
@@ -156,10 +158,31 @@ def _share_of(line: float, baseline: ProjectedBaseline) -> float:
     return high
 
 
-def _mark(axes: Axes, cycles: float, k: int) -> None:
-    """A dotted line at a named frequency with its number; of neighbouring numbers the next is lower."""
-    axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
+def _marks(found: Diagnosis, joint: str) -> list[tuple[float, str, bool]]:
+    """Lines of a joint [cycles per revolution], each with its text and whether its size is open.
+
+    Lines that are not told apart have one text, at the largest of them.
+    """
+    marks = []
+    for finding in found.effects:
+        error, open_part = finding.cause, finding.open_part
+        if not isinstance(error, CyclicError) or error.joint != joint:
+            continue
+        band_of = {band[0]: band for band in error.bands(finding.sizes)}
+        together = {i for band in band_of.values() for i in band[1:]}
+        for i, cycles in enumerate(error.lines):
+            text = "" if i in together else error.band_text(band_of.get(i, (i,)))
+            marks.append((cycles, text, not finding.determined))
+        marks += [(cycles, cycles_text(cycles), True) for cycles in (open_part.spectral_lines if open_part else ())]
+    return marks
+
+
+def _mark(axes: Axes, cycles: float, text: str, is_open: bool, k: int) -> None:
+    """A line at a named frequency with its text, pale where its size is open; of neighbours the next is lower."""
+    colour, dashes = (_OPEN_COLOUR, ":") if is_open else (GREY, "-")
+    axes.axvline(cycles, color=colour, lw=0.8, ls=dashes, zorder=1)
     axes.annotate(
-        cycles_text(cycles), (cycles, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points",
-        xytext=(3, -10 - 10 * (k % 5)),
+        f"({text})" if is_open and text else text, (cycles, 1.0), xycoords=("data", "axes fraction"),
+        textcoords="offset points", xytext=(3, -10 - 10 * (k % 5)), color=colour if is_open else "black", zorder=6,
+        bbox={"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.85},
     )  # fmt: skip

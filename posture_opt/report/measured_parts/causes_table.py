@@ -9,7 +9,7 @@ from posture_opt.calibration.assumptions.geometric_deviation import GeometricDev
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
-from posture_opt.model.effects import CyclicError
+from posture_opt.model.effects import CyclicError, InstrumentField
 from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
 from posture_opt.report.measured_parts.error_table import mm
@@ -38,6 +38,10 @@ _DERIVED_SIDES_NOTE = (
 )
 _CATALOGUE_SIZE_NOTE = (
     "gears and encoders in catalogues err as much: open nothing unless it grew; extended.yaml compensates for it"
+)
+_INSTRUMENT_NOTE = (
+    "the instrument, by a scale bar or from a second station, before the arm is opened: errors that vary smoothly over "
+    "its volume look the same here"
 )
 _HOLDS = "holds"
 _TARGET = "{target}"  # in place of the joint in texts that are compared
@@ -141,6 +145,7 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     rows += [
         (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
     ]
+    rows += _instrument_first(found)
     rows += _next(found)
     return (Facts(tuple(rows)),) if rows else ()
 
@@ -185,6 +190,18 @@ def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[st
         for cycles, those in first.items()
         if len(those) > 1
     ]
+
+
+def _instrument_first(found: Diagnosis) -> list[tuple[str, str]]:
+    """That the instrument is checked before the arm is opened, where it could err as the arm is said to."""
+    fields = [
+        str(number_of(found, f))
+        for f in found.effects
+        if any(isinstance(rival, InstrumentField) for rival in f.confounded_with)
+    ]
+    if not fields or found.request.data.touches:
+        return []
+    return [(f"Check first ({', '.join(fields)})", _INSTRUMENT_NOTE)]
 
 
 def _next(found: Diagnosis) -> list[tuple[str, str]]:

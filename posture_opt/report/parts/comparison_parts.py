@@ -50,7 +50,18 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     )
     answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
     reference = {name: answer for name, answer in answers.items() if name == comparison.reference}
-    return (lead, *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before), *mounting_notes(reference))
+    return (
+        f"{lead}{_planned_posture(columns[comparison.reference])}",
+        *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before),
+        *mounting_notes(reference),
+    )
+
+
+def _planned_posture(column: ComparedAnswer) -> str:
+    """The joint values of a plan, in a sentence to follow another."""
+    (station,), joints = column.stations, column.problem.robot.joints
+    values = [f"{j.name} {joint_value(q, j.type)}" for q, j in zip(station.q, joints, strict=True)]
+    return f" Planned posture: {enumerated(values)}."
 
 
 def _unsolved_lead(comparison: Comparison | None) -> tuple[str, ...]:

@@ -121,9 +121,14 @@ class GravityLoaded(Effect):
         )
 
     def headline(self, estimate: FittedSizes) -> str:
-        """The compliance; of unknown loads the turn that it makes in the data, root mean square about its mean."""
+        """The compliance and the stiffness that it is the inverse of.
+
+        Of unknown loads the turn that it makes in the data, root mean square about its mean.
+        """
         if not self.unstated_loads:
-            return super().headline(estimate)
+            compliance = estimate.entry("compliance")[0]
+            stiffness = f", {number(1e-3 / compliance)} kN m/rad" if compliance > 0 else ""
+            return f"{super().headline(estimate)}{stiffness}"
         return (
             "" if not estimate.rms or not estimate.rms[0] else f"{shown(estimate.rms[0], 'angle', estimate.rms[1])} RMS"
         )
