@@ -251,7 +251,7 @@ class Diagnosis(Result):
         """Along what the unexplained is seen: unnamed components, else a variable; and joints that errors grow with."""
         places = [f"{u.kind}: {u.target}" for u in self.unexplained]
         grows = [errors.effect.target for errors in self.uneven]
-        if not places and not (grows and self.adequacy.p_value >= levels.LACK_OF_FIT_LEVEL):
+        if not places and not (grows and 2 * self.adequacy.structure >= levels.LACK_OF_FIT_LEVEL):
             places = [self.adequacy.place]
         return tuple(dict.fromkeys([*places, *grows]))
 

@@ -15,10 +15,14 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.real_arms import DATA, long_on_real_arms
+from tests.helpers.simulated_session import SimulatedSession, beyond_geometry
 from tests.helpers.variants import conformance
+from tests.hidden.designs import Plan
 from tests.hidden.draw import draw
+from tests.hidden.effects import Effect
 from tests.hidden.files import write
 from tests.hidden.hunt import ask
+from tests.hidden.noise import lever
 
 SEED, STRONG = 20261, 100.0
 
@@ -47,6 +51,25 @@ def test_structure_without_a_name_is_not_called_scatter(family: str, kind: str) 
     _, found = answer(family, kind=kind)
     assert found["verdict"] == "unexplained"
     assert not noises(found)
+
+
+@pytest.mark.parametrize("seed", conformance(range(402, 406), [402]))
+def test_a_joint_that_scatters_under_a_cable_that_tugs_is_named_with_the_scatter_of_its_repeats(seed: int) -> None:
+    """All rows together would have it scatter by 0.4 mrad, and the instrument by more than is stated."""
+    case = SimulatedSession(seed, "kr16", Plan(repeated=20, visits=4, logged=False))
+    j, rng = 1, case.rng
+    waves = {f"k{i}": float(v) for i, v in enumerate(rng.uniform(4.0, 12.0, case.arm.n))}
+    points = case.points(Effect("cable", case.arm.joints[j], {"h": 0.4e-3}, {**waves, "phase": 1.0}))
+    points += lever(case.site, j) * rng.normal(0.0, 0.2e-3, (len(points), 1))
+    found = case.diagnosis(case.table(points))
+    assert found.verdict == "unexplained"
+    ((kind, target),) = [name for name in beyond_geometry(found) if "sigma" in name[0] or "noise" in name[0]]
+    assert (kind, target) == ("joint_noise", case.arm.joints[j])
+    (noise,) = [f for f in found.effects if f.kind == "joint_noise"]
+    value, std, _ = noise.estimate["sigma"]
+    assert abs(value - 0.2e-3) < 3 * std < 0.1e-3
+    text = " ".join(found.report().split())
+    assert "by more than repeats of one posture scatter: the rest is the same at every repeat" in text
 
 
 @pytest.mark.parametrize("index", conformance([1, 2], [1]))

@@ -53,6 +53,7 @@ class UnevenErrors:
             posture shows it more than others.
         still: whether rows of one posture that follow each other do not scatter so: they decide it if the arm left the
             posture in between, which the file does not say.
+        scatters: whether repeats scatter along this joint too, by less.
     """
 
     effect: NoiseEffect
@@ -60,6 +61,7 @@ class UnevenErrors:
     refuted: bool
     size: Array
     still: bool = False
+    scatters: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,9 +177,15 @@ def find_uneven_noise(
         chosen = next((one for one in competing if one.confirmed is not None), None)
         if chosen is None:
             still = examined[0].repeated is None and examined[0].read is not None
+            part = _scatter_of_repeats(first, repeats, seed) if examined[0].refuted else None
             uneven.append(
-                UnevenErrors(first.named(), first.p_value, examined[0].refuted, _spread_lengths(first), still)
+                UnevenErrors(
+                    first.named(), first.p_value, examined[0].refuted, _spread_lengths(first), still, part is not None
+                )
             )
+            if part is not None:
+                named.append(part)
+                repeats = _in_equal_units(repeats.without(_spread_by(part[0].sized, repeats)), seed)
         else:
             first = chosen.candidate
             named.append((chosen, [s.candidate for s in examined if s is not chosen]))
@@ -189,6 +197,21 @@ def find_uneven_noise(
         everything, scores = _scored(everything.without(first.spread), seed)
         candidates = [s for s in scores if s.who not in taken]
     return [_noise_cause(one, rivals, taken) for one, rivals in named], uneven
+
+
+def _scatter_of_repeats(
+    candidate: NoiseCandidate, repeats: NoiseSample, seed: int
+) -> tuple[_Examined, list[NoiseCandidate]] | None:
+    """The part of a joint's errors that is scatter, where repeats have it and by less; with its rivals there.
+
+    None where another joint scatters more between repeats, none does, or it is a small part.
+    """
+    found = [s for s in score_uneven_noise(repeats.e, repeats.rows, seed) if s.of_arm] if candidate.of_arm else []
+    if not found or found[0].who != candidate.who or found[0].p_value >= levels.REPEATED_NOISE_LEVEL:
+        return None
+    if found[0].size < levels.MIN_SCATTER_SHARE * candidate.size:
+        return None
+    return _Examined(found[0], RepeatedNoise(found[0], 0.0), None), _close_rivals(found)
 
 
 def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCandidate]]:

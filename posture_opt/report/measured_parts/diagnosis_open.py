@@ -72,7 +72,8 @@ def left_block(found: Diagnosis) -> Block:
     if found.unexplained or left.p_value < levels.LACK_OF_FIT_LEVEL:
         items.append(_pattern_words(found))
     if not found.unexplained:
-        rows = [("Seen along", "the order of the rows" if left.place == _TIME else left.place)] if items else []
+        seen = items and left.place in found.unexplained_places
+        rows = [("Seen along", "the order of the rows" if left.place == _TIME else left.place)] if seen else []
     if left.structure < UNLIKELY:
         alike = "successive rows" if left.place == _TIME else f"rows with a similar {left.place}"
         rows.append(("Neighbours", f"errors of {alike} are correlated: {p_words(left.structure)}"))
@@ -109,7 +110,7 @@ def all_uneven_words(uneven: Sequence[UnevenErrors]) -> list[str]:
     """Errors that look like noisy joints or instruments; joints of which repeats say the same share a sentence."""
     alike: dict[tuple[object, ...], list[UnevenErrors]] = {}
     for errors in uneven:
-        of_joint = errors.effect.moved_joint and (errors.refuted, errors.still)
+        of_joint = errors.effect.moved_joint and (errors.refuted, errors.still, errors.scatters)
         alike.setdefault((errors.effect.kind, of_joint or errors.effect.target), []).append(errors)
     return [uneven_words(those) for those in alike.values()]
 
@@ -126,6 +127,8 @@ def uneven_words(alike: Sequence[UnevenErrors]) -> str:
         joints = enumerated([one.effect.target for one in alike])
         clause = errors.effect.uneven_words.format(target=f"any of {joints}")
     text = f"{clause} ({p_words(errors.p_value)})"
+    if errors.scatters:
+        return f"{text}, and by more than repeats of one posture scatter: the rest is the same at every repeat."
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
     if errors.still:
