@@ -140,6 +140,9 @@ def test_wrong_sigmas_do_not_hide_behind_a_large_effect(times: float, instrument
         assert abs(value - true) < 3 * std
     # Two coordinates of the instrument, and a few parameters of 80 rows.
     assert found.errors["extended"].rms < 1.25 * np.sqrt(2) * INSTRUMENT + 2e-5
+    entries = found.to_json()["effects"]
+    said = {f"{e['target']}.theta": e["refuted_sigma"] for e in entries if "refuted_sigma" in e}
+    assert said == ({name: STATED[name] for name in ("joint1.theta", "joint2.theta")} if times > 1 else {})
 
 
 def test_a_zero_that_a_free_tool_absorbs_is_not_refuted_with_the_others() -> None:

@@ -55,7 +55,8 @@ class Finding:
         place: of an effect among those of the model; ``stated_parts`` those of its parts that the cause is of.
         open_part: the rest of that effect: lines that the data do not determine beside others; it is stated nowhere.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
-        beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
+        refuted_sigma: of a statement of the file that the data refute, its σ [SI], 0 where it was exact; else None. It
+            is found before the search: the arm has it, and the model fits no size of it.
         plausible_range: the sizes that such a cause can have on this arm; None where none is known to be impossible.
         would_need: what would have to be true for it to be this cause, where its size is beyond that range; else empty.
         parts: of its joint that turn as often as it repeats.
@@ -73,7 +74,7 @@ class Finding:
     stated_parts: tuple[int, ...] = (0,)
     open_part: Effect | None = None
     stated: Effect | None = None
-    beforehand: bool = False
+    refuted_sigma: float | None = None
     plausible_range: PlausibleRange | None = None
     would_need: str = ""
     parts: tuple[RotatingPart, ...] = ()
@@ -112,7 +113,7 @@ class Finding:
     @property
     def effect(self) -> Effect | None:
         """The cause, if it moves the tool point beyond the geometry, by a size that the model fits."""
-        return self.cause if isinstance(self.cause, Effect) and not self.beforehand else None
+        return self.cause if isinstance(self.cause, Effect) and self.refuted_sigma is None else None
 
     @property
     def noise(self) -> NoiseEffect | None:
@@ -147,6 +148,7 @@ class Finding:
             "gain": self.gain,
             **interval,
             "confounded_with": [self._rival_json(c) for c in self.confounded_with],
+            **({} if self.refuted_sigma is None else {"refuted_sigma": self.refuted_sigma}),
             "plausible": self.plausible,
             "would_need": self.would_need or None,
             **({} if self.plausible_range is None else {"plausible_range": self.plausible_range.to_json()}),
@@ -261,7 +263,7 @@ def contradiction_findings(calibration: Calibration) -> list[Finding]:
     They are found before the search: the model has no size of them to fit.
     """
     return [
-        Finding(c.cause, c.estimate, c.p_value, c.gain, beforehand=True)
+        Finding(c.cause, c.estimate, c.p_value, c.gain, refuted_sigma=c.sigma)
         for c in calibration.contradictions
         if c.gain > 0
     ]
