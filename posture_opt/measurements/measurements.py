@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -19,6 +20,9 @@ from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 
 _POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
+_MIN_SESSION_ROWS = 20
+"""Rows of a session with a clock of its own; fewer that are out of place for each time that a clock goes back were
+sorted, or measured again."""
 _REST_TOLERANCE_M = 1e-9
 """Motion below which a tool point is at rest; rounding of half turns at a reach of metres is 1e-15."""
 
@@ -207,6 +211,39 @@ class Measurements(Summarised):
         index = np.asarray(rows)
         chosen = {name: values[index] for name in _FIELDS_BY_ROW if (values := getattr(self, name)) is not None}
         return replace(self, **chosen)
+
+
+def rows_back_in_time(time: Array, robots: Codes) -> Codes:
+    """Rows whose time (N,) is before that of the row before of the same robot (N,)."""
+    order = np.argsort(robots, kind="stable")
+    earlier = (np.diff(time[order]) < 0) & (np.diff(robots[order]) == 0)
+    return np.sort(order[1:][earlier])
+
+
+def measuring_order(time: Array | None, robots: Codes) -> Codes:
+    """(N,) the rows in the order in which they were made: by their times, robot by robot.
+
+    In that of the file without times, or where the clock started anew: it goes back seldom then, and whole sessions
+    overlap, of `_MIN_SESSION_ROWS` rows or more.
+
+    Example:
+        >>> measuring_order(np.array([0.0, 30.0, 10.0, 20.0]), np.zeros(4, dtype=int)).tolist()
+        [0, 2, 3, 1]
+    """
+    rows = np.arange(len(robots))
+    if time is None or not len(back := rows_back_in_time(time, robots)):
+        return rows
+    misplaced = sum(_misplaced(time[robots == robot]) for robot in np.unique(robots))
+    return rows if misplaced > _MIN_SESSION_ROWS * len(back) else np.lexsort((rows, time, robots))
+
+
+def _misplaced(time: Array) -> int:
+    """How many rows would have to be moved for the times (N,) to rise: N less the longest rising subsequence."""
+    ends: list[float] = []
+    for t in time.tolist():
+        place = bisect_right(ends, t)
+        ends[place : place + 1] = [t]
+    return len(time) - len(ends)
 
 
 def group_means(values: Array, groups: Codes) -> Array:

@@ -17,7 +17,14 @@ from posture_opt.measurements.header import column_kinds, read_header
 from posture_opt.measurements.kinds import KINDS
 from posture_opt.measurements.kinds.alternatives import likeliest
 from posture_opt.measurements.kinds.pose_columns import ORIENTATION
-from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses, still_axes
+from posture_opt.measurements.measurements import (
+    Measurements,
+    carried_joint_values,
+    measuring_order,
+    nominal_poses,
+    rows_back_in_time,
+    still_axes,
+)
 from posture_opt.measurements.mixing import mixed_rows
 from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
@@ -90,10 +97,12 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
         replace(data, q=carried_joint_values(problem.arm, data.q)), problem.robot, columns, faults
     )
     faults.refuse()
+    in_time = _sorted_rows(data)
+    notes += _restarted_clock(data)
     data = apart(data) if problem.data.repeats == "visits" else data
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
-    return replace(data, warnings=tuple(notes), notes=(*data.notes, *table.notes, *unused))
+    return replace(data, warnings=tuple(notes), notes=(*data.notes, *table.notes, *in_time, *unused))
 
 
 def _check_labels(cells: Cells, faults: Faults) -> None:
@@ -126,7 +135,8 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
     point = next((code for kind in labels if kind.label and (code := cells.code(kind.label))), without_column)
     second = next((code for k in labels if k.second_label and (code := cells.code(k.second_label))), without_column)
     measured = np.array([axis in columns for axis in AXES])
-    side, length, given = _approach_sides(cells, q, robots[0], robot)
+    order = measuring_order(cells.number("time"), robots[0])
+    side, length, given = _approach_sides(cells, q, robots[0], robot, order)
     return Measurements(
         joint_names=robot.joint_names,
         q=q,
@@ -148,6 +158,7 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         payload=cells.number("payload"),
         temperature=cells.number("temperature"),
         time=cells.number("time"),
+        visit=_visits(poses, robots[0], order),
         line=line,
         file=faults.file,
         pose_given=pose is not None,
@@ -241,14 +252,26 @@ def _is_read(name: str, cells: Cells) -> bool:
     return name in cells.numbers or name in cells.codes
 
 
-def _approach_sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, Array, bool]:
+def _approach_sides(
+    cells: Cells, q: Array, robots: Codes, robot: Robot, order: Codes
+) -> tuple[Array, Array, bool]:  # fmt: skip
     """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
-    side, length = _derived_approach(q, robots)
+    side, length = np.zeros_like(q), np.zeros_like(q)
+    side[order], length[order] = _derived_approach(q[order], robots[order])
     stated = {j: cells.number(f"{name}.approach") for j, name in enumerate(robot.joint_names)}
     given = {j: values for j, values in stated.items() if values is not None}
     for j, values in given.items():
         side[:, j] = np.where(np.isnan(values), side[:, j], values)
     return side, length, bool(given)
+
+
+def _visits(pose: Codes, robots: Codes, order: Codes) -> Codes | None:
+    """(N,) the stays at poses (N,) where rows were not made in the order of the file; None where they were."""
+    if np.array_equal(order, np.arange(len(order))):
+        return None
+    place, visit = np.column_stack([pose, robots])[order], np.zeros(len(order), dtype=np.intp)
+    visit[order] = np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1))
+    return visit
 
 
 def _present_column(values: Array | None) -> Array:
@@ -320,6 +343,26 @@ def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Code
             bounds = ", ".join(f"{bound / column.factor:.4g}" for bound in (joint.lower, joint.upper))
             message = f"{value:.6g} {column.unit} lies {text.replace('their', 'its')} [{bounds}]"
             faults.add(message, joint.name, value, "correct the value or the joint's limits", int(line[row]))
+
+
+def _restarted_clock(data: Measurements) -> list[str]:
+    """A warning where the clock started anew."""
+    if data.time is None or data.visit is not None or not len(back := rows_back_in_time(data.time, data.robot)):
+        return []
+    lines = ", ".join(str(data.line[row]) for row in back)
+    return [
+        f"the time goes back at line {lines}, as if the clock had started anew: count it from the first row on, or a "
+        "drift, a slip or growth with time is not seen as it was"
+    ]
+
+
+def _sorted_rows(data: Measurements) -> tuple[str, ...]:
+    """That rows are in another order than they were made, where they are."""
+    if data.visit is None or data.time is None:
+        return ()
+    back = rows_back_in_time(data.time, data.robot)
+    rows = "1 row" if len(back) == 1 else f"{len(back)} rows"
+    return (f"times go back at {rows} (first line {data.line[back[0]]}): the row before one is that before it in time",)
 
 
 def _repeated_rows(data: Measurements) -> list[str]:
