@@ -53,6 +53,18 @@ class InitialScores:
             return self
         return InitialScores.of(self.linearised, self.candidates, levels.SIGN_FLIPS_FACTOR * self.linearised.flips)
 
+    def null_beside(self, members: Sequence[Candidate]) -> NullDistribution:
+        """The distribution of the least p-value beyond the geometry and the members of a set.
+
+        What a large effect leaves in flipped data is no noise: beside it the null has tails that no further effect of
+        usual size reaches. Residuals of the whole set have none of it.
+
+        Source: ter Braak (1992), permutation of residuals of the full model.
+        """
+        linearised = self.linearised
+        baseline = linearised.baseline(members, flips=min(linearised.flips, levels.SIGN_FLIPS_OF_MANY_ROWS))
+        return score_candidates(baseline, self.candidates, linearised.sensitivities, linearised.lines)[1]
+
     @cached_property
     def shortlist(self) -> tuple[Candidate, ...]:
         """The candidates that explain something by themselves, those with a searched shape at their best.

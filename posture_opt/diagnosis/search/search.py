@@ -20,9 +20,11 @@ from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.search.selection_criterion import (
+    FurtherNulls,
     beyond_instrument,
     candidate_pool,
     eliminate_members,
+    family_wise,
     find_rivals,
     implausible_members,
     member_weight,
@@ -54,6 +56,7 @@ class SearchResult:
             left.
         nested: what folds chose by themselves; ``considered`` the significant candidates that were chosen from.
         names: the best set of named effects alone, where it is the better model.
+        null: of the best candidate on the geometry alone; ``beside`` the same beside a set, where it was needed.
     """
 
     chosen: tuple[Candidate, ...]
@@ -65,6 +68,7 @@ class SearchResult:
     absorbed: tuple[tuple[Candidate, float], ...] = ()
     considered: tuple[Candidate, ...] = ()
     names: SearchResult | None = None
+    beside: NullDistribution | None = None
 
     @property
     def size(self) -> int:
@@ -96,13 +100,14 @@ class _Selection:
     """A set that was chosen from some of the candidates, before it is known what could replace its members.
 
     Args:
-        chosen, nested, considered: as of a `SearchResult`; ``others`` could replace members.
+        chosen, nested, considered, beside: as of a `SearchResult`; ``others`` could replace members.
     """
 
     chosen: tuple[Candidate, ...]
     nested: NestedSelections
     others: tuple[Candidate, ...] = ()
     considered: tuple[Candidate, ...] = ()
+    beside: NullDistribution | None = None
 
     @property
     def size(self) -> int:
@@ -223,7 +228,9 @@ def _select_allowed(
     pursued = pursue_candidates(dictionary, levels.MAX_EFFECTS)
     shortlisted = merged_candidates(filter(allowed, start.shortlist), pursued.runners_up)
     members = _exchanged_members(start, pursued.chosen, shortlisted)
-    members = eliminate_members(linearised, start.null, _refined_members(linearised, members))
+    refined = _refined_members(linearised, members)
+    nulls = FurtherNulls(start.null, lambda: start.null_beside(refined))
+    members = eliminate_members(linearised, nulls, refined)
     if not members:  # the criterion charges a group of parameters more than the test, which has decided already
         best = [s.candidate for s in start.scored if allowed(s.candidate)][:1]
         members = tuple(refine_shape(linearised.sensitivities, start.baseline, c) for c in best)
@@ -237,7 +244,7 @@ def _select_allowed(
         return _select_allowed(start, foldings, lambda c: allowed(c) and c.key not in impossible)
     # What this set may not hold can explain it all the same: drift for growth, an unnamed curve for a gear error.
     others = merged_candidates(shortlisted, start.shortlist)
-    return _Selection(chosen, nested, others, members)
+    return _Selection(chosen, nested, others, members, nulls.drawn)
 
 
 def _joined_lines(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
@@ -321,7 +328,7 @@ def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[i
         return found
     members = (*(named[i] for i in kept), *(s for s in found.chosen if not s.named))
     weights = member_weights(linearised, members)
-    p_values = tuple(found.null.family_wise(p, s.family) for (p, _), s in zip(weights, members, strict=True))
+    p_values = tuple(family_wise(found.null, found.beside, members, [p for p, _ in weights]))
     considered = merged_candidates(found.chosen, [rival for own in found.rivals for rival in own])
     rivals = _all_rivals(linearised, linearised.baseline(flips=0), considered, members)
     return replace(found, chosen=members, p_values=p_values, rivals=rivals)
@@ -330,11 +337,13 @@ def keep_named(linearised: LinearisedData, found: SearchResult, kept: Sequence[i
 def _search_result(start: InitialScores, found: _Selection) -> SearchResult:
     """The members by their weight, each with its p-value given the others and its rivals."""
     chosen, weights = rank_members(start.linearised, found.chosen)
-    p_values = tuple(start.null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
+    p_values = tuple(family_wise(start.null, found.beside, chosen, [p for p, _ in weights]))
     rivals = _all_rivals(start.linearised, start.baseline, found.others, chosen)
     hidden = absorbed_candidates(start.baseline, start.candidates, start.scored)
     scored = tuple(start.scored)
-    return SearchResult(chosen, p_values, rivals, scored, start.null, found.nested, hidden, found.considered)
+    return SearchResult(
+        chosen, p_values, rivals, scored, start.null, found.nested, hidden, found.considered, beside=found.beside
+    )
 
 
 def _all_rivals(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from posture_opt.diagnosis.scores.subset_selection import Chosen, Pool, close_al
 from posture_opt.diagnosis.search.linearised_data import LinearisedData
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.numerics import Array
+
+_HOPELESS_LOG_P = -8.0
+"""Log p-value of a member above which no null makes it significant: of some 30 independent candidates it would have to
+be -8.5 at `levels.FURTHER_EFFECT_LEVEL`."""
 
 
 def merged_candidates(former: Iterable[Candidate], new: Iterable[Candidate]) -> tuple[Candidate, ...]:
@@ -231,22 +235,57 @@ def rank_members(
 
 
 def eliminate_members(
-    linearised: LinearisedData, null: NullDistribution, members: Sequence[Candidate]
+    linearised: LinearisedData, nulls: FurtherNulls, members: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
     """Backward elimination of the members that are not significant given the others, the least significant first.
 
     Args:
-        null: the distribution of the best candidate on the geometry alone, by which p-values are family-wise.
+        nulls: the distribution of the best candidate on the geometry alone, which decides on a first effect, and that
+            beside all members, which decides on every further one.
     """
     kept, (linearised, reduced) = list(members), linearised.reduced(members)
     while kept:
         weights = member_weights(linearised, reduced)
-        p_values = [null.family_wise(p, s.family) for (p, _), s in zip(weights, kept, strict=True)]
+        p_values = nulls.family_wise(kept, [p for p, _ in weights])
         worst = max(range(len(kept)), key=lambda i: (p_values[i], weights[i][0]))
         if p_values[worst] < (levels.FIRST_EFFECT_LEVEL if len(kept) == 1 else levels.FURTHER_EFFECT_LEVEL):
             break
         del kept[worst], reduced[worst]
     return tuple(kept)
+
+
+@dataclass(eq=False)
+class FurtherNulls:
+    """The null distributions of a first effect and of those beside others.
+
+    Args:
+        first: on the geometry alone; ``beside`` makes that beside all members, where a decision depends on it.
+        drawn: that one, once it was made.
+    """
+
+    first: NullDistribution
+    beside: Callable[[], NullDistribution]
+    drawn: NullDistribution | None = field(default=None, init=False)
+
+    def family_wise(self, members: Sequence[Candidate], log_p: Sequence[float]) -> list[float]:
+        """The p-values of the members of a set, each given the others.
+
+        The first null is the stricter one: where all are significant by it, the other one is not made.
+        """
+        found = family_wise(self.first, self.drawn, members, log_p)
+        doubtful = [p for p, value in zip(log_p, found, strict=True) if value >= levels.FURTHER_EFFECT_LEVEL]
+        if self.drawn is None and len(members) > 1 and min(doubtful, default=0.0) < _HOPELESS_LOG_P:
+            self.drawn = self.beside()
+            found = family_wise(self.first, self.drawn, members, log_p)
+        return found
+
+
+def family_wise(
+    first: NullDistribution, beside: NullDistribution | None, members: Sequence[Candidate], log_p: Sequence[float]
+) -> list[float]:
+    """Family-wise p-values of the members of a set, each given the others: of several by the null beside them too."""
+    nulls = [first] if beside is None or len(members) < 2 else [first, beside]
+    return [min(null.family_wise(p, s.family) for null in nulls) for p, s in zip(log_p, members, strict=True)]
 
 
 def find_rivals(
