@@ -22,8 +22,8 @@ from posture_opt.numerics import Array, Codes
 
 _MOST_COMPARED = 40
 """Candidates that are compared, those that explain most by themselves; chosen for time."""
-_CLEARLY_WORSE = 2.0
-"""Standard errors by which a rival explains less where it is refuted."""
+_CLEARLY_WORSE = 0.975
+"""Quantile of Student's distribution, by as many blocks, of the standard errors by which a refuted rival is worse."""
 
 
 def unrefuted_rivals(linearised: LinearisedData, found: SearchResult) -> dict[int, tuple[Effect, ...]]:
@@ -106,6 +106,8 @@ class _Comparison:
 
     def unrefuted(self, member: int, Z: Array, outside: Array) -> bool:
         """Whether columns Z (m, k), ``outside`` the model, resemble a member and explain no clearly less without it."""
+        from scipy.special import stdtrit
+
         B = self.directions[member]
         basis, lengths, _ = np.linalg.svd(outside + B @ (B.T @ Z), full_matrices=False)
         basis = basis[:, lengths > 1e-10 * max(lengths[0], 1e-300)]
@@ -116,4 +118,5 @@ class _Comparison:
         rows = len(self.groups) * self.block
         lost = (instead[:rows] ** 2 - self.e[:rows] ** 2).reshape(-1, self.block).sum(axis=1)
         by_group = np.bincount(np.unique(self.groups, return_inverse=True)[1], lost)
-        return float(lost.sum()) < _CLEARLY_WORSE * float(np.linalg.norm(by_group))
+        least = float(stdtrit(max(len(by_group) - 1, 1), _CLEARLY_WORSE))
+        return float(lost.sum()) < least * float(np.linalg.norm(by_group))
