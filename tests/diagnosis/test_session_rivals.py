@@ -30,7 +30,11 @@ def diagnosed(folder: Path, cause: str, reach: float, seed: int) -> po.Diagnosis
     warmer = 8 * rise + rng.normal(0, 0.05, ROWS)
     grown = 1 + 20e-6 * warmer * (cause == "growth")
     points = position(q, (grown, grown))
-    points += np.array([2e-4, 1e-4]) * rise[:, None] * (cause == "drift")
+    # In the direction in which an arm that grows would move it: beside that, growth of one length is refuted.
+    outward = position(np.array([[0.6, 0.9]]))[0]
+    points += 2.2e-4 * outward / np.linalg.norm(outward) * rise[:, None] * (cause == "drift")
+    uneven = rise + 0.2 * np.sin(2 * np.pi * t / 7200)
+    points += np.array([2e-4, 1e-4]) * uneven[:, None] * (cause == "uneven drift")
     points -= 2e-3 * np.stack([np.cos(0.6), np.sin(0.6)]) * rise[:, None] * (cause == "large drift")
     points += rng.normal(0, 2e-5, points.shape)
     write(folder / "data.csv", q, points, temperature=("degC", 20 + warmer), time=("s", t))
@@ -64,8 +68,8 @@ def test_a_drift_is_no_growth_of_a_size_that_no_arm_has(tmp_path: Path) -> None:
 
 
 def test_an_unnamed_component_that_explains_as_much_is_a_rival(tmp_path: Path) -> None:
-    """A drift of three pieces: the named course is not refuted, and neither is any other change with time."""
-    found = diagnosed(tmp_path, "drift", 0.03, 0)
+    """A drift that goes back on its way: the named course is not refuted, and neither is any other change with time."""
+    found = diagnosed(tmp_path, "uneven drift", 0.03, 0)
     kinds = {rival.kind for f in moving(found) for rival in f.confounded_with}
     assert "course" in kinds
     assert "change with time" in found.report() or "course" in found.report()
