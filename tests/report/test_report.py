@@ -99,7 +99,8 @@ def contents(result: Any, figures: bool = True) -> dict[str, bytes]:
 
 def check_text(report: str) -> None:
     assert max(map(len, report.splitlines())) <= 100
-    assert not re.search(r"\bnan\b|\binf\b|\bNone\b|array\(|<.*object", report, re.IGNORECASE)
+    assert not re.search(r"\bnan\b|\binf\b|array\(|<.*object", report, re.IGNORECASE)
+    assert not re.search(r"\bNone\b", report)  # cell: mounting: none is a word of problem files
     assert not re.search(r"\d[eE][-+]\d", report), "people do not read exponents"
     assert "-0.00 " not in report
     assert report.endswith("\n")

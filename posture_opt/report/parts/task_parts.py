@@ -15,7 +15,7 @@ from posture_opt.report.text.blocks import Block, Facts
 from posture_opt.report.text.units_text import angle, length, lengths, percent, place, probability, stated_length
 from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words, part_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.units import fixed
+from posture_opt.units import fixed, shown
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
@@ -73,12 +73,12 @@ def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
     """Both ends of the peg, its tilt, and what the tilt may do."""
     ends = (("Tip", peg.tip), ("Top end", peg.top))
     rows = [(name, f"{length(end.sigma_max, among=among)} standard deviation (worst axis)") for name, end in ends]
-    rows.append(("Tilt", f"{angle(peg.tilt_sigma)} standard deviation (worst axis)"))
+    rows.append(("Tilt", f"{shown(peg.tilt_sigma, 'angle')} standard deviation (worst axis)"))
     risks = (("Two-point contact", peg.two_point_contact), ("Wedging", peg.wedging))
     for name, risk in risks:
         if risk is not None:
             probable = _tilt_probability(risk.probability)
-            rows.append((name, f"at a tilt above {angle(risk.angle)}: probability {probable}"))
+            rows.append((name, f"at a tilt above {shown(risk.angle, 'angle')}: probability {probable}"))
     return rows
 
 
