@@ -14,7 +14,7 @@ from posture_opt.measurements.kinds import Seen
 from posture_opt.measurements.kinds.kind import Slots
 from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Reached, Twist
-from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.model.chain import Walk, dot, factor_values, walk
 from posture_opt.numerics import Array, Codes, rms, stacked_rows
 from posture_opt.robot.robot import Robot
 
@@ -29,6 +29,10 @@ MAX_WALKED_ROWS = 20_000
 """Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
 """Codes of two points, their distance [m] and its standard deviation [m]."""
+
+
+_POSTURES_OF_SHIFTS, _SAME_DIRECTION = 4, 1e-9
+"""Random postures in which a direction is compared, and how far it may differ: rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,11 +341,14 @@ class Residuals:
         """(k,) growth of the arm by a unit of each parameter; zeros where the data know its size, or are angles.
 
         Errors count relative to the size where they show none: an arm of half the size misses its planes by half,
-        and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``.
+        and a fit would shrink it. Of the lengths L the growth by deviations x is ``L·x / |L|²``. What only shifts the
+        places or the tool is no part of it: it would be without bounds, and make every error small.
         """
-        L = np.array([p.nominal * (p.made and p.unit == "m") for p in self.parameters])
-        known = self.data.kind.fixes_size or self._touched_distances or self.data.lever is not None or not L.any()
-        return np.zeros(len(L)) if known else L / float(L @ L)
+        if self.data.kind.fixes_size or self._touched_distances or self.data.lever is not None:
+            return np.zeros(len(self.parameters))
+        shifts = lengths_that_shift(self.robot, tool_free="tool" in self.free_groups)
+        L = np.array([p.nominal * (p.made and p.unit == "m" and p.name not in shifts) for p in self.parameters])
+        return L / float(L @ L) if L.any() else L
 
     def _size(self, x: Array) -> float:
         """The size of the arm at the deviations x (k,), relative to nominal."""
@@ -374,6 +381,23 @@ class Residuals:
                 if parameter.group == "place" and parameter.code in (a, b):
                     J[row, k] = (1 if parameter.code == a else -1) * between[parameter.axis] / reached / sigma
         return r, J
+
+
+def lengths_that_shift(robot: Robot, *, tool_free: bool) -> frozenset[str]:
+    """The lengths of an arm that shift all that it reaches, whatever the posture: a column's height, say.
+
+    Args:
+        tool_free: whether those count too that shift the tool point in the tool's frame.
+    """
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (robot.n, _POSTURES_OF_SHIFTS))
+    reached = walk(robot.factors, factor_values(robot.factors, list(q)))
+    found = set()
+    for factor, screw in zip(robot.factors, reached.screws, strict=True):
+        in_tool = tuple(dot(column, screw.axis) for column in reached.columns)
+        seen_from = [screw.axis, in_tool] if tool_free else [screw.axis]
+        if any(all(np.ptp(np.atleast_1d(entry)) < _SAME_DIRECTION for entry in axis) for axis in seen_from):
+            found.add(factor.parameter)
+    return frozenset(found)
 
 
 def counted(data: Measurements, further: Mapping[str, float]) -> Measurements:
