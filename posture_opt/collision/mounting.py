@@ -11,6 +11,7 @@ from pydantic import Field
 
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.obstacles.half_space import HalfSpace
+from posture_opt.collision.placed_capsules import PlacedCapsules
 from posture_opt.model.chain import walk
 from posture_opt.numerics import Array, Json
 from posture_opt.robot.robot import Robot
@@ -24,6 +25,9 @@ _STANDING_RISE_M = 0.05
 _STANDING_REACH_M = 0.25
 """An obstacle below the foot of the arm and within this distance [m] of it is the table that it stands on: the feet of
 arms of up to 30 kg are up to 0.22 m wide, and tables begin a little in front of some."""
+_BELOW_BASE_M = 5e-3
+"""Links of unknown shape that end deeper [m] below the xy plane of the base are worth a sentence: a base that
+measurements found leans by some mrad, 5 mm at the end of an arm."""
 _LEVEL = 0.99
 """Cosine from which a half-space counts as parallel to the mounting plane (8 deg)."""
 
@@ -107,6 +111,28 @@ def base_frame(robot: Robot) -> tuple[Array, Array]:
     """Origin (3,) [m] and z axis (3,) of the base, world."""
     reached = walk(robot.base, [factor.nominal for factor in robot.base])
     return np.array(reached.position, dtype=float), np.array(reached.columns[2], dtype=float)
+
+
+def below_base_note(placed: PlacedCapsules, Q: Array) -> str:
+    """Which link ends lowest below the xy plane of the base, where nothing says what the arm stands on; else empty.
+
+    Links are points here: their ends. That a tool point, or the end of the first link, is below the plane tells that
+    the arm does not stand on it.
+
+    Args:
+        Q: (N, n) postures [rad or m].
+    """
+    origin, normal = base_frame(placed.robot)
+    heights = (placed.origins(Q) - origin) @ normal
+    least = heights.min(axis=0)
+    lowest = int(np.argmin(least[1:-1]))
+    if least[lowest + 1] > -_BELOW_BASE_M or min(least[1], least[-1]) < -_BELOW_BASE_M:
+        return ""
+    return (
+        f"The link behind {placed.robot.joint_names[lowest]} ends {-least[lowest + 1] * 1e3:.0f} mm below the xy plane "
+        "of the base, and the file states neither the shape of the arm nor what it stands on: if that plane is the "
+        "table, state cell: {mounting: {below: 0 m}} and plan again; if nothing is there, cell: {mounting: none}."
+    )
 
 
 def _carries(robot: Robot, obstacle: Obstacle) -> bool:

@@ -63,6 +63,13 @@ class PlacedCapsules:
         points = [ca.vertcat(*ends) for ends in zip(*((start, start + along) for start, along in placed), strict=True)]
         return BatchFunction(ca.Function("segments", [q], [ca.densify(ca.SX(p)) for p in points]), compiled=False)
 
+    def origins(self, Q: Array) -> Array:
+        """(N, n + 2, 3) origins of the frames of the chain at the postures Q (N, n), world [m]."""
+        q = ca.SX.sym("q", self.robot.n)
+        points = ca.vertcat(*(ca.SX(stack([ca.SX(x) for x in reached.position])) for _, reached in self.chain(q)))
+        placed = BatchFunction(ca.Function("origins", [q], [ca.densify(points)]), compiled=False)
+        return np.reshape(placed(Q), (len(Q), self.robot.n + 2, 3))
+
     def symbols(self, q: ca.SX, seen_from: int | None = None) -> tuple[Placed, ...]:
         """All capsules at the joint values ``q``, in the world or in one of the frames.
 

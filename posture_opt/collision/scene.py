@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.contacts import Apart, Contacts
-from posture_opt.collision.mounting import Mounting
+from posture_opt.collision.mounting import Mounting, below_base_note
 from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
@@ -80,6 +80,7 @@ class Scene:
         mounting: the surface that the arm stands on; None where there is none.
         assumed: whether the shape is not known, and capsules along the links are taken in its place.
         switched_off: whether the problem file asks for no checks (``cell: none``).
+        stands_anywhere: whether neither shape nor file says what the arm stands on.
     """
 
     placed: PlacedCapsules
@@ -92,6 +93,7 @@ class Scene:
     mounting: Mounting | None = None
     assumed: bool = False
     switched_off: bool = False
+    stands_anywhere: bool = False
 
     @classmethod
     def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False, without_mounting: bool = False) -> Scene:
@@ -140,6 +142,7 @@ class Scene:
             _names_of_left_out(placed, pairs, own, obstacles, exposed, others),
             mounting,
             assumed,
+            stands_anywhere=mounting is None and asked.mounting is None and not asked.obstacles,
         )
 
     @property
@@ -232,6 +235,8 @@ class Scene:
 
     def mounting_note(self, Q: Array) -> str:
         """What a reader of the postures Q (N, n) has to know of the surface that the arm stands on; else empty."""
+        if self.stands_anywhere:
+            return below_base_note(self.placed, np.atleast_2d(Q))
         if self.mounting is None:
             return ""
         chosen = moving_capsules(self.placed, 1)

@@ -135,3 +135,31 @@ def test_the_tool_is_part_of_the_arm_but_for_its_end() -> None:
     (capsule,) = [c for c in problem_of("ur10", robot=thick).scene.placed.capsules if c.joint == "tool"]
     assert capsule.radius == 0.045
     assert capsule.end == pytest.approx((0.0, 0.0, -0.09))
+
+
+def dh_ur5(cell=None):
+    """A UR5 by its numbers (Universal Robots), which say nothing of its shape, at a hole beside it."""
+    a, d = [0, -0.425, -0.39225, 0, 0, 0], [0.089459, 0, 0, 0.10915, 0.09465, 0.0823]
+    alpha = [90, 0, 0, 90, -90, 0]
+    joints = [{"name": f"J{i + 1}", "a": f"{a[i]} m", "d": f"{d[i]} m", "alpha": f"{alpha[i]} deg"} for i in range(6)]
+    task = {"kind": "insert", "position": ["0.4 m", "0.2 m", "0.2 m"], "direction": [0, 0, -1]}
+    document = {"robot": {"kind": "dh", "joints": joints}, "uncertainty": {"repeatability": "0.1 mm"}, "task": task}
+    return problem_from_dict(document if cell is None else {**document, "cell": cell})
+
+
+def test_an_elbow_below_the_base_is_said_where_nothing_tells_what_the_arm_stands_on() -> None:
+    problem = dh_ur5()
+    below = np.radians([40.7, 156.7, 120.8, 172.5, 90.0, 0.0])  # a posture that was once delivered without a word
+    note = problem.scene.mounting_note(below)
+    assert note.startswith("The link behind J2 ends 79 mm below the xy plane of the base")  # 425 sin 156.7° − 89.459
+    assert not problem.scene.mounting_note(np.radians([40.7, -115.8, -93.1, 118.9, -90.0, 0.0]))
+    for cell in ({"mounting": "none"}, {"mounting": {"below": "0 m"}}, {"obstacles": [TABLE]}, "none"):
+        assert "ends" not in dh_ur5(cell).scene.mounting_note(below)
+    kept = po.PostureSelector(dh_ur5({"mounting": {"below": "0 m"}}), compiled=False).solve()
+    assert not dh_ur5().scene.mounting_note(kept.q)
+    assert dh_ur5().scene.mounting is None  # only said: no plane is assumed
+
+
+def test_a_tool_point_below_the_base_tells_that_no_table_is_there() -> None:
+    straight_down = np.radians([0.0, 60.0, 0.0, 30.0, 90.0, 0.0])
+    assert not dh_ur5().scene.mounting_note(straight_down)
