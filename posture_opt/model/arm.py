@@ -33,7 +33,7 @@ from posture_opt.model.chain import (
     stack,
     walk,
 )
-from posture_opt.numerics import Array
+from posture_opt.numerics import TURN, Array
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
@@ -162,6 +162,20 @@ class Arm:
             if low < high:
                 joints[found.joint] = replace(joint, lower=low, upper=high)
         return replace(self, robot=replace(self.robot, joints=tuple(joints))) if self.measured_ranges else self
+
+    def in_measured_turn(self) -> Arm:
+        """The same arm with every joint that turns more than once kept to the turn about the range of its effects.
+
+        A whole turn away the tool is in the same place, and nothing of what was measured holds.
+        """
+        joints, ranges = list(self.robot.joints), self.measured_ranges
+        for k in {found.joint for found in ranges}:
+            joint, mine = joints[k], [found for found in ranges if found.joint == k]
+            if joint.type == "revolute" and joint.upper - joint.lower > TURN:
+                middle = (min(found.low for found in mine) + max(found.high for found in mine)) / 2
+                low = min(max(middle - TURN / 2, joint.lower), joint.upper - TURN)
+                joints[k] = replace(joint, lower=low, upper=low + TURN)
+        return replace(self, robot=replace(self.robot, joints=tuple(joints))) if ranges else self
 
     @cached_property
     def dimensions(self) -> dict[str, str]:

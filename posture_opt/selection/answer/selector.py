@@ -89,7 +89,7 @@ class PostureSelector:
         self._offers, self._explains = offers, explains
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
-        arm = arm.within_measured() if problem.within_measured else arm
+        arm = arm.within_measured() if problem.within_measured else arm.in_measured_turn()
         self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)

@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from posture_opt.result import Result
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.search.clusters import clusters
 
 _TIE = 1e-12  # of a standard deviation
 
@@ -112,6 +115,12 @@ class Comparison(Result):
         sigmas = {name: compared.judged[name].sigma_max for name, compared in self.answered.items()}
         least = min(sigmas.values())
         return next(name for name, sigma in sigmas.items() if sigma <= least * (1 + _TIE))
+
+    def same_posture(self, one: str, other: str) -> bool:
+        """Whether the one posture of two models is the same but for what the models correct, and for whole turns."""
+        (first,), (second,) = self.answers[one].stations, self.answers[other].stations
+        ignored = () if second.engine is None else second.engine.indifferent
+        return len(clusters(np.array([first.q, second.q]), self.problem.robot, ignored=ignored)[0]) == 1
 
     @property
     def reasons(self) -> tuple[str, ...]:
