@@ -20,7 +20,7 @@ from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
 ONE_JOINT: Any = SimpleNamespace(
     name="one joint",
-    robot=SimpleNamespace(joints=(SimpleNamespace(name="joint1", type="revolute"),)),
+    robot=SimpleNamespace(n=1, joints=(SimpleNamespace(name="joint1", type="revolute"),)),
     arm=SimpleNamespace(effects=()),
 )
 
@@ -28,7 +28,7 @@ ONE_JOINT: Any = SimpleNamespace(
 def planned(degrees: float, sigma: float, error: float, p_success: float | None = None) -> ComparedAnswer:
     """The posture of an arm of one joint."""
     solution: Any = SimpleNamespace(q=np.radians([degrees]), critical=SimpleNamespace(sigma_max=sigma, within="across"))
-    solution.mounting_note = ""
+    solution.mounting_note, solution.engine = "", None
     solution.stations = (solution,)
     miss = np.array([error / 2, 0.0, 0.0])
     predicted = PredictedError(miss, miss[:1], sigma, error, p_success, np.eye(3) * sigma**2)
@@ -40,14 +40,14 @@ def compared(plans: dict[str, ComparedAnswer]) -> Comparison:
     return Comparison(plans, reference=list(plans)[-1])
 
 
-BEFORE, CALIBRATED = planned(1.0, 1e-3, 2e-3, 0.25), planned(2.0, 1e-4, 2e-4, 0.99999)
+BEFORE, CALIBRATED = planned(1.0, 1e-3, 2e-3, 0.25), planned(12.0, 1e-4, 2e-4, 0.99999)
 
 
 def test_every_model_has_a_column() -> None:
     table = comparison_table(compared({"nominal": BEFORE, "calibrated": CALIBRATED}).answered, "calibrated")
     assert table.headers == ("planned with the model", "before calibration", "calibrated")
     assert table.rows == (
-        ("joint1", "1.00 deg", "2.00 deg"),
+        ("joint1", "1.00 deg", "12.00 deg"),
         ("largest σ, as planned", "1.00 mm", "0.100 mm"),
         ("largest σ, as judged", "1.00 mm", "0.100 mm"),
         ("mean error", "1.00 mm", "0.100 mm"),
@@ -59,7 +59,7 @@ def test_every_model_has_a_column() -> None:
 def test_a_model_that_repeats_another_has_no_column() -> None:
     again = compared({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": CALIBRATED})
     assert list(distinct_columns(again)) == ["nominal", "calibrated"]
-    other = compared({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": planned(2.01, 1e-4, 2e-4)})
+    other = compared({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": planned(12.01, 1e-4, 2e-4)})
     assert list(distinct_columns(other)) == ["nominal", "calibrated", "extended"]
     (block,) = comparison_blocks(other, {"nominal": "a", "calibrated": "b", "extended": "c"})
     table: Any = block.items[-1]
@@ -74,10 +74,22 @@ def test_the_lead_tells_both_errors_and_whether_the_gain_is_small() -> None:
     assert "0.200 mm in the one planned with the calibrated model." in lead
 
 
+def test_a_gain_in_the_same_posture_is_that_of_the_commands() -> None:
+    turned = planned(361.0, 1e-4, 2e-4)
+    (lead,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": turned}))
+    assert "The posture is the same, and the gain that of the corrected commands" in lead
+    biased = planned(1.0, 1e-3, 2e-3)
+    (predicted,) = biased.judged["calibrated"].predicted_errors
+    missed = replace(predicted, miss=np.array([1.5e-3, 0, 0]), across=np.array([1.5e-3]))
+    biased = replace(biased, judged={"calibrated": JudgedAnswer((missed,))})
+    (lead,) = comparison_lead(compared({"nominal": biased, "calibrated": CALIBRATED}))
+    assert "2.00 mm in the posture planned before calibration (1.50 mm of it mean error, which corrected" in lead
+
+
 def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> ComparedAnswer:
     """The calibrated arm's posture with what is known of its spread [m]."""
     parts = SpreadParts(scatter / 2, scatter, systematic / 2, systematic, ("joint1.a",))
-    plan = planned(2.0, 1e-3, 1.9e-3)
+    plan = planned(12.0, 1e-3, 1.9e-3)
     predicted = replace(plan.judged["calibrated"].worst, parts=parts, from_measured=distance)
     return replace(plan, judged={"calibrated": JudgedAnswer((predicted,))})
 
@@ -88,8 +100,8 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     far = PostureDistance(0.7, "joint1", 0.5)
     _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, far)}))
     assert open_ == (
-        "The task lies outside the measured range, joint1 by 29 deg: 1.80 mm of its error is parameter uncertainty, "
-        "mainly from joint1.a; scatter contributes 0.100 mm. "
+        "Extrapolated: the planned posture lies outside the measured range, joint1 by 29 deg. 1.80 mm of the error is "
+        "parameter uncertainty, mainly from joint1.a; scatter contributes 0.100 mm. "
         "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure."
     )
     near = PostureDistance(0.2, "", 0.0)
@@ -99,15 +111,24 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     )
     assert first.endswith(
         "; that posture is within the joint ranges measured, up to 11 deg in a joint from the nearest one. "
-        "Planned posture: joint1 2.00 deg."
+        "Planned posture: joint1 12.00 deg."
     )
 
 
 def test_scatter_that_no_file_states_is_not_said_to_be_small() -> None:
     _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.0, 1.8e-3)}))
     assert "mainly from joint1.a; the file states no scatter between repeats." in open_
+    _, none = comparison_lead(compared({"nominal": BEFORE, "calibrated": without_scatter(1.0e-3)}))
+    assert none.startswith("No scatter is in this radius, as the file states none")
     _, tiny = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1e-7, 1.8e-3)}))
     assert "scatter contributes less than 1 µm." in tiny
+
+
+def without_scatter(systematic: float) -> ComparedAnswer:
+    """A plan that misses by little of what it missed before."""
+    plan = with_parts(0.0, systematic)
+    predicted = replace(plan.judged["calibrated"].worst, critical_error=systematic)
+    return replace(plan, judged={"calibrated": JudgedAnswer((predicted,))})
 
 
 def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:

@@ -185,5 +185,5 @@ def test_a_correction_that_no_arm_is_built_with_is_said_to_be_so(found: po.Diagn
     for size, told in ((1e-3, "as arms are built"), (12e-3, "more than arms are built with")):
         x = np.where([p.name == "joint2.theta" for p in found.model.residuals.parameters], size, 0.0 * found.model.x)
         text = inspection(replace(found, model=replace(found.model, x=x)), geometry)
-        assert f"largest correction: zero of joint2 (joint2.theta), {size * 1e3:.0f}" in text
+        assert f"largest certain correction: zero of joint2 (joint2.theta), {size * 1e3:.0f}" in text
         assert told in text

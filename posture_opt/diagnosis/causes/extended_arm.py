@@ -170,7 +170,7 @@ def _file_header(
         if places:
             lines.append(f"Left out, as {why}: {', '.join(effects[i].name for i in places)}.")
     if delivery.together:
-        names = ", ".join(effects[i].name for i in delivery.together)
+        names = ", ".join(effect.name for effect, _ in _written_effects(delivery) if effect.size_undetermined)
         lines.append(f"Sure beside all else in this file only, and no size of a cause (size_undetermined): {names}.")
     read = [noise.name for noise in noises if not noise.of_arm]
     if read:

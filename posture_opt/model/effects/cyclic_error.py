@@ -205,13 +205,13 @@ class CyclicError(Harmonic):
         return f"{cycles_text(self.cycles)} cycles per revolution"
 
     def labelled(self, estimate: FittedSizes) -> str:
-        """Kind and joint, with the cycles of the strongest band, and how many more lines there are."""
+        """Kind and joint, with the cycles of the strongest band, and how many more bands there are."""
         bands = self.bands(estimate)
         if not bands:
             return f"{self.title} ({self.joint}, slow)"
-        rest = len(self.lines) - len(bands[0])
-        more = f" + {rest} more" if rest else ""
-        return f"{self.title} ({self.joint}, {self.band_text(bands[0])}/rev{more})"
+        more = f" + {len(bands) - 1} more" if len(bands) > 1 else ""
+        slow = "" if 0 in self.sharp(estimate.span) else "slow and "
+        return f"{self.title} ({self.joint}, {slow}{self.band_text(bands[0])}/rev{more})"
 
     def inspect(self, robot: Robot) -> str:
         """What turns so often, at the gear ratio of the file or at a common one; else parts of the drive to count."""

@@ -10,7 +10,7 @@ from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.model.effects import CyclicError, InstrumentField
-from posture_opt.model.effects.base.joint_effect import Harmonic
+from posture_opt.model.effects.base.joint_effect import CATALOGUE_AMPLITUDE, Harmonic
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Facts, Table
@@ -39,6 +39,7 @@ _DERIVED_SIDES_NOTE = (
 _CATALOGUE_SIZE_NOTE = (
     "gears and encoders in catalogues err as much: open nothing unless it grew; extended.yaml compensates for it"
 )
+_NOT_CONFIRMED_NOTE = "the test file does not confirm it"
 _INSTRUMENT_NOTE = (
     "the instrument, by a scale bar or from a second station, before the arm is opened: errors that vary smoothly over "
     "its volume look the same here"
@@ -133,11 +134,14 @@ def determined_geometry(found: Diagnosis) -> list[tuple[Parameter, float, float]
 
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     """What to look at on the arm for causes of a known size, and what else a cause could be; nothing without such."""
-    known = [f for f in found.effects if f.determined]
+    every = [f for f in found.effects if f.determined]
+    refuted = [f for f in every if _brings_nothing_elsewhere(found, f)]
+    known = [f for f in every if f not in refuted]
     rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, known).items()]
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
     rows += _of_one_type(found, known)
-    normal = [str(number_of(found, f)) for f in known if f.plausible and isinstance(f.cause, Harmonic)]
+    rows += [(f"Leave alone ({_numbers(found, refuted)})", _NOT_CONFIRMED_NOTE)] if refuted else []
+    normal = [str(number_of(found, f)) for f in known if f.plausible and _as_in_catalogues(f)]
     rows += [(f"Normal ({', '.join(normal)})", _CATALOGUE_SIZE_NOTE)] if normal else []
     sided = [str(number_of(found, f)) for f in known if f.effect and "approach" in f.effect.needs]
     if sided and not found.request.data.approach_given:
@@ -150,6 +154,25 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     return (Facts(tuple(rows)),) if rows else ()
 
 
+def _numbers(found: Diagnosis, findings: Sequence[Finding]) -> str:
+    """The numbers of some causes in the table."""
+    return ", ".join(str(number_of(found, finding)) for finding in findings)
+
+
+def _brings_nothing_elsewhere(found: Diagnosis, finding: Finding) -> bool:
+    """Whether a cause predicts the test file no better; false of what is not tested there."""
+    if found.test is None or finding.place is None or not any(found.test.gains):
+        return False
+    gain = found.test.gains[finding.place]
+    return gain is not None and gain.value <= 0
+
+
+def _as_in_catalogues(finding: Finding) -> bool:
+    """Whether it is a periodic error of the size that new gears have."""
+    cause = finding.cause
+    return isinstance(cause, Harmonic) and cause.plausible_size(finding.sizes)[0] <= CATALOGUE_AMPLITUDE
+
+
 def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, ...]:
     """What to look at on the arm for some causes, each line with their numbers; nothing for none."""
     texts = _inspections(found, findings).items()
@@ -159,16 +182,36 @@ def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, .
 def inspection(found: Diagnosis, finding: Finding) -> str:
     """What to look at for one cause; of the geometry also the correction that is hardest to build."""
     text = finding.inspect(found.problem.robot)
-    known = determined_geometry(found) if finding.kind == "geometry" else []
-    every = [(p, x, std) for p, x, std in known if abs(x) > _DIFFERENT * std]
-    if not every:
+    if finding.kind != "geometry" or (largest := _largest_correction(found)) is None:
         return text
+    size, as_built = largest
+    end = "as arms are built" if as_built else "more than arms are built with"
+    return f"{text}; largest certain correction: {size}, {end}"
+
+
+def _largest_correction(found: Diagnosis) -> tuple[str, bool] | None:
+    """The certain correction of the geometry that is hardest to build, in words, and whether arms are built so.
+
+    None where no correction is certain.
+    """
+    every = [(p, x, std) for p, x, std in determined_geometry(found) if abs(x) > _DIFFERENT * std]
+    if not every:
+        return None
     largest, x, std = max(every, key=lambda own: abs(own[1]) / _MANUFACTURING_TOLERANCES[own[0].unit])
-    noun = GeometricDeviation.of(largest).noun
-    size = f"largest correction: {noun} ({largest.name}), {plus_minus(x, std, *ERROR_UNITS[largest.unit])}"
-    if abs(x) > _MANUFACTURING_TOLERANCES[largest.unit]:
-        return f"{text}; {size}, more than arms are built with: a link bent in a collision, or seated askew?"
-    return f"{text}; {size}, as arms are built"
+    noun, size = GeometricDeviation.of(largest).noun, plus_minus(x, std, *ERROR_UNITS[largest.unit])
+    return f"{noun} ({largest.name}), {size}", abs(x) <= _MANUFACTURING_TOLERANCES[largest.unit]
+
+
+def bent_lead(found: Diagnosis) -> tuple[str, ...]:
+    """The largest correction of the geometry, where no arm is built with it; else nothing."""
+    numbers = [str(number_of(found, f)) for f in found.effects if f.kind == "geometry"]
+    largest = _largest_correction(found) if numbers else None
+    if largest is None or largest[1]:
+        return ()
+    return (
+        f"First check the geometry (cause {numbers[0]}): {largest[0]} is more than arms are built with. Is a link bent "
+        "or seated askew, or is the arm of another type than the file says?",
+    )
 
 
 def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[str, str]]:

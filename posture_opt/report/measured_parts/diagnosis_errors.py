@@ -168,7 +168,7 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
     if any(test.gains):
         words = effects_words(test.file, test.gain, tested_models(found)["extended"])
         own = [gain.low > 0 for gain in test.gains if gain is not None]
-        alone = f" One by one, {sum(own)} of {count(len(own), 'effect')} are sure there." if not all(own) else ""
+        alone = f" One by one, {sum(own)} of the {count(len(own), 'cause')} are sure there." if not all(own) else ""
         return (f"{words}{alone}",)
     one = len(fitted_effects(found)) == 1
     which = "The effect is" if one else "The effects are"

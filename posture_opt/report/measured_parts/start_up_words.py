@@ -20,8 +20,8 @@ def start_up_lead(found: StartUp | None) -> tuple[str, ...]:
     taken = "" if found.seconds is None else f" ({found.seconds / 60:.0f} min)"
     return (
         f"The first {found.rows} rows{taken} are off by {mm(found.rms)} mm RMS, all others by {mm(found.rest)} mm "
-        f"({p_words(found.p_value)}), as while an arm or an instrument warms up: warm up before measuring, or leave "
-        "these rows out.",
+        f"({p_words(found.p_value)}), as while an arm or an instrument warms up, or where the postures begin at an end "
+        "of the range: measure them again on the warm arm before leaving any out.",
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.errors import enumerated
 from posture_opt.report.parts.collision_parts import mounting_notes
-from posture_opt.report.parts.parts import sentence
+from posture_opt.report.parts.parts import input_facts, sentence
 from posture_opt.report.text.blocks import Block, Table
 from posture_opt.report.text.units_text import joint_unit, joint_value, length, short_probability, stated_length
 from posture_opt.report.text.words import MODEL_NAMES, PARTS
@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 
 TITLE = "Comparison of plans"
 FIRST = "nominal"
+_MOSTLY = 0.5  # of an error radius: a mean error that most of it comes from
 _SMALL_GAIN = 0.7  # of the error before: a gain that hardly shows at the task
 _ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
 _TINY_M = 1e-6  # m: no arm is placed better
+_UNSTATED_SCATTER = "No scatter is in this radius, as the file states none (uncertainty: {repeatability: 0.05 mm})."
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
 _MODELS = {
     "nominal": "the model before calibration",
@@ -42,26 +44,33 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     columns = {} if comparison is None else comparison.answered
     if comparison is None or FIRST not in columns or comparison.reference not in columns:
         return _unsolved_lead(comparison)
-    before, now = (columns[name].judged[comparison.reference].critical_error for name in (FIRST, comparison.reference))
-    lead = (
-        f"Task, as {_model(comparison.reference)} predicts: 95 % error radius {_length(before, [before, now])} in the "
-        f"posture planned before calibration, {_length(now, [before, now])} in the one planned with "
-        f"{_model(comparison.reference)}{_in_range(comparison)}."
-    )
+    judged = {name: columns[name].judged[comparison.reference] for name in (FIRST, comparison.reference)}
+    old, new = (one.critical_error for one in judged.values())
+    before, now, model = _length(old, [old, new]), _length(new, [old, new]), _model(comparison.reference)
+    told = f"Task, as {model} predicts: 95 % error radius {before}"
+    if comparison.same_posture(FIRST, comparison.reference):
+        told += f" with the commands of {_MODELS[FIRST]}, {now} with those of {model}. The posture is the same, and "
+        told += f"the gain that of the corrected commands{_in_range(comparison, 'it')}"
+    else:
+        mean = judged[FIRST].distance
+        part = f" ({_length(mean, [old, new])} of it mean error, which corrected commands remove)"
+        told += f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now} in the one "
+        told += f"planned with {model}{_in_range(comparison, 'that posture')}"
     answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
     reference = {name: answer for name, answer in answers.items() if name == comparison.reference}
     return (
-        f"{lead}{_planned_posture(columns[comparison.reference])}",
-        *_open_lead(comparison, small_gain=now > _SMALL_GAIN * before),
+        f"{told}.{_planned_posture(columns[comparison.reference])}",
+        *_open_lead(comparison, small_gain=new > _SMALL_GAIN * old),
         *mounting_notes(reference),
     )
 
 
 def _planned_posture(column: ComparedAnswer) -> str:
-    """The joint values of a plan, in a sentence to follow another."""
+    """The joint values of a plan, and the payload and sides of approach that it holds for, to follow a sentence."""
     (station,), joints = column.stations, column.problem.robot.joints
     values = [f"{j.name} {joint_value(q, j.type)}" for q, j in zip(station.q, joints, strict=True)]
-    return f" Planned posture: {enumerated(values)}."
+    conditions = "".join(f" It holds for {words}." for _, words in input_facts(column.problem))
+    return f" Planned posture: {enumerated(values)}.{conditions}"
 
 
 def _unsolved_lead(comparison: Comparison | None) -> tuple[str, ...]:
@@ -72,15 +81,15 @@ def _unsolved_lead(comparison: Comparison | None) -> tuple[str, ...]:
     return (f"Task: {_model(comparison.reference)} has no posture for it.{why}",)
 
 
-def _in_range(comparison: Comparison) -> str:
-    """How far the planned posture is from those measured, where it is within their range; else empty.
+def _in_range(comparison: Comparison, subject: str) -> str:
+    """How far the planned posture, ``subject`` of the clause, is from those measured; empty outside of their range.
 
     That it lies outside is said by a sentence of its own.
     """
     predicted = _judged(comparison)
     if predicted.from_measured is None or _outside(predicted, comparison):
         return ""
-    return f"; that posture is within the joint ranges measured, {_nearest(predicted, comparison)} from the nearest one"
+    return f"; {subject} is within the joint ranges measured, {_nearest(predicted, comparison)} from the nearest one"
 
 
 def _nearest(predicted: PredictedError, comparison: Comparison) -> str:
@@ -182,31 +191,43 @@ def _length(metres: float, among: list[float]) -> str:
 
 
 def _open_lead(comparison: Comparison, small_gain: bool) -> tuple[str, ...]:
-    """A sentence for the lead: where the data leave the arm more open at the task than it scatters, or where
-    the gain is small.
+    """A sentence for the lead: where the posture is extrapolated, where the data leave the arm more open at the task
+    than it scatters, where the gain is small, or where no scatter is part of the radius.
 
     Within the measured range that is worth a line only where the whole error is still large, by ``small_gain``.
     """
     predicted_error = _judged(comparison)
-    parts = predicted_error.parts
+    parts, extrapolated = predicted_error.parts, _extrapolated(predicted_error, comparison)
     if parts is None:
-        return ()
+        return (extrapolated,) if extrapolated else ()
     scatter, systematic = _sizes(parts)
     if not parts.mostly_systematic:
         words = f"The remaining error is {scatter} of scatter and {systematic} of parameter uncertainty."
-        return (words,) if small_gain and parts.systematic_sigma > 0 else ()
-    outside = _outside(predicted_error, comparison)
-    if not outside and not small_gain:
-        return ()
+        return tuple(filter(None, (extrapolated, words if small_gain and parts.systematic_sigma > 0 else "")))
+    if not extrapolated and not small_gain:
+        return () if parts.scatter_sigma > 0 else (_UNSTATED_SCATTER,)
     sources, close = _sources(parts, comparison), _close(comparison)
-    if not outside:
+    if not extrapolated:
         same = f"Most of the remaining error is systematic: {systematic}, mainly from {sources}"
         return (f"{same}; {_scatter_words(parts, scatter)}. {close}",)
-    where = f"The task lies outside the measured range, {outside}"
     return (
-        f"{where}: {systematic} of its error is parameter uncertainty, mainly from {sources}; "
+        f"{extrapolated} {systematic} of the error is parameter uncertainty, mainly from {sources}; "
         f"{_scatter_words(parts, scatter)}. {close}",
     )
+
+
+def _extrapolated(predicted_error: PredictedError, comparison: Comparison) -> str:
+    """That the planned posture is outside of what was measured, and which effects of that joint it relies on there.
+
+    Empty where it is within the measured range.
+    """
+    outside, away = _outside(predicted_error, comparison), predicted_error.from_measured
+    if not outside or away is None:
+        return ""
+    effects = [effect for effect in comparison.problem.arm.effects if effect.target == away.joint]
+    relied = dict.fromkeys(effect.title for effect in effects if effect.valid_between is None)
+    condition = f" It holds only if {enumerated(relied)} of {away.joint} is there as it was measured." if relied else ""
+    return f"Extrapolated: the planned posture lies outside the measured range, {outside}.{condition}"
 
 
 def _parts_sentences(comparison: Comparison) -> tuple[str, ...]:

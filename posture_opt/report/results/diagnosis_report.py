@@ -17,7 +17,7 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.causes_table import FILE, view_key
+from posture_opt.report.measured_parts.causes_table import FILE, bent_lead, view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
@@ -128,6 +128,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         *sure_gain_lead(found.calibration, found.delivery.nominal),
         *doubts_lead(found.calibration),
         first,
+        *bent_lead(found),
         _improvement(found),
         *unexplained_lead(found),
         *outliers_lead(found),

@@ -20,11 +20,11 @@ from posture_opt.numerics import TURN
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Angle, fixed, shown
 
-"""Arc seconds in a radian."""
+CATALOGUE_AMPLITUDE = 0.3e-3
+"""Amplitude [rad] up to which new gears err: positional accuracy of 1 to 2 arcmin, peak to peak, in the catalogue."""
 _LARGEST_AMPLITUDE = 3e-3
 """Amplitude [rad] of one cycle per revolution up to which a disc or a gear may be off its centre: 60 µm at a radius of
-20 mm. Gears repeat up to 0.3 mrad in more cycles (positional accuracy of 1 to 2 arcmin, peak to peak); three times that
-where they are worn or badly aligned."""
+20 mm. In more cycles three times `CATALOGUE_AMPLITUDE`, of gears that are worn or badly aligned."""
 _DISC_CYCLES = 2.0
 """Cycles per revolution of what is off its centre, or oval or tilted."""
 _WHOLE_CYCLE_SHARE = 0.75
