@@ -176,9 +176,8 @@ class Calibration(Result):
 
         Gross errors of an instrument do not: what was moved then does.
         """
-        data, kept = self.request.data, self.fit.kept
-        order = np.arange(len(kept)) if data.time is None else np.argsort(data.time, kind="stable")
-        inside = np.flatnonzero(kept[order])
+        kept = self.fit.kept
+        inside = np.flatnonzero(kept[self.request.data.order])
         return len(kept) - 1 - int(inside[-1] - inside[0])
 
     @property

@@ -55,7 +55,7 @@ def scatter_change(errors: Array, data: Measurements) -> ScatterChange | None:
     Args:
         errors: (N, axes) position errors [m] that the model leaves; data: of these rows.
     """
-    order = np.arange(len(errors)) if data.time is None else np.argsort(data.time, kind="stable")
+    order = data.order
     count = len(errors) // _WINDOW
     places = range(_MIN_WINDOWS, count - _MIN_WINDOWS + 1)
     if not len(places):

@@ -59,7 +59,7 @@ def start_up(errors: Array, data: Measurements) -> StartUp | None:
     """
     if data.position is None:
         return None
-    order = np.arange(len(errors)) if data.time is None else np.argsort(data.time, kind="stable")
+    order = data.order
     counts = [k for share in _SHARES if (k := int(share * len(errors))) >= _MIN_ROWS]
     if not counts:
         return None
@@ -68,7 +68,8 @@ def start_up(errors: Array, data: Measurements) -> StartUp | None:
     first, rest = rms_length(errors[order[:k]]), rms_length(errors[order[k:]])
     if p > _LEVEL or first < _MIN_RATIO * rest:
         return None
-    seconds = None if data.time is None else float(data.time[order[k - 1]] - data.time[order[0]])
+    taken = None if data.time is None else float(data.time[order[k - 1]] - data.time[order[0]])
+    seconds = None if taken is None or taken < 0 else taken  # a clock that started anew in between tells nothing
     return StartUp(k, seconds, first, rest, p)
 
 

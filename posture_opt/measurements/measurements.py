@@ -123,6 +123,11 @@ class Measurements(Summarised):
         return self.instrument or (_POINT if self.position is None else _POSITION if self.rotation is None else _POSE)
 
     @property
+    def order(self) -> Codes:
+        """(N,) the rows in the order in which they were made, see `measuring_order`."""
+        return measuring_order(self.time, self.robot)
+
+    @property
     def touches(self) -> bool:
         """Whether the rows touch fixed points and no instrument measured."""
         return self.kind.about_mean

@@ -51,7 +51,7 @@ def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
 def test_false_alarms_are_rare_where_neighbours_err_alike(length: int) -> None:
     """Errors in runs of so many rows of one size, log-normal: at most as many alarms as the level says, 1 %."""
     rng = np.random.default_rng(length)
-    data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None)
+    data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None, order=np.arange(ROWS))
     draws = 1000
     alarms = 0
     for _ in range(draws):

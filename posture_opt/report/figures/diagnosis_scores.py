@@ -109,7 +109,7 @@ def plot_scores(found: Diagnosis) -> Figure:
             _say(axes, k, p_value(row.p_value))
     own = sum(row.p_value is not None for row in rows)
     if own:
-        _say(axes, -1, "p-value")
+        _say(axes, -1, "p in the model")
     if 0 < own < len(rows):
         axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
     axes.set_yticks(range(len(rows)), [row.label for row in rows])
@@ -117,7 +117,7 @@ def plot_scores(found: Diagnosis) -> Figure:
     ticks = _spaced_ticks(right)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
     axes.set_xlim(0, right)
-    axes.set_xlabel("evidence of each by itself: log p-value over that of the dashed line")
+    axes.set_xlabel("log p-value on the calibrated arm alone; 1 is that of the dashed line")
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
     axes.set_title(_title(own, len(rows), count), loc="left")
@@ -151,7 +151,9 @@ def _say(axes: Axes, k: int, text: str) -> None:
 
 
 def _look(row: ScoredRow) -> Look:
-    """Dark is in the model; hatched has no name in the catalogue."""
+    """Dark is in the model, paler what shows beside the others only; hatched has no name in the catalogue."""
+    if row.p_value is not None and row.evidence < 1:
+        return {"color": "#7DB5A2", "label": "in the model, seen only once the larger causes are removed"}
     if row.p_value is not None:
         return {"color": "#00664B", "label": "in the model"}
     return {"color": "#B9D5E4", "label": "named cause, not in the model"} if row.named else {
