@@ -43,7 +43,11 @@ from posture_opt.diagnosis.search.linearised_data import (
     tool_points,
 )
 from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
-from posture_opt.diagnosis.search.outlier_reinclusion import explains_outliers, reinclude_outliers
+from posture_opt.diagnosis.search.outlier_reinclusion import (
+    explains_outliers,
+    reinclude_outliers,
+    without_hidden_outliers,
+)
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
 from posture_opt.interrupts import interruptible
@@ -200,7 +204,7 @@ def _explain_calibration(calibration: Calibration, draws: int, seed: int, stages
     It is searched for once more where that shows that statements of the file are wrong beside the effects, that
     orientations scatter otherwise, beside positions, than they were weighed for, or that geometry was held near nominal
     which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
-    a σ that is stated wrongly.
+    a σ that is stated wrongly. So it is where effects hid outliers.
     """
     found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
     for judge in (restated, reweighed):
@@ -208,6 +212,9 @@ def _explain_calibration(calibration: Calibration, draws: int, seed: int, stages
         if again is not None:
             calibration = again
             found = _explain_residuals(*_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
+    fewer = without_hidden_outliers(found.calibration, found.model)
+    if fewer is not None:
+        found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Rows that only looked like outliers: an effect that was not known yet explains them."""
+"""Outliers beside effects: rows that only looked like some, which an effect explains, and rows that effects hid."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.least_squares import find_outliers
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.search.search import SearchResult
@@ -17,6 +18,7 @@ from posture_opt.model.effects.slip import Slip, well_covered
 from posture_opt.numerics import Array, Mask
 
 _MAX_OUTLIER_ROUNDS = 8
+_MAX_GROSS_RUN, _MAX_GROSS_SHARE = 3, 0.01  # rows that follow each other, and of all rows: more are no gross errors
 _MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its rivals in place
 
 
@@ -44,6 +46,38 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
 def explains_outliers(calibration: Calibration, found: SearchResult) -> bool:
     """Whether what was found among all rows explains some that this calibration leaves out."""
     return bool(_left_out(calibration, [*_effect_sets(found)]).sum() < len(calibration.outliers))
+
+
+def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration | None:
+    """The calibration without rows that are outliers beside the effects; None where there are none.
+
+    What effects do in the errors of the calibrated arm is larger than many a gross error: two rows that are off by 2 mm
+    count for a quarter of all that is left, and as scatter of the joint that moves them. Many such rows, or several
+    that follow each other, are no gross errors but what the model lacks.
+
+    Args:
+        model: the arm with its effects, fitted to the rows that count.
+    """
+    residuals = model.residuals
+    m, rows = residuals.measured, calibration.kept_rows
+    columns = (model.jacobian @ model.directions)[:m]
+    gross = _gross_rows(model.whitened[:m], columns, residuals.block)
+    order = residuals.data.order
+    gross[order] = _in_short_runs(gross[order], _MAX_GROSS_RUN)
+    if not 0 < gross.sum() <= max(_MAX_GROSS_RUN, _MAX_GROSS_SHARE * len(rows)):
+        return None
+    kept = calibration.fit.kept.copy()
+    kept[rows[gross]] = False
+    return recount_rows(calibration, kept)
+
+
+def _in_short_runs(marked: Mask, most: int) -> Mask:
+    """(N,) the marked ones of which at most so many follow each other."""
+    edges = np.flatnonzero(np.diff(np.r_[False, marked, False].astype(int)))
+    short = np.zeros_like(marked)
+    for first, behind in edges.reshape(-1, 2).tolist():
+        short[first:behind] = behind - first <= most
+    return short
 
 
 def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]) -> Mask:
