@@ -129,9 +129,10 @@ def below_base_note(placed: PlacedCapsules, Q: Array) -> str:
     if least[lowest + 1] > -_BELOW_BASE_M or min(least[1], least[-1]) < -_BELOW_BASE_M:
         return ""
     return (
-        f"The link behind {placed.robot.joint_names[lowest]} ends {-least[lowest + 1] * 1e3:.0f} mm below the xy plane "
-        "of the base, and the file states neither the shape of the arm nor what it stands on: if that plane is the "
-        "table, state cell: {mounting: {below: 0 m}} and plan again; if nothing is there, cell: {mounting: none}."
+        f"Before driving there: the link behind {placed.robot.joint_names[lowest]} ends "
+        f"{-least[lowest + 1] * 1e3:.0f} mm below the xy plane of the base, and the file states neither the shape of "
+        "the arm nor what it stands on. If that plane is the table, state cell: {mounting: {below: 0 m}} and plan "
+        "again; if nothing is there, cell: {mounting: none}."
     )
 
 

@@ -164,15 +164,17 @@ class Arm:
         return replace(self, robot=replace(self.robot, joints=tuple(joints))) if self.measured_ranges else self
 
     def in_measured_turn(self) -> Arm:
-        """The same arm with every joint that turns more than once kept to the turn about the range of its effects.
+        """The same arm with every joint that turns more than once kept to one turn, with the range of its effects.
 
-        A whole turn away the tool is in the same place, and nothing of what was measured holds.
+        A whole turn away the tool is in the same place, and nothing of what was measured holds. It is the turn about
+        zero where that has the whole range, else the one about the range.
         """
         joints, ranges = list(self.robot.joints), self.measured_ranges
         for k in {found.joint for found in ranges}:
             joint, mine = joints[k], [found for found in ranges if found.joint == k]
             if joint.type == "revolute" and joint.upper - joint.lower > TURN:
-                middle = (min(found.low for found in mine) + max(found.high for found in mine)) / 2
+                least, most = min(found.low for found in mine), max(found.high for found in mine)
+                middle = 0.0 if max(-least, most) <= TURN / 2 else (least + most) / 2
                 low = min(max(middle - TURN / 2, joint.lower), joint.upper - TURN)
                 joints[k] = replace(joint, lower=low, upper=low + TURN)
         return replace(self, robot=replace(self.robot, joints=tuple(joints))) if ranges else self

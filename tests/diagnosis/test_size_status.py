@@ -64,7 +64,7 @@ def test_an_undetermined_size_never_leads(found: po.Diagnosis) -> None:
     assert "tool_shift_rms" not in vague.to_json()["effects"][1]
     lead = " ".join(vague.report().split("Causes, by what they explain")[0].split())
     assert lead.partition("One cause explains")[2].lstrip().startswith("the errors: joint2 has an eccentric gear")
-    assert "Of a size that these data do not determine: joint1 has an eccentric gear" in lead
+    assert "Suspected, of a size that these data do not determine: joint1 has an eccentric gear" in lead
     amplitude = f"{first.cause.headline(first.sizes).partition(' ±')[0]} ±"
     assert amplitude in found.report()
     assert amplitude not in vague.report()

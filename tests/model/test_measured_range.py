@@ -138,10 +138,11 @@ def test_a_diagnosis_writes_down_what_it_measured(tmp_path: Any) -> None:
 def test_beyond_its_range_a_joint_stays_in_the_turn_that_was_measured() -> None:
     """A whole turn away the tool is at the same place, and the joint farther from all that is known."""
     first, second = problem().arm.in_measured_turn().robot.joints
-    middle = (LOW + HIGH) / 2
-    assert np.degrees([first.lower, first.upper]) == pytest.approx([middle - 180, middle + 180])
+    assert np.degrees([first.lower, first.upper]) == pytest.approx([-180, 180])
+    shifted = problem(measured=(-200.0, -20.0)).arm.in_measured_turn().robot.joints[0]
+    assert np.degrees([shifted.lower, shifted.upper]) == pytest.approx([-270, 90])
     assert np.degrees([second.lower, second.upper]) == pytest.approx([-270, 270])  # nothing of it was measured
     near_the_end = problem(measured=(150.0, 260.0)).arm.in_measured_turn().robot.joints[0]
     assert np.degrees([near_the_end.lower, near_the_end.upper]) == pytest.approx([-90, 270])
     answer = po.select_posture(problem(position=["-1.2 m", "-0.6 m", "0 m"]))
-    assert middle - 180 <= np.degrees(answer.q[0]) <= middle + 180
+    assert -180 <= np.degrees(answer.q[0]) <= 180

@@ -29,6 +29,7 @@ def planned(degrees: float, sigma: float, error: float, p_success: float | None 
     """The posture of an arm of one joint."""
     solution: Any = SimpleNamespace(q=np.radians([degrees]), critical=SimpleNamespace(sigma_max=sigma, within="across"))
     solution.mounting_note, solution.engine = "", None
+    solution.problem = SimpleNamespace(scene=SimpleNamespace(stands_anywhere=False))
     solution.stations = (solution,)
     miss = np.array([error / 2, 0.0, 0.0])
     predicted = PredictedError(miss, miss[:1], sigma, error, p_success, np.eye(3) * sigma**2)

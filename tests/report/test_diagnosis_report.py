@@ -71,7 +71,7 @@ def test_the_scatter_of_a_named_joint_is_that_of_repeats(noisy: po.Diagnosis) ->
     assert "which the file does not state" in text
     tables = [item for item in errors_block(noisy).items if isinstance(item, Table)]
     assert "measurement noise" in [row[0] for table in tables for row in table.rows]
-    assert f"measurement noise alone accounts for {1e3 * floor.rms:.3f} mm" in text
+    assert f"of arm and instrument, accounts for {1e3 * floor.rms:.3f} mm" in text
     assert "Measurement noise is the scatter of repeated postures" in text
     assert "so nothing more can be gained" in text
 

@@ -151,7 +151,9 @@ def test_an_elbow_below_the_base_is_said_where_nothing_tells_what_the_arm_stands
     problem = dh_ur5()
     below = np.radians([40.7, 156.7, 120.8, 172.5, 90.0, 0.0])  # a posture that was once delivered without a word
     note = problem.scene.mounting_note(below)
-    assert note.startswith("The link behind J2 ends 79 mm below the xy plane of the base")  # 425 sin 156.7° − 89.459
+    assert note.startswith(
+        "Before driving there: the link behind J2 ends 79 mm below the xy plane of the base"
+    )  # 425 sin 156.7° − 89.459
     assert not problem.scene.mounting_note(np.radians([40.7, -115.8, -93.1, 118.9, -90.0, 0.0]))
     for cell in ({"mounting": "none"}, {"mounting": {"below": "0 m"}}, {"obstacles": [TABLE]}, "none"):
         assert "ends" not in dh_ur5(cell).scene.mounting_note(below)

@@ -36,7 +36,9 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))
     times = np.asarray(state.inputs.time, dtype=float)
     oriented = data.kind.oriented or len(np.unique(data.target)) > 1
-    return Excitation(robot, frozenset(known), span, float(np.ptp(times)), tuple(times.tolist()), oriented)
+    return Excitation(
+        robot, frozenset(known), span, float(np.ptp(times)), tuple(times.tolist()), oriented, data.touches
+    )
 
 
 @dataclass(frozen=True, eq=False)

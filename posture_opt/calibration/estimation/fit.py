@@ -11,7 +11,13 @@ import numpy as np
 
 from posture_opt.calibration.estimation.agreeing_targets import agreeing_targets
 from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance, design_effect
-from posture_opt.calibration.estimation.least_squares import Minimum, find_outliers, least_squares, reduced_jacobian
+from posture_opt.calibration.estimation.least_squares import (
+    Minimum,
+    find_outliers,
+    least_squares,
+    reduced_jacobian,
+    triangular_factor,
+)
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -125,6 +131,15 @@ class Fit:
         """(k,) standard errors; zero for what was not fitted."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
+    @cached_property
+    def held_by_prior(self) -> Array:
+        """(k,) how many times as large standard errors would be by the rows alone; infinite where these say nothing."""
+        J = self.residuals_and_jacobian[1]
+        rows = len(J) - (0 if self.prior is None else len(self.prior.rows))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.sqrt(_variances(J[:rows], self.directions) / _variances(J, self.directions))
+        return np.asarray(np.where(np.isnan(ratio), 1.0, ratio))
+
     @property
     def spent(self) -> float:
         """How many unknowns the rows determine: the steps, less what the prior contributes to each."""
@@ -166,6 +181,17 @@ class Fit:
     def jacobian(self) -> Array:
         """(m, k) of the whitened residuals of all rows by the parameters."""
         return self.residuals.residuals_and_jacobian(self.x)[1][: self.residuals.measured]
+
+    @cached_property
+    def imitating(self) -> Array:
+        """(m, g) what the steps of the geometry do to the arm without its effects: what can pass for these.
+
+        Beside an effect they also change its levers: a frame that slides along its own axis does nothing else.
+        """
+        bare = self.x.copy()
+        bare[self.sizes] = 0.0
+        J = self.residuals.residuals_and_jacobian(bare)[1][: self.residuals.measured]
+        return np.asarray(J @ self.directions[:, self.geometry])
 
     @cached_property
     def residuals_and_jacobian(self) -> tuple[Array, Array]:
@@ -352,6 +378,22 @@ def fit_with_effects(
         design, weight, near = again, found.weight, found.minimum.x
     found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
     return with_clustered_errors(found) if again > 1 else found
+
+
+def _variances(J: Array, directions: Array) -> Array:
+    """(k,) variances of unknowns that rows with the Jacobian J (m, k) leave along ``directions``, for a noise of one.
+
+    Infinite where a direction that the rows do not see is part of an unknown.
+    """
+    A = J @ directions
+    norms = np.linalg.norm(A, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    _, s, Vt = np.linalg.svd(triangular_factor(A / scale))
+    steps = (directions / scale) @ Vt.T
+    seen = s > _ROUNDING_SHARE * s.max(initial=0.0)
+    found = np.sum((steps[:, seen] / s[seen]) ** 2, axis=1)
+    hidden = np.any(np.abs(steps[:, ~seen]) > _ROUNDING_SHARE * np.abs(steps).max(axis=1, keepdims=True), axis=1)
+    return np.asarray(np.where(hidden, np.inf, found))
 
 
 def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:

@@ -367,6 +367,10 @@ class Residuals:
         ends = [(a, b) for a, b, *_ in self.distances]
         return [i for i, pair in enumerate(ends) if all(self.data.at_place(end).any() for end in pair)]
 
+    def distance_errors(self, x: Array) -> Array:
+        """(d,) known distances between touched points at the deviations x (k,), less what is stated, in their σ's."""
+        return self._distance_residuals(x)[0]
+
     def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
         """Whitened residuals (d,) of known distances between touched points, and their derivatives (d, k)."""
         r = np.zeros(len(self.distances))

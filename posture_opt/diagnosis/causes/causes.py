@@ -237,7 +237,7 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
     residuals = model.residuals
     own = places_of_parts(model, finding.place, finding.stated_parts)
     moved = model.jacobian[:, own] @ model.x[own]
-    G = (model.jacobian @ model.directions)[:, model.geometry]
+    G = model.imitating
     norms = np.linalg.norm(G, axis=0)
     U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
     U = U[:, s > _RANK_TOLERANCE * s.max(initial=0.0)]

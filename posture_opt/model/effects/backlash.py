@@ -24,8 +24,8 @@ class Backlash(LostMotion):
     phrase: ClassVar[str] = "{target} has backlash and stops short of its command"
     measurement: ClassVar[str] = "approach each posture from both sides, in random order"
     inspection: ClassVar[str] = (
-        "free play of {target} by hand against a dial gauge, brake on; gear mesh, keyed or clamped couplings between "
-        "motor and joint, a belt if it has one"
+        "free play of {target} by hand against a dial gauge, brake released, drive holding; gear mesh, couplings "
+        "between motor and joint, a belt if it has one"
     )
     rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides after short moves and after long ones: backlash is constant, "

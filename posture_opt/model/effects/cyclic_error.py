@@ -191,7 +191,9 @@ class CyclicError(Harmonic):
 
     def _cycles_known(self, band: Sequence[int], estimate: FittedSizes) -> str:
         """Cycles per revolution of a band; of a single line with their standard error, where that is known."""
-        error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span) if estimate.span > 0 else math.nan
+        error = math.nan if self.further else estimate.values.get("cycles", (0.0, math.nan, ""))[1]
+        if not math.isfinite(error) and estimate.span > 0:
+            error = cycles_error(self._amplitudes(estimate)[band[0]], estimate.span)
         if len(band) > 1 or not error > _MIN_STATED_CYCLES_ERROR:
             return self.band_text(band)
         digits = max(-math.floor(math.log10(error)), 0)

@@ -69,5 +69,5 @@ class InstrumentField(SoleEffect):
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        """The one instance, where more than one joint moves."""
-        return [cls()] if np.count_nonzero(np.array(case.span) > 1e-6) > 1 else []
+        """The one instance, where more than one joint moves; none of touches, which no instrument sees."""
+        return [cls()] if not case.contact and np.count_nonzero(np.array(case.span) > 1e-6) > 1 else []

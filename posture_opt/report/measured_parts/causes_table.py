@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
@@ -31,13 +32,16 @@ FILE = "split_measurements.csv"
 _MAX_INSPECTED = 4  # lines on the parts of causes on a screen
 _MANUFACTURING_TOLERANCES = {"rad": 5e-3, "m": 5e-3}  # rad, m, of new arms; a choice of taste
 _EQUAL_CYCLES_TOLERANCE = 0.05  # of the cycles of a line, by which those of other joints are the same
-_MAX_CAUSES = 12  # that a screen has room for
+_MAX_CAUSES = 16  # that a screen has room for
 _DERIVED_SIDES_NOTE = (
     "from which side each joint arrived is taken from the row before; if the arm went elsewhere in between, state it "
     "in columns JOINT.approach"
 )
-_CATALOGUE_SIZE_NOTE = (
-    "gears and encoders in catalogues err as much: open nothing unless it grew; extended.yaml compensates for it"
+_CATALOGUE_SIZE_NOTE = "as large as gears and encoders in catalogues err: do not open, extended.yaml compensates for it"
+_CHECK_ZERO = "Was the joint set to zero anew, its encoder or drive replaced? Compare its reference with the file."
+_CHECK_LINK = (
+    "Compare with the maker's calibration in the controller, then the type of the arm with the file; then look for a "
+    "link that is bent or seated askew."
 )
 _NOT_CONFIRMED_NOTE = "the test file does not confirm it"
 _INSTRUMENT_NOTE = (
@@ -47,7 +51,9 @@ _INSTRUMENT_NOTE = (
 _HOLDS = "holds"
 _TARGET = "{target}"  # in place of the joint in texts that are compared
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
+_MAX_HELD_RATIO = 3.0  # times its standard error is that by the rows alone, of what no tolerance holds
 _DIFFERENT = 1.96  # standard errors
+_MAX_DECIDED = 2  # measurements that decide what a cause of an open size is
 _MAX_RIVALS = 2  # causes that one could be confused with, by name
 
 
@@ -120,15 +126,17 @@ def _differing(found: Diagnosis) -> str:
 def determined_geometry(found: Diagnosis) -> list[tuple[Parameter, float, float]]:
     """The geometric parameters of the arm with its effects that the data determine, with x and its standard error.
 
-    Left out are those whose standard error is mostly what the data leave open.
+    Left out are those whose standard error is mostly what the data leave open, or what a tolerance of parts holds: a
+    zero of the last joint but one and the length behind it act alike, and the tighter tolerance decides which it is.
     """
     calibration, model = found.calibration, found.model
-    rows = zip(calibration.parameters, model.x, model.std, calibration.std, strict=False)
+    rows = zip(calibration.parameters, model.x, model.std, calibration.std, model.held_by_prior, strict=False)
     return [
         (p, float(x), float(std))
-        for p, x, std, whole in rows
+        for p, x, std, whole, held in rows
         if p.group == "geometry"
         and 0 < whole < _MAX_OPEN_RATIO * std  # what the data leave open has a small part in what they determine
+        and held < _MAX_HELD_RATIO
     ]
 
 
@@ -137,18 +145,23 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     every = [f for f in found.effects if f.determined]
     refuted = [f for f in every if _brings_nothing_elsewhere(found, f)]
     known = [f for f in every if f not in refuted]
-    rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, known).items()]
+    normal = [f for f in known if f.plausible and _as_in_catalogues(f)]
+    other = [f for f in known if f not in normal]
+    rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, other).items()]
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
-    rows += _of_one_type(found, known)
     rows += [(f"Leave alone ({_numbers(found, refuted)})", _NOT_CONFIRMED_NOTE)] if refuted else []
-    normal = [str(number_of(found, f)) for f in known if f.plausible and _as_in_catalogues(f)]
-    rows += [(f"Normal ({', '.join(normal)})", _CATALOGUE_SIZE_NOTE)] if normal else []
+    if normal:
+        rows.append((f"Normal ({_numbers(found, normal)})", _CATALOGUE_SIZE_NOTE))
+        grown = list(_inspections(found, normal).items())[:_MAX_INSPECTED]
+        rows += [(f"If it grew ({', '.join(numbers)})", words) for words, numbers in grown]
+    rows += _of_one_type(found, known)
     sided = [str(number_of(found, f)) for f in known if f.effect and "approach" in f.effect.needs]
     if sided and not found.request.data.approach_given:
         rows.append((f"Sides ({', '.join(sided)})", _DERIVED_SIDES_NOTE))
     rows += [
         (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
     ]
+    rows += _to_decide(found)
     rows += _instrument_first(found)
     rows += _next(found)
     return (Facts(tuple(rows)),) if rows else ()
@@ -169,8 +182,11 @@ def _brings_nothing_elsewhere(found: Diagnosis, finding: Finding) -> bool:
 
 def _as_in_catalogues(finding: Finding) -> bool:
     """Whether it is a periodic error of the size that new gears have."""
-    cause = finding.cause
-    return isinstance(cause, Harmonic) and cause.plausible_size(finding.sizes)[0] <= CATALOGUE_AMPLITUDE
+    cause, rms = finding.cause, finding.sizes.rms
+    if not isinstance(cause, Harmonic):
+        return False
+    amplitude = math.sqrt(2) * rms[0] if rms is not None and len(cause.frequencies) > 1 else None
+    return (cause.plausible_size(finding.sizes)[0] if amplitude is None else amplitude) <= CATALOGUE_AMPLITUDE
 
 
 def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, ...]:
@@ -184,33 +200,34 @@ def inspection(found: Diagnosis, finding: Finding) -> str:
     text = finding.inspect(found.problem.robot)
     if finding.kind != "geometry" or (largest := _largest_correction(found)) is None:
         return text
-    size, as_built = largest
-    end = "as arms are built" if as_built else "more than arms are built with"
+    size, check = largest
+    end = "more than arms are built with" if check else "as arms are built"
     return f"{text}; largest certain correction: {size}, {end}"
 
 
-def _largest_correction(found: Diagnosis) -> tuple[str, bool] | None:
-    """The certain correction of the geometry that is hardest to build, in words, and whether arms are built so.
+def _largest_correction(found: Diagnosis) -> tuple[str, str] | None:
+    """The certain correction of the geometry that is hardest to build, in words, and what to check.
 
-    None where no correction is certain.
+    Nothing is to be checked where arms are built so, within the error of the correction. None where none is certain.
     """
     every = [(p, x, std) for p, x, std in determined_geometry(found) if abs(x) > _DIFFERENT * std]
     if not every:
         return None
-    largest, x, std = max(every, key=lambda own: abs(own[1]) / _MANUFACTURING_TOLERANCES[own[0].unit])
+    sizes = [(abs(x) - _DIFFERENT * std) / _MANUFACTURING_TOLERANCES[p.unit] for p, x, std in every]
+    sure, (largest, x, std) = max(zip(sizes, every, strict=True), key=lambda pair: pair[0])
     noun, size = GeometricDeviation.of(largest).noun, plus_minus(x, std, *ERROR_UNITS[largest.unit])
-    return f"{noun} ({largest.name}), {size}", abs(x) <= _MANUFACTURING_TOLERANCES[largest.unit]
+    check = _CHECK_ZERO if largest.name.endswith(".theta") else _CHECK_LINK
+    return f"{noun} ({largest.name}), {size}", "" if sure <= 1 else check
 
 
 def bent_lead(found: Diagnosis) -> tuple[str, ...]:
     """The largest correction of the geometry, where no arm is built with it; else nothing."""
     numbers = [str(number_of(found, f)) for f in found.effects if f.kind == "geometry"]
     largest = _largest_correction(found) if numbers else None
-    if largest is None or largest[1]:
+    if largest is None or not largest[1]:
         return ()
     return (
-        f"First check the geometry (cause {numbers[0]}): {largest[0]} is more than arms are built with. Is a link bent "
-        "or seated askew, or is the arm of another type than the file says?",
+        f"First check the geometry (cause {numbers[0]}): {largest[0]}, more than arms are built with. {largest[1]}",
     )
 
 
@@ -245,6 +262,16 @@ def _instrument_first(found: Diagnosis) -> list[tuple[str, str]]:
     if not fields or found.request.data.touches:
         return []
     return [(f"Check first ({', '.join(fields)})", _INSTRUMENT_NOTE)]
+
+
+def _to_decide(found: Diagnosis) -> list[tuple[str, str]]:
+    """What to measure for causes of an open size that another one could be, each text once."""
+    texts: dict[str, list[Finding]] = {}
+    for finding in found.effects:
+        rivals = [rival for rival in finding.confounded_with if not isinstance(rival, UnnamedComponent)]
+        if not finding.determined and rivals:
+            texts.setdefault(finding.cause.discrimination(rivals[0]), []).append(finding)
+    return [(f"To decide ({_numbers(found, those)})", text) for text, those in texts.items()][:_MAX_DECIDED]
 
 
 def _next(found: Diagnosis) -> list[tuple[str, str]]:

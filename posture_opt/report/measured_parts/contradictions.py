@@ -10,6 +10,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posture_opt.model.effects import JointCoupling
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.units import ERROR_UNITS, number, plus_minus, shown
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 _DIMENSIONS = {"m": "length", "rad": "angle"}
 _MAX_LISTED = 3
+_WRONG_DISTANCE, _MAX_DISTANCES = 4.0, 3  # σ's from which on a stated distance is doubted, and how many are listed
 _MIN_TURN_RAD = math.radians(0.01)  # less is no turn that anyone would correct
 
 
@@ -32,6 +35,7 @@ def doubts_lead(found: Calibration) -> tuple[str, ...]:
         *_disagreement(found),
         *_preset(found),
         *(_line(contradiction) for contradiction in found.contradictions),
+        *_distances(found),
         *(_away(frame, far) for frame, far in found.far_frames.items()),
         *_implausible(found),
     )
@@ -57,6 +61,21 @@ def _disagreement(found: Calibration) -> tuple[str, ...]:
     text = f"The data disagree with the arm of the file: even calibrated, it misses them by {mm(left)} mm RMS, where "
     text += f"they move by {mm(motion)} mm. Is it another robot's file? Do all joints count in the direction, in the "
     return (f"{text}order and from the zero of the problem file? Treat the results below with caution.",)
+
+
+def _distances(found: Calibration) -> tuple[str, ...]:
+    """Stated distances between touched points that the calibrated arm does not meet, the farthest off first [mm]."""
+    errors, names = found.residuals.distance_errors(found.x), found.residuals.data.place_names
+    order = [i for i in np.argsort(-np.abs(errors)).tolist() if abs(errors[i]) > _WRONG_DISTANCE]
+    lines = []
+    for i in order[:_MAX_DISTANCES]:
+        a, b, length, sigma = found.residuals.distances[i]
+        away, side = abs(float(errors[i])), "longer" if errors[i] > 0 else "shorter"
+        lines.append(
+            f"The distance of {names[a]} and {names[b]}, stated as {1e3 * length:.6g} mm, comes out {mm(away * sigma)} "
+            f"mm {side} ({away:.1f} σ), though the arm gave way to it: check it, as lengths of the arm hang on it."
+        )
+    return tuple(lines)
 
 
 def _preset(found: Calibration) -> tuple[str, ...]:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.measured_parts.causes_table import gain_elsewhere
+from posture_opt.errors import enumerated
+from posture_opt.report.measured_parts.causes_table import gain_elsewhere, number_of
 from posture_opt.report.measured_parts.diagnosis_sizes import (
     MODELS,
     NoiseFloor,
@@ -167,8 +168,11 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
         return ()
     if any(test.gains):
         words = effects_words(test.file, test.gain, tested_models(found)["extended"])
-        own = [gain.low > 0 for gain in test.gains if gain is not None]
-        alone = f" One by one, {sum(own)} of the {count(len(own), 'cause')} are sure there." if not all(own) else ""
+        tested = [(number_of(found, f), gain) for place, f in fitted_effects(found) if (gain := test.gains[place])]
+        sure = [str(number) for number, gain in tested if gain.low > 0]
+        which = f"cause{'s' * (len(sure) > 1)} {enumerated(sure)}" if sure else "none"
+        alone = f" One by one, it confirms {which} of the {count(len(tested), 'cause')}."
+        alone = alone if len(sure) < len(tested) else ""
         return (f"{words}{alone}",)
     one = len(fitted_effects(found)) == 1
     which = "The effect is" if one else "The effects are"

@@ -80,7 +80,7 @@ class NoiseFloor:
     def words(self) -> str:
         """What it is; of the instrument how the length of an error comes from σ of a coordinate."""
         if self.repeated:
-            return "measurement noise alone"
+            return "the scatter of repeated postures, of arm and instrument,"
         each = f" ({stated_length(self.coordinate)} in each of {self.axes} coordinates)" if self.axes > 1 else ""
         return f"the {self.source} as stated{each}"
 

@@ -29,7 +29,10 @@ _SMALL_GAIN = 0.7  # of the error before: a gain that hardly shows at the task
 _ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
 _TINY_M = 1e-6  # m: no arm is placed better
-_UNSTATED_SCATTER = "No scatter is in this radius, as the file states none (uncertainty: {repeatability: 0.05 mm})."
+_UNSTATED_SCATTER = (
+    "The radius leaves out what differs between repeats, as the file states no scatter: state the arm's repeatability "
+    "(uncertainty: {repeatability: 0.1 mm})."
+)
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
 _MODELS = {
     "nominal": "the model before calibration",
@@ -58,10 +61,13 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
         told += f"planned with {model}{_in_range(comparison, 'that posture')}"
     answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
     reference = {name: answer for name, answer in answers.items() if name == comparison.reference}
+    unknown = any(answer.problem.scene.stands_anywhere for answer in reference.values())
+    ground = mounting_notes(reference)
     return (
+        *(ground if unknown else ()),  # whether anyone may drive there comes first
         f"{told}.{_planned_posture(columns[comparison.reference])}",
         *_open_lead(comparison, small_gain=new > _SMALL_GAIN * old),
-        *mounting_notes(reference),
+        *(() if unknown else ground),
     )
 
 
@@ -224,9 +230,9 @@ def _extrapolated(predicted_error: PredictedError, comparison: Comparison) -> st
     outside, away = _outside(predicted_error, comparison), predicted_error.from_measured
     if not outside or away is None:
         return ""
-    effects = [effect for effect in comparison.problem.arm.effects if effect.target == away.joint]
+    effects = [e for e in comparison.problem.arm.effects if e.target == away.joint and "approach" not in e.needs]
     relied = dict.fromkeys(effect.title for effect in effects if effect.valid_between is None)
-    condition = f" It holds only if {enumerated(relied)} of {away.joint} is there as it was measured." if relied else ""
+    condition = f" It relies on the {enumerated(relied)} of {away.joint} there." if relied else ""
     return f"Extrapolated: the planned posture lies outside the measured range, {outside}.{condition}"
 
 

@@ -159,9 +159,9 @@ def _vague(found: Diagnosis, findings: list[Finding]) -> str:
     if len(findings) > _NAMED_OF_MANY:
         first = max(findings, key=lambda f: f.gain)
         words = f"{finding_words(first, found.problem)} (RMS drop {percent(first.gain)})"
-        return f"Of a size that these data do not determine: {words} and {len(findings) - 1} more causes."
+        return f"Suspected, of a size that these data do not determine: {words} and {len(findings) - 1} more causes."
     names = "; ".join(finding_words(f, found.problem) for f in findings)
-    return f"Of a size that these data do not determine: {names}."
+    return f"Suspected, of a size that these data do not determine: {names}."
 
 
 def _improvement(found: Diagnosis) -> str:
@@ -175,6 +175,8 @@ def _improvement(found: Diagnosis) -> str:
     worse = _WORSE_THAN_NOMINAL_NOTE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:
         return f"{text}.{worse}"
+    if floor.rms > sizes["extended"] and not floor.repeated:
+        return f"{text}; {floor.words} would make {mm(floor.rms)} mm, so it errs by less than stated.{worse}"
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
     return f"{text}; {floor.clause}{every}.{worse}"
 

@@ -181,6 +181,8 @@ def _far_away(problem: ProblemData) -> str:
     distance = float(np.linalg.norm(np.array(task.position) - first))
     if distance <= longest:
         return ""
+    at = ", ".join(f"{value:.2f}" for value in first + 0.0)
     return (
-        f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {longest:.2f} m"
+        f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {longest:.2f} m; "
+        f"that joint is at ({at}) m in the world frame, which of data with a free base is that of the instrument"
     )

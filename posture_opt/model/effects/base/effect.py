@@ -65,6 +65,7 @@ class Excitation:
         duration: of the measurements [s].
         times: (N,) of the rows [s]; empty where nothing is measured.
         oriented: whether a turn of the tool about its point shows: orientations, or several targets, are measured.
+        contact: whether the tool touches what is measured, and no instrument looks at it.
     """
 
     robot: Robot
@@ -73,6 +74,7 @@ class Excitation:
     duration: float = 0.0
     times: tuple[float, ...] = ()
     oriented: bool = False
+    contact: bool = False
 
     def moving(self, *types: str) -> tuple[str, ...]:
         """Names of the joints of these types that move in the data."""
