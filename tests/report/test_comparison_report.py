@@ -120,7 +120,7 @@ def test_scatter_that_no_file_states_is_not_said_to_be_small() -> None:
     _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.0, 1.8e-3)}))
     assert "mainly from joint1.a; the file states no scatter between repeats." in open_
     _, none = comparison_lead(compared({"nominal": BEFORE, "calibrated": without_scatter(1.0e-3)}))
-    assert none.startswith("No scatter is in this radius, as the file states none")
+    assert none.startswith("The radius leaves out what differs between repeats")
     _, tiny = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1e-7, 1.8e-3)}))
     assert "scatter contributes less than 1 µm." in tiny
 

@@ -30,6 +30,7 @@ _MIN_CORRELATION_EIGENVALUE = (
     1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
 )
 _MIN_PRIOR_SIGMA = 1e-10  # rad, m: nothing is known better
+_RANK_TOLERANCE = 1e-7  # of the longest: columns of the geometry that say nothing new
 _ROUNDING_SHARE = 1e-10  # of the longest column of all effects: a parameter whose column is shorter does nothing
 _EFFECT_OFFSET_TOLERANCE = (
     1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
@@ -184,14 +185,22 @@ class Fit:
 
     @cached_property
     def imitating(self) -> Array:
-        """(m, g) what the steps of the geometry do to the arm without its effects: what can pass for these.
+        """(m, r) orthonormal basis of what steps of the geometry do to the arm without its effects.
 
-        Beside an effect they also change its levers: a frame that slides along its own axis does nothing else.
+        What can pass for these: beside an effect they also change its levers, and a frame that slides along its own
+        axis does nothing else.
         """
+        from scipy.linalg import qr
+
         bare = self.x.copy()
         bare[self.sizes] = 0.0
         J = self.residuals.residuals_and_jacobian(bare)[1][: self.residuals.measured]
-        return np.asarray(J @ self.directions[:, self.geometry])
+        G = J @ self.directions[:, self.geometry]
+        norms = np.linalg.norm(G, axis=0)
+        # With pivots: numpy's SVD may not converge where directions are all rounding, and prints so.
+        Q, R, _ = qr(G / np.where(norms > 0, norms, 1.0), mode="economic", pivoting=True)
+        length = np.abs(np.diag(R))
+        return np.asarray(Q[:, : len(length)][:, length > _RANK_TOLERANCE * length.max(initial=0.0)])
 
     @cached_property
     def residuals_and_jacobian(self) -> tuple[Array, Array]:
@@ -385,10 +394,12 @@ def _variances(J: Array, directions: Array) -> Array:
 
     Infinite where a direction that the rows do not see is part of an unknown.
     """
+    from scipy.linalg import svd
+
     A = J @ directions
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    _, s, Vt = np.linalg.svd(triangular_factor(A / scale))
+    _, s, Vt = svd(triangular_factor(A / scale), lapack_driver="gesvd")  # numpy's may not converge, and prints so
     steps = (directions / scale) @ Vt.T
     seen = s > _ROUNDING_SHARE * s.max(initial=0.0)
     found = np.sum((steps[:, seen] / s[seen]) ** 2, axis=1)

@@ -37,8 +37,6 @@ from posture_opt.numerics import Array, Codes, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS
 
-_RANK_TOLERANCE = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
-
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -237,10 +235,7 @@ def tool_shifts(model: Fit, finding: Finding) -> tuple[Array, Array]:
     residuals = model.residuals
     own = places_of_parts(model, finding.place, finding.stated_parts)
     moved = model.jacobian[:, own] @ model.x[own]
-    G = model.imitating
-    norms = np.linalg.norm(G, axis=0)
-    U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    U = U[:, s > _RANK_TOLERANCE * s.max(initial=0.0)]
+    U = model.imitating
     both = (v.reshape(-1, residuals.block)[:, : len(residuals.axes)] for v in (moved, moved - U @ (U.T @ moved)))
     alone, beyond = (np.linalg.norm(residuals.metres(v), axis=1) for v in both)
     return np.asarray(alone), np.asarray(beyond)

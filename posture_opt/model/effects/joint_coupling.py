@@ -36,8 +36,8 @@ class JointCoupling(JointEffect):
     summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
     measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
     inspection: ClassVar[str] = (
-        "belts, cables and coupled gears that pass from {follows} through {joint}; the coupling ratio that "
-        "is set in the controller; where nothing passes, its own scale is off"
+        "belts, cables, coupled gears that pass from {follows} through {joint}; the coupling ratio that "
+        "the controller has; where nothing passes, its scale is off"
     )
     rivals: ClassVar[Mapping[str, str]] = {"joint_scale": measurement}
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("ratio", "ratio"),)
