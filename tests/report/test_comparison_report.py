@@ -22,6 +22,7 @@ ONE_JOINT: Any = SimpleNamespace(
     name="one joint",
     robot=SimpleNamespace(n=1, joints=(SimpleNamespace(name="joint1", type="revolute"),)),
     arm=SimpleNamespace(effects=()),
+    scene=SimpleNamespace(stands_anywhere=False, active=False, switched_off=False),
 )
 
 
@@ -29,7 +30,7 @@ def planned(degrees: float, sigma: float, error: float, p_success: float | None 
     """The posture of an arm of one joint."""
     solution: Any = SimpleNamespace(q=np.radians([degrees]), critical=SimpleNamespace(sigma_max=sigma, within="across"))
     solution.mounting_note, solution.engine = "", None
-    solution.problem = SimpleNamespace(scene=SimpleNamespace(stands_anywhere=False))
+    solution.problem = ONE_JOINT
     solution.stations = (solution,)
     miss = np.array([error / 2, 0.0, 0.0])
     predicted = PredictedError(miss, miss[:1], sigma, error, p_success, np.eye(3) * sigma**2)
@@ -84,7 +85,7 @@ def test_a_gain_in_the_same_posture_is_that_of_the_commands() -> None:
     missed = replace(predicted, miss=np.array([1.5e-3, 0, 0]), across=np.array([1.5e-3]))
     biased = replace(biased, judged={"calibrated": JudgedAnswer((missed,))})
     (lead,) = comparison_lead(compared({"nominal": biased, "calibrated": CALIBRATED}))
-    assert "2.00 mm in the posture planned before calibration (1.50 mm of it mean error, which corrected" in lead
+    assert "2.00 mm in the posture planned before calibration (1.50 mm mean error, gone with corrected" in lead
 
 
 def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> ComparedAnswer:
@@ -120,7 +121,7 @@ def test_scatter_that_no_file_states_is_not_said_to_be_small() -> None:
     _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.0, 1.8e-3)}))
     assert "mainly from joint1.a; the file states no scatter between repeats." in open_
     _, none = comparison_lead(compared({"nominal": BEFORE, "calibrated": without_scatter(1.0e-3)}))
-    assert none.startswith("The radius leaves out what differs between repeats")
+    assert none.startswith("Scatter between repeats comes on top")
     _, tiny = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1e-7, 1.8e-3)}))
     assert "scatter contributes less than 1 µm." in tiny
 

@@ -159,8 +159,7 @@ def test_lines_of_several_joints_that_are_alike_are_of_the_type_of_drive(found: 
         return Finding(CyclicError(joint=joint, cycles=cycles), estimate, 1e-9, 0.3)
 
     for second, told in ((17.4, 1), (20.8, 0)):
-        several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", second)))
-        assert len(_of_one_type(several, list(several.effects))) == told
+        assert len(_of_one_type([wave("joint1", 17.2), wave("joint2", second)])) == told
 
 
 def test_joints_whose_errors_grow_alike_share_a_sentence() -> None:

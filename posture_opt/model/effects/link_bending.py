@@ -31,7 +31,9 @@ class LinkBending(GravityLoaded, EffectOfJoint):
     summary: ClassVar[str] = "the link behind the joint bends under the weight that it carries"
     phrase: ClassVar[str] = "the link behind {target} bends under gravity"
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
-    inspection: ClassVar[str] = "the link behind {target}: cracks, and the flange bolts at both ends"
+    inspection: ClassVar[str] = (
+        "flange bolts at both ends of the link behind {target}, against an equal arm; cracks last"
+    )
     rivals: ClassVar[Mapping[str, str]] = {"base_compliance": "measure targets fixed to the base in every posture"}
     yields: ClassVar[str] = "bends by"
     types: ClassVar[tuple[str, ...]] = ("revolute", "prismatic")

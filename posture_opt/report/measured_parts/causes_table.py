@@ -43,7 +43,11 @@ _CHECK_LINK = (
     "Compare with the maker's calibration in the controller, then the type of the arm with the file; then look for a "
     "link that is bent or seated askew."
 )
-_NOT_CONFIRMED_NOTE = "the test file does not confirm it"
+_NOT_CONFIRMED_NOTE = "the test file does not confirm this: measure again before anything is opened for it"
+_ALIKE_NOTE = (
+    "these repeat about as often, {:.0f} times per revolution, as drives of one type do: do not open, extended.yaml "
+    "compensates for it"
+)
 _INSTRUMENT_NOTE = (
     "the instrument, by a scale bar or from a second station, before the arm is opened: errors that vary smoothly over "
     "its volume look the same here"
@@ -142,19 +146,19 @@ def determined_geometry(found: Diagnosis) -> list[tuple[Parameter, float, float]
 
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     """What to look at on the arm for causes of a known size, and what else a cause could be; nothing without such."""
-    every = [f for f in found.effects if f.determined]
-    refuted = [f for f in every if _brings_nothing_elsewhere(found, f)]
-    known = [f for f in every if f not in refuted]
-    normal = [f for f in known if f.plausible and _as_in_catalogues(f)]
-    other = [f for f in known if f not in normal]
+    known = [f for f in found.effects if f.determined]
+    alike = _of_one_type(known)
+    typical = [f for those in alike.values() for f in those]
+    normal = [f for f in known if f.plausible and _as_in_catalogues(f) and f not in typical]
+    doubtful = [f for f in known if f not in (*normal, *typical) and _unconfirmed(found, f)]
+    other = [f for f in known if f not in (*normal, *typical, *doubtful)]
     rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, other).items()]
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
-    rows += [(f"Leave alone ({_numbers(found, refuted)})", _NOT_CONFIRMED_NOTE)] if refuted else []
-    if normal:
-        rows.append((f"Normal ({_numbers(found, normal)})", _CATALOGUE_SIZE_NOTE))
-        grown = list(_inspections(found, normal).items())[:_MAX_INSPECTED]
-        rows += [(f"If it grew ({', '.join(numbers)})", words) for words, numbers in grown]
-    rows += _of_one_type(found, known)
+    rows += [(f"Not confirmed ({_numbers(found, doubtful)})", _NOT_CONFIRMED_NOTE)] if doubtful else []
+    rows += [(f"Normal ({_numbers(found, normal)})", _CATALOGUE_SIZE_NOTE)] if normal else []
+    rows += [(f"Alike ({_numbers(found, those)})", _ALIKE_NOTE.format(cycles)) for cycles, those in alike.items()]
+    grown = list(_inspections(found, [f for f in known if f in (*normal, *typical)]).items())[:_MAX_INSPECTED]
+    rows += [(f"If it grew ({', '.join(numbers)})", words) for words, numbers in grown]
     sided = [str(number_of(found, f)) for f in known if f.effect and "approach" in f.effect.needs]
     if sided and not found.request.data.approach_given:
         rows.append((f"Sides ({', '.join(sided)})", _DERIVED_SIDES_NOTE))
@@ -172,12 +176,12 @@ def _numbers(found: Diagnosis, findings: Sequence[Finding]) -> str:
     return ", ".join(str(number_of(found, finding)) for finding in findings)
 
 
-def _brings_nothing_elsewhere(found: Diagnosis, finding: Finding) -> bool:
-    """Whether a cause predicts the test file no better; false of what is not tested there."""
+def _unconfirmed(found: Diagnosis, finding: Finding) -> bool:
+    """Whether it is not sure that a cause predicts the test file better; false of what is not tested there."""
     if found.test is None or finding.place is None or not any(found.test.gains):
         return False
     gain = found.test.gains[finding.place]
-    return gain is not None and gain.value <= 0
+    return gain is not None and gain.low <= 0
 
 
 def _as_in_catalogues(finding: Finding) -> bool:
@@ -231,8 +235,8 @@ def bent_lead(found: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[str, str]]:
-    """That errors of several joints repeat about as often, which is of the type of their drives; nothing else."""
+def _of_one_type(findings: Sequence[Finding]) -> dict[float, list[Finding]]:
+    """Cycles per revolution -> errors of several joints that repeat about as often, as of the type of their drives."""
     first: dict[float, list[Finding]] = {}
     for finding in findings:
         error = finding.cause
@@ -241,15 +245,7 @@ def _of_one_type(found: Diagnosis, findings: Sequence[Finding]) -> list[tuple[st
             cycles = error.lines[bands[0][0]]
             near = next((k for k in first if abs(k - cycles) < _EQUAL_CYCLES_TOLERANCE * k), cycles)
             first.setdefault(near, []).append(finding)
-    return [
-        (
-            f"Alike ({', '.join(str(number_of(found, f)) for f in those)})",
-            f"they repeat about as often, {cycles:.0f} times per revolution: it is of the type of these drives, rather "
-            "than a fault of each",
-        )
-        for cycles, those in first.items()
-        if len(those) > 1
-    ]
+    return {cycles: those for cycles, those in first.items() if len(those) > 1}
 
 
 def _instrument_first(found: Diagnosis) -> list[tuple[str, str]]:

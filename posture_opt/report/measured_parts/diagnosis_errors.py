@@ -171,7 +171,8 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
         tested = [(number_of(found, f), gain) for place, f in fitted_effects(found) if (gain := test.gains[place])]
         sure = [str(number) for number, gain in tested if gain.low > 0]
         which = f"cause{'s' * (len(sure) > 1)} {enumerated(sure)}" if sure else "none"
-        alone = f" One by one, it confirms {which} of the {count(len(tested), 'cause')}."
+        alone = f" One by one, it supports {which} of the {count(len(tested), 'cause')}"
+        alone += ", though not against what else they could be." if _have_rivals(found) else "."
         alone = alone if len(sure) < len(tested) else ""
         return (f"{words}{alone}",)
     one = len(fitted_effects(found)) == 1
@@ -180,6 +181,12 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
     why = "the arm is delivered without" if found.delivery.dropped or found.delivery.vague else why
     untested = (f"{which} not tested on the other file: {why}.",) if fitted_effects(found) else ()
     return (*untested, calibration_words(test.file))
+
+
+def _have_rivals(found: Diagnosis) -> bool:
+    """Whether a cause that the test file supports could be another one that it would support as well."""
+    gains = () if found.test is None else found.test.gains
+    return any(f.confounded_with for place, f in fitted_effects(found) if (gain := gains[place]) and gain.low > 0)
 
 
 def tested_models(found: Diagnosis) -> dict[str, str]:

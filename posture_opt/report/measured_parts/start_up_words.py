@@ -33,5 +33,6 @@ def scatter_change_lead(found: ScatterChange | None) -> tuple[str, ...]:
     touched = f", where {enumerated(found.points)} {verb} touched," if found.points else ""
     return (
         f"From line {found.line} on{touched} the rows are off by {mm(found.after)} mm RMS, before by "
-        f"{mm(found.before)} mm ({p_words(found.p_value)}): was something moved, loosened or changed there?",
+        f"{mm(found.before)} mm ({p_words(found.p_value)}): was something moved, loosened or changed there? If so, "
+        "leave these rows out and diagnose again.",
     )

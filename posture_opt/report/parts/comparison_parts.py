@@ -24,15 +24,13 @@ if TYPE_CHECKING:
 
 TITLE = "Comparison of plans"
 FIRST = "nominal"
+_PLANAR_JOINTS = 2  # of arms whose bodies no one asks about
 _MOSTLY = 0.5  # of an error radius: a mean error that most of it comes from
 _SMALL_GAIN = 0.7  # of the error before: a gain that hardly shows at the task
 _ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
 _TINY_M = 1e-6  # m: no arm is placed better
-_UNSTATED_SCATTER = (
-    "The radius leaves out what differs between repeats, as the file states no scatter: state the arm's repeatability "
-    "(uncertainty: {repeatability: 0.1 mm})."
-)
+_UNSTATED_SCATTER = "Scatter between repeats comes on top: the file states none (uncertainty: {repeatability: 0.1 mm})."
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
 _MODELS = {
     "nominal": "the model before calibration",
@@ -56,7 +54,7 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
         told += f"the gain that of the corrected commands{_in_range(comparison, 'it')}"
     else:
         mean = judged[FIRST].distance
-        part = f" ({_length(mean, [old, new])} of it mean error, which corrected commands remove)"
+        part = f" ({_length(mean, [old, new])} mean error, gone with corrected commands)"
         told += f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now} in the one "
         told += f"planned with {model}{_in_range(comparison, 'that posture')}"
     answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
@@ -64,8 +62,8 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     unknown = any(answer.problem.scene.stands_anywhere for answer in reference.values())
     ground = mounting_notes(reference)
     return (
-        *(ground if unknown else ()),  # whether anyone may drive there comes first
         f"{told}.{_planned_posture(columns[comparison.reference])}",
+        *(ground if unknown else ()),  # whether anyone may drive there comes before how well it does
         *_open_lead(comparison, small_gain=new > _SMALL_GAIN * old),
         *(() if unknown else ground),
     )
@@ -76,6 +74,9 @@ def _planned_posture(column: ComparedAnswer) -> str:
     (station,), joints = column.stations, column.problem.robot.joints
     values = [f"{j.name} {joint_value(q, j.type)}" for q, j in zip(station.q, joints, strict=True)]
     conditions = "".join(f" It holds for {words}." for _, words in input_facts(column.problem))
+    scene = column.problem.scene
+    if not scene.active and not scene.switched_off and len(joints) > _PLANAR_JOINTS:
+        conditions += " Collisions are not checked, as the shape of the arm is not known: approach slowly."
     return f" Planned posture: {enumerated(values)}.{conditions}"
 
 

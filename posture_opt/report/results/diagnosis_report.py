@@ -175,7 +175,7 @@ def _improvement(found: Diagnosis) -> str:
     worse = _WORSE_THAN_NOMINAL_NOTE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:
         return f"{text}.{worse}"
-    if floor.rms > sizes["extended"] and not floor.repeated:
+    if floor.rms > sizes["extended"] and not floor.repeated and found.scatter_change is None:
         return f"{text}; {floor.words} would make {mm(floor.rms)} mm, so it errs by less than stated.{worse}"
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
     return f"{text}; {floor.clause}{every}.{worse}"

@@ -184,5 +184,5 @@ def _far_away(problem: ProblemData) -> str:
     at = ", ".join(f"{value:.2f}" for value in first + 0.0)
     return (
         f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {longest:.2f} m; "
-        f"that joint is at ({at}) m in the world frame, which of data with a free base is that of the instrument"
+        f"that joint is at ({at}) m in the world frame, with a free base that of the instrument: state the target in it"
     )
