@@ -47,7 +47,7 @@ def test_the_points_that_only_later_rows_touch_are_named() -> None:
     assert change.points == ("stand",)
     (text,) = scatter_change_lead(change)
     assert "where stand is touched, the rows are off by" in text
-    assert text.endswith("was something moved, loosened or changed there?")
+    assert text.endswith("leave these rows out and diagnose again.")
 
 
 def test_rows_that_scatter_alike_hardly_ever_change() -> None:

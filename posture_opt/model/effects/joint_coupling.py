@@ -36,8 +36,8 @@ class JointCoupling(JointEffect):
     summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
     measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
     inspection: ClassVar[str] = (
-        "belts, cables, coupled gears that pass from {follows} through {joint}; the coupling ratio that "
-        "the controller has; where nothing passes, its scale is off"
+        "belts, cables, gears that drive {joint} and pass {follows}, and the coupling ratio in the controller; where "
+        "none does, measure both joints one by one"
     )
     rivals: ClassVar[Mapping[str, str]] = {"joint_scale": measurement}
     parameters: ClassVar[tuple[tuple[str, str], ...]] = (("ratio", "ratio"),)

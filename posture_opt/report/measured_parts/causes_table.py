@@ -150,7 +150,7 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     alike = _of_one_type(known)
     typical = [f for those in alike.values() for f in those]
     normal = [f for f in known if f.plausible and _as_in_catalogues(f) and f not in typical]
-    doubtful = [f for f in known if f not in (*normal, *typical) and _unconfirmed(found, f)]
+    doubtful = [f for f in known if f not in (*normal, *typical) and unconfirmed(found, f)]
     other = [f for f in known if f not in (*normal, *typical, *doubtful)]
     rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, other).items()]
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
@@ -176,7 +176,7 @@ def _numbers(found: Diagnosis, findings: Sequence[Finding]) -> str:
     return ", ".join(str(number_of(found, finding)) for finding in findings)
 
 
-def _unconfirmed(found: Diagnosis, finding: Finding) -> bool:
+def unconfirmed(found: Diagnosis, finding: Finding) -> bool:
     """Whether it is not sure that a cause predicts the test file better; false of what is not tested there."""
     if found.test is None or finding.place is None or not any(found.test.gains):
         return False
@@ -185,12 +185,14 @@ def _unconfirmed(found: Diagnosis, finding: Finding) -> bool:
 
 
 def _as_in_catalogues(finding: Finding) -> bool:
-    """Whether it is a periodic error of the size that new gears have."""
+    """Whether it is a periodic error of the size that new gears have, within its own error."""
     cause, rms = finding.cause, finding.sizes.rms
     if not isinstance(cause, Harmonic):
         return False
-    amplitude = math.sqrt(2) * rms[0] if rms is not None and len(cause.frequencies) > 1 else None
-    return (cause.plausible_size(finding.sizes)[0] if amplitude is None else amplitude) <= CATALOGUE_AMPLITUDE
+    size, std = cause.plausible_size(finding.sizes)
+    if rms is not None and len(cause.frequencies) > 1:
+        size, std = (math.sqrt(2) * value for value in rms)
+    return size - (_DIFFERENT * std if math.isfinite(std) else 0.0) <= CATALOGUE_AMPLITUDE
 
 
 def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, ...]:

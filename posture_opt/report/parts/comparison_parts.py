@@ -233,8 +233,10 @@ def _extrapolated(predicted_error: PredictedError, comparison: Comparison) -> st
         return ""
     effects = [e for e in comparison.problem.arm.effects if e.target == away.joint and "approach" not in e.needs]
     relied = dict.fromkeys(effect.title for effect in effects if effect.valid_between is None)
-    condition = f" It relies on the {enumerated(relied)} of {away.joint} there." if relied else ""
-    return f"Extrapolated: the planned posture lies outside the measured range, {outside}.{condition}"
+    condition = (
+        f", and the radius holds only if the {enumerated(relied)} of {away.joint} goes on there" if relied else ""
+    )
+    return f"Extrapolated: the planned posture lies outside the measured range, {outside}{condition}."
 
 
 def _parts_sentences(comparison: Comparison) -> tuple[str, ...]:

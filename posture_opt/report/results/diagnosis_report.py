@@ -17,7 +17,7 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.causes_table import FILE, bent_lead, view_key
+from posture_opt.report.measured_parts.causes_table import FILE, bent_lead, unconfirmed, view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
@@ -148,10 +148,11 @@ def _beyond(found: Diagnosis) -> str:
 def _named(found: Diagnosis, finding: Finding) -> str:
     """A cause in words with its size; without, where the words have the size already or no single number says it."""
     size, words = headline_of(finding), finding_words(finding, found.problem)
+    doubt = ", not confirmed by the test file" if unconfirmed(found, finding) else ""
     if not size or size in words:
-        return words
+        return f"{words}{doubt}"
     size += " together" if len(finding.cause.spectral_lines) > 1 else ""
-    return f"{words}, {size}" if words.endswith(")") else f"{words} ({size})"
+    return f"{words}, {size}{doubt}" if words.endswith(")") else f"{words} ({size}){doubt}"
 
 
 def _vague(found: Diagnosis, findings: list[Finding]) -> str:
