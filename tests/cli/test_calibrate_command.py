@@ -247,7 +247,7 @@ def test_how_far_the_task_is_from_what_was_measured_is_told(tmp_path: Path) -> N
 def test_a_task_outside_what_was_measured_is_told_first() -> None:
     text = run(JACOBI / "grid.csv", "--problem", JACOBI / "problem.yaml").stdout
     lead = " ".join(text.split("\n\n")[0].split())
-    assert "The task lies outside the measured range, shoulder_pan by 1" in lead
+    assert "the planned posture lies outside the measured range, shoulder_pan by 1" in lead
     assert "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure." in lead
 
 
