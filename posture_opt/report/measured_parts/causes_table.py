@@ -147,7 +147,7 @@ def determined_geometry(found: Diagnosis) -> list[tuple[Parameter, float, float]
 def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     """What to look at on the arm for causes of a known size, and what else a cause could be; nothing without such."""
     known = [f for f in found.effects if f.determined]
-    alike = _of_one_type(known)
+    alike = _of_one_type([f for f in known if f.plausible])  # what no gear does is opened, however many do it
     typical = [f for those in alike.values() for f in those]
     normal = [f for f in known if f.plausible and _as_in_catalogues(f) and f not in typical]
     doubtful = [f for f in known if f not in (*normal, *typical) and unconfirmed(found, f)]
