@@ -319,7 +319,7 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
     beforehand = contradiction_findings(calibration)
     refuted = [c.cause for c in calibration.contradictions]
     effects = effect_findings(found.names, found.predictive, found.model, held.groups, found.unrefuted)
-    effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state))
+    effects = with_plausibility(effects, FittedEffects(found.model, found.linearised.sensitivities.state.robot))
     return (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *_determined_first(*effects, *map(noise_finding, found.noise)),

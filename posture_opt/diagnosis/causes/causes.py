@@ -13,7 +13,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import case_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.residuals import Residuals
-from posture_opt.diagnosis.causes.determined_sizes import determined_parts, is_determined, places_of_parts
+from posture_opt.diagnosis.causes.determined_sizes import is_determined, places_of_parts, stated_parts
 from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.sessions import Gain
@@ -173,7 +173,7 @@ def effect_findings(
     findings = []
     for place, i in enumerate(i for i, s in enumerate(found.chosen) if s.named):
         gain = Gain.of(left.whole, left.without[place], groups)
-        effect, sure = model.effects[place], determined_parts(model, place)
+        effect, sure = model.effects[place], stated_parts(model, place)
         parts = sure or tuple(range(len(effect.size_parts)))
         finding = Finding(
             effect.of_parts(parts),

@@ -11,7 +11,12 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.causes.determined_sizes import determined_parts, determines_all, places_of_parts
+from posture_opt.diagnosis.causes.determined_sizes import (
+    determined_parts,
+    determines_all,
+    places_of_parts,
+    stated_parts,
+)
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.model.effects import Effect
@@ -98,7 +103,7 @@ def deliver_arm(
         fit, errors, kept = calibration.fit, held["nominal" if nominal else "calibrated"], []
     if kept:
         fit = with_choice_errors(fit, _of_kept(model, deviations, fit, {i: sure[i] for i in kept}))
-    together = tuple(i for k, i in enumerate(kept) if len(determined_parts(fit, k)) < len(fit.effects[k].size_parts))
+    together = tuple(i for k, i in enumerate(kept) if len(stated_parts(fit, k)) < len(fit.effects[k].size_parts))
     dropped = tuple(i for i in stays if i not in kept)
     return Delivery(fit, errors, tuple(kept), session, vague, dropped, together, nominal)
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.scores import levels
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.numerics import Array
 
 
@@ -67,6 +69,39 @@ def determines_all(model: Fit, place: int) -> bool:
     """Whether the data of a fit determine the size of an effect as a whole, all its parts together."""
     part = model.slices[place]
     return is_determined(model.x[part], model.covariance[part, part], model.effect_columns(place))
+
+
+def stated_parts(model: Fit, place: int) -> tuple[int, ...]:
+    """The parts of an effect whose sizes are determined as they are stated; what they do to the tool may be so alone.
+
+    Of unknown loads the turn about its mean is stated: a mean turn, which they share with an offset of the joint, moves
+    the tool too.
+    """
+    parts, effect = determined_parts(model, place), model.effects[place]
+    if not parts or not (isinstance(effect, GravityLoaded) and effect.unstated_loads):
+        return parts
+    own = model.slices[place]
+    clear = is_determined(model.x[own], model.covariance[own, own], turns_about_mean(model, place))
+    return parts if clear else ()
+
+
+def turns_about_mean(model: Fit, place: int) -> Array:
+    """(axes N, k) turn about its mean by one unit of each parameter of an effect, axis by axis [rad]."""
+    turns = turns_of(model, place)
+    return np.asarray((turns - turns.mean(axis=1, keepdims=True)).reshape(-1, turns.shape[-1]))
+
+
+def turns_of(model: Fit, place: int) -> Array:
+    """(axes, N, k) turn of its joint by one unit of each parameter of an effect [rad].
+
+    Of what acts on no joint it is that of the tool, about three axes.
+    """
+    state = EffectSensitivities(model.residuals, model.x).state
+    ones, rows = model.effects[place].sensitivities(state), np.zeros(len(model.residuals.data))
+    joints = np.stack([rows + sum(one.joints.values()) for one in ones], axis=-1)
+    if np.any(joints):
+        return joints[None]
+    return np.stack([np.stack([rows + one.twist[1][axis] for one in ones], axis=-1) for axis in range(3)])
 
 
 def places_of_parts(model: Fit, place: int, parts: Sequence[int]) -> list[int]:

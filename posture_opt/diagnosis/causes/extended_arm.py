@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation.fit_request import nearest_semidefinite,
 from posture_opt.calibration.estimation.residuals import Residuals, gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, covariance_at_shapes
-from posture_opt.diagnosis.causes.determined_sizes import determined_parts, places_of_parts
+from posture_opt.diagnosis.causes.determined_sizes import places_of_parts, stated_parts
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
 from posture_opt.selection.fitted_arm import FittedArm
@@ -82,7 +82,7 @@ def _written_effects(delivery: Delivery) -> Iterator[tuple[Effect, list[int]]]:
         every = tuple(range(len(effect.size_parts)))
         sure = every
         if place in delivery.together:
-            sure = parts if (parts := determined_parts(fit, i)) != every else ()
+            sure = parts if (parts := stated_parts(fit, i)) != every else ()
         for parts, marked in ((sure, None), (tuple(k for k in every if k not in sure), True)):
             if parts:
                 written = effect.of_parts(parts).model_copy(update={"size_undetermined": marked})

@@ -10,11 +10,11 @@ import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.causes import Finding
-from posture_opt.diagnosis.causes.determined_sizes import places_of_parts
-from posture_opt.model.arm_state import ArmState
+from posture_opt.diagnosis.causes.determined_sizes import places_of_parts, turns_about_mean, turns_of
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.base.multiples import resolution
 from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
 
 _MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
 """What it would take for a cause that comes once to have come several times."""
@@ -25,11 +25,11 @@ class FittedEffects:
     """What a fit says of its effects, with the arm that they act on.
 
     Args:
-        state: the arm at all rows, without effects.
+        robot: as it stands in the data, with gravity as found.
     """
 
     model: Fit
-    state: ArmState
+    robot: Robot
 
     def sizes(self, finding: Finding) -> FittedSizes:
         """What the fit says of a finding: estimate, covariance of its parameters, and the turn of its joint."""
@@ -38,33 +38,14 @@ class FittedEffects:
             return FittedSizes(finding.estimate)
         part = places_of_parts(model, place, finding.stated_parts)
         own = [k - model.slices[place].start for k in part]
-        turns = self._turns(place)[:, own]
-        turned, C = turns @ model.x[part], model.covariance[np.ix_(part, part)]
-        if not turns.any():  # of links and base the angle between axes, whose parts vary one by one
-            turns = self._tilts(place)[:, :, own]
-            turned = np.linalg.norm(turns @ model.x[part], axis=0)
-        return FittedSizes(
-            finding.estimate, C, (float(turned.min()), float(turned.max())), _rms(turns, model.x[part], C),
-            *self._range(finding),
-        )  # fmt: skip
-
-    def _turns(self, place: int) -> Array:
-        """Turn (N, k) of its joint by one unit of each parameter of an effect, 0 of one that acts on no joint [rad]."""
-        ones = self.model.effects[place].sensitivities(self.state)
-        turns = np.zeros((len(self.model.residuals.data), len(ones)))
-        for k, one in enumerate(ones):
-            for size in one.joints.values():
-                turns[:, k] += np.asarray(size, dtype=float)
-        return turns
-
-    def _tilts(self, place: int) -> Array:
-        """Turn (3, N, k) of what an effect that moves no joint carries, by one unit of each parameter [rad]."""
-        ones = self.model.effects[place].sensitivities(self.state)
-        turns = np.zeros((3, len(self.model.residuals.data), len(ones)))
-        for k, one in enumerate(ones):
-            for axis in range(3):
-                turns[axis, :, k] += np.asarray(one.twist[1][axis], dtype=float)
-        return turns
+        values, C = model.x[part], model.covariance[np.ix_(part, part)]
+        turned = turns_of(model, place)[:, :, own] @ values
+        if len(turned) > 1:  # the parts of a tilt vary one by one
+            turned = np.linalg.norm(turned, axis=0)
+        centred = turns_about_mean(model, place)[:, own] / np.sqrt(len(model.residuals.data))
+        rms = _rms(centred.T @ centred, values, C)
+        turn = float(turned.min()), float(turned.max())
+        return FittedSizes(finding.estimate, C, turn, rms, *self._range(finding))
 
     def _range(self, finding: Finding) -> tuple[float, float]:
         """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there.
@@ -78,14 +59,12 @@ class FittedEffects:
         return float(np.ptp(q)), resolution(q)
 
 
-def _rms(turns: Array, values: Array, C: Array) -> tuple[float, float]:
+def _rms(M: Array, values: Array, C: Array) -> tuple[float, float]:
     """Root mean square of the turn about its mean, ``√(θᵀMθ)``, and its standard error to first order [rad].
 
-    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns (…, N, k), summed over axes where
-    they have some, ``C`` that of θ.
+    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns by one unit each, summed over
+    axes where they have some, ``C`` that of θ.
     """
-    centred = (turns - turns.mean(axis=-2, keepdims=True)).reshape(-1, turns.shape[-1])
-    M = centred.T @ centred / turns.shape[-2]
     size = float(np.sqrt(values @ M @ values))
     return size, float(np.sqrt(values @ M @ C @ M @ values)) / size if size else 0.0
 
@@ -103,7 +82,7 @@ def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> lis
             found.append(finding)
             continue
         seen[effect.kind] += 1
-        robot = fitted.state.robot
+        robot = fitted.robot
         found.append(
             replace(
                 finding,
@@ -125,7 +104,7 @@ def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: i
     most = effect.most_in_session
     if most is not None and rank > most:
         return _MANY_IN_SESSION.format(count=rank, most=most)
-    known = effect.plausible(fitted.state.robot)
+    known = effect.plausible(fitted.robot)
     if known is None or not finding.determined:
         return ""
     value, std = effect.plausible_size(fitted.sizes(finding))
