@@ -32,8 +32,8 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
     Without one: the measured posture, of ``measured`` (N, n) [rad or m], that is nearest to their median, each joint
     in units of its range. The spread is None where the problem has no uncertainty.
     """
-    if comparison is not None and comparison.reference in comparison.answered:
-        (station,) = comparison.answered[comparison.reference].stations
+    if comparison is not None and comparison.answers_task(comparison.reference):
+        (station,) = comparison.answers[comparison.reference].stations
         return station.q, station.spread
     scale = np.maximum(np.ptp(measured, axis=0), 1e-9)
     q = measured[np.argmin(np.linalg.norm((measured - np.median(measured, axis=0)) / scale, axis=1))]

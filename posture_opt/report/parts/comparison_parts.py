@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 from posture_opt.errors import enumerated
 from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.parts import input_facts, sentence
-from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.blocks import Block, Later, Table
 from posture_opt.report.text.units_text import joint_unit, joint_value, length, short_probability, stated_length
 from posture_opt.report.text.words import MODEL_NAMES, PARTS
 from posture_opt.units import number
@@ -42,10 +43,10 @@ _MODELS = {
 
 def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     """What it means for the task, in a sentence; which posture is missing, where one is."""
-    columns = {} if comparison is None else comparison.answered
-    if comparison is None or FIRST not in columns or comparison.reference not in columns:
+    if comparison is None or not all(comparison.answers_task(name) for name in (comparison.reference, FIRST)):
         return _unsolved_lead(comparison)
-    judged = {name: columns[name].judged[comparison.reference] for name in (FIRST, comparison.reference)}
+    chosen = comparison.answers[comparison.reference]
+    judged = {name: comparison.answers[name].judged[comparison.reference] for name in (FIRST, comparison.reference)}
     old, new = (one.critical_error for one in judged.values())
     before, now, model = _length(old, [old, new]), _length(new, [old, new]), _model(comparison.reference)
     told = f"Task, as {model} predicts: 95 % error radius {before}"
@@ -57,12 +58,11 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
         part = f" ({_length(mean, [old, new])} mean error, gone with corrected commands)"
         told += f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now} in the one "
         told += f"planned with {model}{_in_range(comparison, 'that posture')}"
-    answers = {name: column.answer for name, column in columns.items() if column.answer is not None}
-    reference = {name: answer for name, answer in answers.items() if name == comparison.reference}
-    unknown = any(answer.problem.scene.stands_anywhere for answer in reference.values())
-    ground = mounting_notes(reference)
+    assert chosen.answer is not None
+    unknown = chosen.answer.problem.scene.stands_anywhere
+    ground = mounting_notes({comparison.reference: chosen.answer})
     return (
-        f"{told}.{_planned_posture(columns[comparison.reference])}",
+        f"{told}.{_planned_posture(chosen)}",
         *(ground if unknown else ()),  # whether anyone may drive there comes before how well it does
         *_open_lead(comparison, small_gain=new > _SMALL_GAIN * old),
         *(() if unknown else ground),
@@ -82,7 +82,7 @@ def _planned_posture(column: ComparedAnswer) -> str:
 
 def _unsolved_lead(comparison: Comparison | None) -> tuple[str, ...]:
     """That the task has no posture with the reference, and the first reason; nothing where it has one."""
-    if comparison is None or comparison.reference in comparison.answered:
+    if comparison is None or comparison.answers_task(comparison.reference):
         return ()
     why = "".join(f" {sentence(reason)}" for reason in comparison.reasons[:1])
     return (f"Task: {_model(comparison.reference)} has no posture for it.{why}",)
@@ -114,17 +114,22 @@ def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = 
     """
     if comparison is None:
         return ()
-    reasons, judge = tuple(sentence(reason) for reason in comparison.reasons), _model(comparison.reference)
-    if comparison.reference not in comparison.answered:
+    if not comparison.answers_task(comparison.reference):
+        judge, reasons = _model(comparison.reference), map(sentence, comparison.reasons)
         return (Block(TITLE, (f"{_capital(judge)} has no posture for this task.", *reasons), brief=()),)
-    columns = distinct_columns(comparison)
-    items: tuple[str | Table, ...] = (
-        *_sentences(columns, comparison.reference),
+    figure = "predicted_error" if comparison.answers_task(FIRST) else ""
+    return (Block(TITLE, Later(partial(_comparison_items, comparison, names)), figure),)
+
+
+def _comparison_items(comparison: Comparison, names: Mapping[str, str]) -> tuple[str | Table, ...]:
+    """The postures and errors of all models, with what they mean."""
+    columns, reference = distinct_columns(comparison), comparison.reference
+    return (
+        *_sentences(columns, reference),
         *_parts_sentences(comparison),
-        *reasons,
-        comparison_table(columns, comparison.reference, names),
+        *map(sentence, comparison.reasons),
+        comparison_table(columns, reference, names),
     )
-    return (Block(TITLE, items, "predicted_error" if FIRST in columns else ""),)
 
 
 def distinct_columns(comparison: Comparison) -> dict[str, ComparedAnswer]:
@@ -267,7 +272,7 @@ def _close(comparison: Comparison) -> str:
 
 
 def _judged(comparison: Comparison) -> PredictedError:
-    return comparison.answered[comparison.reference].judged[comparison.reference].worst
+    return comparison.answers[comparison.reference].judged[comparison.reference].worst
 
 
 def _sizes(parts: SpreadParts) -> tuple[str, str]:

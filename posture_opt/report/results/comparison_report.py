@@ -86,7 +86,7 @@ class ComparisonPresenter(Presenter["Comparison"]):
 
 def comparison_drawings(comparison: Comparison | None) -> Drawings:
     """Predicted error in the posture of each model, where the one before calibration and the reference have one."""
-    if comparison is None or not {FIRST, comparison.reference} <= set(comparison.answered):
+    if comparison is None or not all(comparison.answers_task(name) for name in (comparison.reference, FIRST)):
         return {}
     return {"predicted_error": partial(plot_comparison, comparison)}
 

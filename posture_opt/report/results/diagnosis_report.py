@@ -6,6 +6,7 @@ that were found. Errors are of held-out rows.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -80,12 +81,13 @@ def diagnosis_report(
         comparison: the task planned again by the extended arm, or None without a task.
         goals: targets that were measured in several postures, or None.
     """
+    names = MODELS if fitted_effects(found) else MODELS | {"extended": "extended"}
     blocks = (
         causes_block(found),
         *cyclic_block(found),
         errors_block(found),
         *([test_block(found)] if found.test is not None else []),
-        *comparison_blocks(comparison, MODELS if fitted_effects(found) else MODELS | {"extended": "extended"}),
+        *(replace(block, brief=()) for block in comparison_blocks(comparison, names)),
         *goals_block(goals),
         *confusion_block(found),
         *split_block(found),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import overload
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,34 @@ class Table:
 Item = str | Facts | Table
 
 
+class Later(Sequence[Item]):
+    """Items that are made when they are first read: a report of one screen leaves out some that take long.
+
+    Args:
+        made: makes them.
+    """
+
+    def __init__(self, made: Callable[[], Sequence[Item]]) -> None:
+        self._made = made
+
+    @cached_property
+    def _items(self) -> tuple[Item, ...]:
+        return tuple(self._made())
+
+    @overload
+    def __getitem__(self, place: int) -> Item: ...
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Item, ...]: ...
+    def __getitem__(self, place: int | slice) -> Item | tuple[Item, ...]:
+        return self._items[place]
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __iter__(self) -> Iterator[Item]:
+        return iter(self._items)
+
+
 @dataclass(frozen=True)
 class Block:
     """A part of a report, mostly with a title; ``figure`` names the picture that belongs to it.
@@ -74,7 +105,7 @@ class Block:
     """
 
     title: str
-    items: tuple[Item, ...]
+    items: Sequence[Item]
     figure: str = ""
     brief: tuple[Item, ...] | None = None
     stays: bool = False

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -111,24 +111,60 @@ def compare_plans(
     if isinstance(chosen, tuple):
         return Comparison(_compared(models, {**unanswered, reference: chosen}), reference)
     asked = {name: _scattering(model, models[reference].sources) for name, model in models.items()}
-    found = {name: _planned(asked[name], seed, hint) for name in others} | {reference: chosen}
-    return Comparison(_compared(asked, found, chosen.basis, measured), reference)
+    return Comparison(_Plans(asked, reference, chosen, seed, hint, measured), reference)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plans(Mapping[str, ComparedAnswer]):
+    """The columns of models of one arm; each is planned when it is first asked for, as not every report shows it.
+
+    Args:
+        asked: the models; reference: the one that was planned already, with the answer ``chosen``.
+        seed, hint, measured: as of `compare_plans`.
+    """
+
+    asked: Mapping[str, ProblemData]
+    reference: str
+    chosen: Solution
+    seed: int | None
+    hint: str
+    measured: Array | None
+    _made: dict[str, ComparedAnswer] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> ComparedAnswer:
+        if name not in self._made:
+            problem = self.asked[name]
+            answer = self.chosen if name == self.reference else _planned(problem, self.seed, self.hint)
+            self._made[name] = _column(self.asked, name, answer, self.chosen.basis, self.measured)
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.asked
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.asked)
+
+    def __len__(self) -> int:
+        return len(self.asked)
 
 
 def _compared(
-    problems: Mapping[str, ProblemData], found: Mapping[str, Solution | Reasons], basis: Array | None = None,
-    measured: Array | None = None,
+    problems: Mapping[str, ProblemData], found: Mapping[str, Solution | Reasons]
 ) -> dict[str, ComparedAnswer]:  # fmt: skip
-    """The columns of a comparison: each answer, judged by all problems whose arms have the same joints."""
-    columns = {}
-    for name, answer in found.items():
-        problem = problems[name]
-        if isinstance(answer, tuple):
-            columns[name] = ComparedAnswer(problem, reasons=answer)
-            continue
-        judges = {judge: other for judge, other in problems.items() if _same_joints(problem.robot, other.robot)}
-        columns[name] = ComparedAnswer(problem, answer, Judgements(judges, answer.stations, basis, measured))
-    return columns
+    """The columns of a comparison."""
+    return {name: _column(problems, name, answer) for name, answer in found.items()}
+
+
+def _column(
+    problems: Mapping[str, ProblemData], name: str, answer: Solution | Reasons, basis: Array | None = None,
+    measured: Array | None = None,
+) -> ComparedAnswer:  # fmt: skip
+    """The answer of one of the problems, judged by all of them whose arms have the same joints."""
+    problem = problems[name]
+    if isinstance(answer, tuple):
+        return ComparedAnswer(problem, reasons=answer)
+    judges = {judge: other for judge, other in problems.items() if _same_joints(problem.robot, other.robot)}
+    return ComparedAnswer(problem, answer, Judgements(judges, answer.stations, basis, measured))
 
 
 def _same_joints(one: Robot, other: Robot) -> bool:

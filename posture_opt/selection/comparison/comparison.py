@@ -100,6 +100,10 @@ class Comparison(Result):
         """The arms or models that have an answer."""
         return {name: compared for name, compared in self.answers.items() if compared.answer is not None}
 
+    def answers_task(self, name: str) -> bool:
+        """Whether there is a model or arm of this name, and it has an answer."""
+        return name in self.answers and self.answers[name].answer is not None
+
     @property
     def judges(self) -> tuple[str, ...]:
         """The models that judge an answer, as a report shows them: the reference alone where there is one."""
