@@ -80,6 +80,20 @@ def thin_svd(A: Array) -> tuple[Array, Array, Array]:
     return U, s, V
 
 
+def linked(points: Array, reach: float) -> Codes:
+    """(N,) codes of points (N, d) that steps of at most ``reach`` in every coordinate lead from one to the other."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(points).query_pairs(reach, p=np.inf, output_type="ndarray")
+    if not len(pairs):
+        return np.arange(len(points))
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.intp)
+
+
 def stacked_rows(vector: Sequence[Any], n: int) -> Array:
     """(n, m) rows of a vector whose m entries are numbers, or arrays (n,) of one number a row."""
     if not len(vector):

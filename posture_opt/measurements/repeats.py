@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means, rows_of
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Mask, linked
 
 SAME_POSTURE_RAD = 1e-3
 """Commands that differ by less [rad] lead to one posture."""
@@ -35,7 +35,7 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
             data.robot * _CODE_SEPARATION,
         ]
     )
-    n, code = len(data), _linked_rows(posture) if len(data) <= _MAX_PAIRED_ROWS else _linked_cells(posture)
+    n, code = len(data), linked(posture, 1.0) if len(data) <= _MAX_PAIRED_ROWS else _linked_cells(posture)
     own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
     strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
     merged = np.where(strung[code], own + n, code)
@@ -45,17 +45,6 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
 
 
-def _linked_rows(posture: Array) -> Codes:
-    """(N,) codes of rows (N, d) that steps of at most 1 in every coordinate lead from one to the other."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(posture),) * 2)
-    return np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
-
-
 def _linked_cells(posture: Array) -> Codes:
     """(N,) the same of many rows (N, d), with rows of one cell of side 1 by their mean.
 
@@ -63,7 +52,7 @@ def _linked_cells(posture: Array) -> Codes:
     """
     _, cell = np.unique(np.floor(posture), axis=0, return_inverse=True)
     cell = cell.ravel()
-    return np.asarray(_linked_rows(group_means(posture, cell))[cell], dtype=np.intp)
+    return np.asarray(linked(group_means(posture, cell), 1.0)[cell], dtype=np.intp)
 
 
 def apart(data: Measurements) -> Measurements:

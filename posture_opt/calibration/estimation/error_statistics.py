@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.limits import MOST_FOLDS
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Json, rms
+from posture_opt.numerics import Array, Codes, Json, linked, rms
 
 By = Literal["pose", "block", "place"]
 
@@ -100,20 +100,13 @@ def equal_poses(q: Array, pose: Codes) -> Codes:
 
     Connected components of pairs that are within `_SAME_POSE_TOLERANCE` in every joint.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     _, first, inverse = np.unique(pose, return_index=True, return_inverse=True)
     cell = np.zeros(len(first), dtype=np.intp)
     for column in np.round(q[first] / _SAME_POSE_TOLERANCE).T:  # of integers, joint by joint: much faster than of rows
         values, code = np.unique(column, return_inverse=True)
         cell = np.unique(cell * len(values) + code, return_inverse=True)[1]
-    cells, start = np.unique(cell, return_index=True)
-    pairs = cKDTree(q[first[start]]).query_pairs(_SAME_POSE_TOLERANCE, p=np.inf, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
-    together = connected_components(links, directed=False)[1]
-    return np.asarray(together[cell][inverse.ravel()], dtype=np.intp)
+    start = np.unique(cell, return_index=True)[1]
+    return np.asarray(linked(q[first[start]], _SAME_POSE_TOLERANCE)[cell][inverse.ravel()], dtype=np.intp)
 
 
 def median_blocks(points: Array, count: int) -> Codes:
