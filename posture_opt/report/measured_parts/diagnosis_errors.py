@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,7 @@ from posture_opt.report.measured_parts.error_table import (
     mm,
 )
 from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, file_words, range_items
-from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.blocks import Block, Item, Later, Table
 from posture_opt.report.text.units_text import count, listed_lines, percent
 from posture_opt.report.text.words import MODEL_NAMES
 
@@ -37,7 +38,12 @@ _CHOSEN = "Effects were selected and fitted anew in each round, from the other r
 
 
 def errors_block(found: Diagnosis) -> Block:
-    """Position errors of the three models, cross-validated, with the noise floor.
+    """Position errors of the three models, cross-validated, with the noise floor."""
+    return Block("Gain from the causes found", Later(partial(_errors, found)), "diagnosis_errors", brief=())
+
+
+def _errors(found: Diagnosis) -> tuple[Item, ...]:
+    """Sentences on the errors, and a table of them.
 
     The table [mm] has RMS with its 95 % interval, mean, 95 % quantile, largest error, and the share inside the 95 %
     regions. A fourth model is that which is delivered, where it is none of the three. The last row is the noise that
@@ -62,8 +68,7 @@ def errors_block(found: Diagnosis) -> Block:
         )
     if floor.rms:
         texts.append(f"{floor.sentence}{_beside(found, floor)}")
-    table = Table(headers, tuple(rows))
-    return Block("Gain from the causes found", (*texts, table), "diagnosis_errors", brief=())
+    return (*texts, Table(headers, tuple(rows)))
 
 
 def _as_delivered(found: Diagnosis) -> dict[str, str]:
