@@ -62,7 +62,7 @@ def test_a_second_slip_in_one_session_is_rather_something_else() -> None:
     slips = [
         Finding(Slip(of=name, moment="10 s"), {}, 1e-6, 0.2, place=i) for i, name in enumerate(("joint1", "joint2"))
     ]
-    fitted = SimpleNamespace(state=SimpleNamespace(robot=robot), sizes=lambda finding: FittedSizes(finding.estimate))
+    fitted = SimpleNamespace(robot=robot, sizes=lambda finding: FittedSizes(finding.estimate))
     first, second = with_plausibility(slips, fitted)
     assert first.plausible
     assert not second.plausible
