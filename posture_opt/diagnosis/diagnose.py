@@ -14,6 +14,7 @@ from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects, known_rows
 from posture_opt.calibration.estimation.fit_request import FitRequest
+from posture_opt.calibration.estimation.parameters import prior_covariance
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_preset import free_directions
@@ -25,7 +26,7 @@ from posture_opt.diagnosis.causes.causes import (
     noise_finding,
 )
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm, nearer_to, outlasts_session
-from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
+from posture_opt.diagnosis.causes.geometry_causes import Estimated, geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
@@ -304,7 +305,8 @@ def _held_out_errors(found: _Explained) -> _HeldOut:
 def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
     """The causes: what the data refute, effects and noise, then geometry.
 
-    Geometry is tested against the data alone: a prior would make a stated wrong value insignificant.
+    Geometry is tested against the data alone: a prior would make a stated wrong value insignificant. What a former
+    calibration has estimated is as certain as its covariance says.
     """
     calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
     full = _of_data(found.model, calibration)
@@ -315,6 +317,7 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
         full,
         full.effects,
         held.parts,
+        _estimated_before(calibration),
     )
     beforehand = contradiction_findings(calibration)
     refuted = [c.cause for c in calibration.contradictions]
@@ -444,6 +447,15 @@ def _search_effects(
     if not explains_outliers(calibration, among_all):
         return calibration, linearised, found
     return wider, all_linearised, among_all
+
+
+def _estimated_before(calibration: Calibration) -> Estimated:
+    """What the file has from a former calibration: of stated sources, estimates alone are correlated."""
+    problem, parameters = calibration.request.problem, calibration.parameters
+    if not problem.sources.correlated:
+        return Estimated()
+    places, covariance = prior_covariance(problem, parameters)
+    return Estimated(tuple(places), covariance).without([i for i in places if parameters[i].group != "geometry"])
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:

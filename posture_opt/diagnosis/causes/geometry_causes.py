@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.calibration.cross_validation import Folds
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit, Prior, fit_with_effects, known_rows
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.leave_out import leave_out
@@ -41,8 +41,9 @@ class GeometryCause:
 
 
 def geometry_causes(
-    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect], folds: Folds
-) -> list[GeometryCause]:
+    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect], folds: Folds,
+    estimated: Estimated | None = None,
+) -> list[GeometryCause]:  # fmt: skip
     """The geometric causes in addition to the effects: up to three parameters by name, or all of them together.
 
     Forward selection of single parameters, each the one of largest gain, until the F test of all other geometry is no
@@ -56,11 +57,13 @@ def geometry_causes(
         full: the model with all geometry fitted.
         effects: those of the model; their shapes stay as they are there.
         folds: the rows that each round leaves out.
+        estimated: what the file has as estimates of an earlier calibration: within their errors they are as in the
+            file.
 
     Returns:
         Empty where the F test of all geometry is not significant at `levels.GEOMETRY_LEVEL`.
     """
-    fits = _FewParameters(residuals, x_frames, free, effects)
+    fits = _FewParameters(residuals, x_frames, free, effects, full, estimated or Estimated())
     nominal = fits.with_only(())
     p = _f_test(nominal, full)
     if p > levels.GEOMETRY_LEVEL:
@@ -73,17 +76,32 @@ def geometry_causes(
 
 
 @dataclass(frozen=True, eq=False)
+class Estimated:
+    """Parameters that were calibrated before, by their ``places``, and the covariance (p, p) of their estimates."""
+
+    places: tuple[int, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def without(self, places: Sequence[int]) -> Estimated:
+        """The others, whatever those are."""
+        kept = [k for k, place in enumerate(self.places) if place not in places]
+        return Estimated(tuple(self.places[k] for k in kept), self.covariance[np.ix_(kept, kept)])
+
+
+@dataclass(frozen=True, eq=False)
 class _FewParameters:
     """Fits of an arm with free frames, effects and some parameters, all other geometry as in the file; each made once.
 
     Args:
-        residuals, x_frames, free, effects: as of `geometry_causes`.
+        residuals, x_frames, free, effects, full, estimated: as of `geometry_causes`.
     """
 
     residuals: Residuals
     x_frames: Array
     free: Array
     effects: Sequence[Effect]
+    full: Fit
+    estimated: Estimated
     _made: dict[tuple[int, ...], Fit] = field(default_factory=dict)
 
     @property
@@ -95,9 +113,18 @@ class _FewParameters:
         """The one with so many single parameters."""
         key = tuple(chosen)
         if key not in self._made:
-            directions = _with_parameters(self.free, chosen, len(self.x_frames))
-            self._made[key] = fit_with_effects(self.residuals, self.x_frames, directions, self.effects, shapes=False)
+            known = self.estimated.without([*chosen, *np.flatnonzero(np.any(self.free, axis=1))])
+            directions = _with_parameters(self.free, [*chosen, *known.places], len(self.x_frames))
+            prior = Prior.of(list(known.places), known.covariance) if known.places else None
+            self._made[key] = fit_with_effects(
+                self.residuals, self.x_frames, directions, self.effects, prior, self._spread, shapes=False
+            )
         return self._made[key]
+
+    @property
+    def _spread(self) -> float:
+        """The standard deviation of what all geometry leaves, in units of the instrument's."""
+        return float(np.sqrt(self.full.variance))
 
 
 def _gain(model: Fit, without: Fit, folds: Folds) -> float:
@@ -109,19 +136,30 @@ def _gain(model: Fit, without: Fit, folds: Folds) -> float:
 
 
 def _sum_of_squares(model: Fit) -> float:
-    """Sum of squares of the whitened residuals of a model."""
-    r = model.whitened
+    """Sum of squares of the whitened residuals of a model, and of how far it is from former estimates."""
+    r = np.concatenate([model.whitened, _known(model) @ model.x])
     return float(r @ r)
+
+
+def _known(model: Fit) -> Array:
+    """(p, k) rows of the former estimates that a model keeps to."""
+    return known_rows(model.prior, model.weight, np.eye(len(model.x)))
+
+
+def _freed(model: Fit) -> int:
+    """How many directions of the geometry nothing is known of."""
+    return len(model.geometry) - (0 if model.prior is None else len(model.prior.rows))
 
 
 def _f_test(small: Fit, large: Fit) -> float:
     """p-value of the F test of the parameters that only the large model has.
 
     ``F = ((SS_s − SS_l) / k) / (SS_l / ν)`` with the k further parameters and ν degrees of freedom of the large model.
+    What was estimated before is a row of both, so that the errors of these estimates are no deviation.
     """
     from scipy.special import fdtrc
 
-    more = len(large.geometry) - len(small.geometry)
+    more = _freed(large) - _freed(small)
     m = len(large.residuals.data) * large.residuals.block
     left = m - large.count
     if more <= 0 or left <= 0:
@@ -157,13 +195,14 @@ def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
     but gone, or tiny next to others of its unit, is no candidate.
     """
     residuals = model.residuals
-    rows = len(residuals.data) * residuals.block
-    r = model.whitened
-    J = model.jacobian
+    known = _known(model)
+    r = np.concatenate([model.whitened, known @ model.x])
+    J = np.concatenate([model.jacobian, known])
     A = np.concatenate([J @ model.directions[:, model.geometry], J[:, model.sizes]], axis=1)
     norms = np.linalg.norm(A, axis=0)
-    Q = np.linalg.qr(A / np.where(norms > 0, norms, 1.0))[0] if A.shape[1] else np.zeros((rows, 0))
-    J = J[:, : len(J.T) - len(model.sizes) - len(model.shapes)]
+    Q = np.linalg.qr(A / np.where(norms > 0, norms, 1.0))[0] if A.shape[1] else np.zeros((len(J), 0))
+    J = J[:, : len(J.T) - len(model.sizes) - len(model.shapes)].copy()
+    J[len(model.whitened) :] = 0.0  # one more of the same parameter, of which nothing is known
     lengths = np.linalg.norm(J, axis=0)
     most = {p.unit: max(n for o, n in zip(residuals.parameters, lengths, strict=False) if o.unit == p.unit)
             for p in residuals.parameters[: len(lengths)]}  # fmt: skip

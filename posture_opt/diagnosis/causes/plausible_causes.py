@@ -25,7 +25,7 @@ class FittedEffects:
     """What a fit says of its effects, with the arm that they act on.
 
     Args:
-        robot: as it stands in the data, with gravity as found.
+        robot: the arm, with gravity as the data have it.
     """
 
     model: Fit
