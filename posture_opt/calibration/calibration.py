@@ -238,10 +238,18 @@ class Calibration(Result):
     def keeps_nominal(self) -> bool:
         """Whether the nominal arm is delivered: the instrument is worse than the arm, and a gain not sure enough.
 
+        Or rows left out say that there is none: the tolerances that make it probable say that no arm is as drawn.
+
         A fine level does not show that positions get better, as it sees no length; what it shows of angles is sure.
         """
-        worse = self.instrument_scatter is not None and self.instrument_scatter.exceeds
-        return worse and self.better_than_nominal is not None and self.better_than_nominal < LEAST_PROBABILITY
+        if self.instrument_scatter is None or not self.instrument_scatter.exceeds or self.better_than_nominal is None:
+            return False
+        return self.better_than_nominal < LEAST_PROBABILITY or not self.predicts_better
+
+    @property
+    def predicts_better(self) -> bool:
+        """Whether the calibrated arm predicts rows left out better than the nominal one."""
+        return self.held["calibrated"].rms < self.held["nominal"].rms
 
     @property
     def delivered(self) -> Array:
