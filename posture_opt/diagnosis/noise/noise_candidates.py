@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +32,8 @@ class NoiseCandidate:
         ratio: twice the log likelihood ratio; ``p_value`` family-wise.
         quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
             ranges, of a stated σ the factor by which it is off.
-        size, std: the likeliest and its standard error.
+        size, std: the likeliest and its standard error; ``strength`` what it has in common with the same noise in
+            other rows.
         named: the same as an effect of a problem file, if its size is not zero.
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
@@ -47,6 +49,7 @@ class NoiseCandidate:
     size: float
     std: float
     named: Callable[[], NoiseEffect]
+    strength: float = math.nan
     spread: Array | None = None
     of_arm: bool = False
     scale: Array | None = None
@@ -104,11 +107,13 @@ class RepeatedNoise:
 
     Args:
         candidate: the noise as the repeats alone have it, ``p_value`` of it alone.
-        loss: twice the log likelihood that they lose where its size is the one that was asked for.
+        loss: twice the log likelihood that they lose where its size is the one that was asked for; ``without`` where
+            there is no such noise.
     """
 
     candidate: NoiseCandidate
     loss: float
+    without: float = 0.0
 
     @property
     def refuted(self) -> bool:
@@ -117,8 +122,15 @@ class RepeatedNoise:
 
     @property
     def confirmed(self) -> bool:
-        """Whether they scatter, and by that size."""
-        return not self.refuted and self.candidate.p_value < levels.REPEATED_NOISE_LEVEL
+        """Whether they scatter, and by that size.
+
+        Structure accuses many joints, and one of them may scatter by chance. There is one instrument: that it is as all
+        rows have it, rather than the same at all distances, is a single question.
+        """
+        if self.refuted:
+            return False
+        likelier = not self.candidate.of_arm and self.without - self.loss > levels.LIKELIER_NOISE
+        return likelier or self.candidate.p_value < levels.REPEATED_NOISE_LEVEL
 
 
 def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
@@ -136,7 +148,7 @@ def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> Rep
     if pattern is None:
         return None
     (fit,) = _noise_fits(e, rows, [pattern], seed)
-    return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.size))
+    return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.strength), fit.loss(pattern, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,12 +193,13 @@ class _Fit:
         who = pattern.effect.kind_name(), pattern.target
         of_arm = pattern.effect.of_arm
         size, scale = pattern.size(value, s2), pattern.units(value)
-        return NoiseCandidate(*who, self.ratio, p, pattern.quantity, size, std, named, spread, of_arm, scale)
+        strength = pattern.strength(value, s2)
+        return NoiseCandidate(*who, self.ratio, p, pattern.quantity, size, std, named, strength, spread, of_arm, scale)
 
-    def loss(self, pattern: Pattern, size: float) -> float:
-        """Twice the log likelihood that a size loses against the likeliest."""
-        sizes = [pattern.size(value, s2) for value, s2 in zip(map(float, pattern.grid), self.variances, strict=True)]
-        return float(self.curve.max() - np.interp(size, sizes, self.curve))
+    def loss(self, pattern: Pattern, strength: float) -> float:
+        """Twice the log likelihood that noise of a strength loses against the likeliest."""
+        own = [pattern.strength(value, s2) for value, s2 in zip(map(float, pattern.grid), self.variances, strict=True)]
+        return float(self.curve.max() - np.interp(strength, own, self.curve))
 
 
 def _noise_fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:

@@ -74,6 +74,10 @@ class Pattern(ABC):
     def size(self, value: float, s2: float) -> float:
         """The size [SI] at a value of the grid with the s² that belongs to it."""
 
+    def strength(self, value: float, s2: float) -> float:
+        """What the same noise has in common in samples of other rows: the size, unless that is of these rows."""
+        return self.size(value, s2)
+
     @abstractmethod
     def error(self, value: float, s2: float) -> float:
         """The standard error [SI] of that size, by Fisher's information; infinite for none."""

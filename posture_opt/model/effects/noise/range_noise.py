@@ -106,6 +106,10 @@ class Growing(Pattern):
         """Growth of σ from the nearest to the farthest row, ``exp(value) − 1``."""
         return float(np.expm1(value))
 
+    def strength(self, value: float, s2: float) -> float:
+        """Growth of the logarithm of σ with the range [1/m]: repeats span another range than all rows."""
+        return value / float(np.ptp(self.ranges))
+
     def error(self, value: float, s2: float) -> float:
         """Standard error of that growth, to first order in the slope's."""
         return float(np.exp(value) / np.sqrt(2 * self.dimension * np.sum(self.z**2)))
