@@ -187,8 +187,8 @@ REPEATED_NOISE_LEVEL = 0.01
 """p-value of the noise of one joint between repeats below which they confirm it; it was found in all rows before. A
 hundredth of the joints that structure accuses is then called noisy."""
 LIKELIER_NOISE = 2.71
-"""Twice the log likelihood by which repeats have to prefer an instrument's noise, as all rows have it, to none: the 95 %
-quantile of one side (Wilks 1938). Chosen on 24 simulated instruments, judged on others."""
+"""Twice the log likelihood by which repeats have to prefer an instrument's noise, as all rows have it, to none: the
+95 % quantile of one side (Wilks 1938). Chosen on 24 simulated instruments, judged on others."""
 MIN_SCATTER_SHARE = 0.3
 """Of the size that all rows have of a joint's noise, the least that is named where repeats have less: below it is a
 tenth of the variance. Chosen so that the repeats of the UR10's series D, 0.024 of 0.118 mrad, name none."""
