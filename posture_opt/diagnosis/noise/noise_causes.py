@@ -216,7 +216,7 @@ def noise_samples(
     repeats = plain.between(Contrasts.of(data, prismatic_joints(residuals), sided))
     still = plain.between(Contrasts.of_readings(data))
     if problem.data.repeats == "readings":
-        return NoiseSamples(NoiseSample(e, rows), repeats, still.take(0), still)
+        return NoiseSamples(NoiseSample(e, rows), repeats, still.none, still)
     # Had the arm left its posture in between, each row would have a draw of the stated scatter to itself.
     left = apart(data)
     e_left, levers_left = in_stated_units(problem, residuals.of_data(left, residuals.distances), raw, columns)

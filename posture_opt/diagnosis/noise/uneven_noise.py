@@ -20,7 +20,7 @@ from posture_opt.diagnosis.noise.noise_candidates import (
 from posture_opt.diagnosis.scores import levels
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.model.effects import Cause, NoiseEffect, Rows
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.validation.scatter_model import whitened_repeats
 
 
@@ -66,25 +66,42 @@ class UnevenErrors:
 
 @dataclass(frozen=True, eq=False)
 class NoiseSample:
-    """Residuals ``e`` (N, d) in units of their stated covariance, and the rows they are of."""
+    """Residuals ``e`` (N, d) in units of their stated covariance, and the rows they are of.
+
+    Args:
+        posture: (N,) code of the posture that each is of; None where each is of one of its own.
+    """
 
     e: Array
     rows: Rows
+    posture: Codes | None = None
 
-    def take(self, count: int) -> NoiseSample:
-        """The first rows."""
+    def take(self, kept: Codes) -> NoiseSample:
+        """Some of the rows."""
         rows = self.rows
         few = replace(
             rows,
-            levers=rows.levers[:, :count],
-            ranges=None if rows.ranges is None else rows.ranges[:count],
-            visits=None if rows.visits is None else rows.visits[:count],
+            levers=rows.levers[:, kept],
+            ranges=None if rows.ranges is None else rows.ranges[kept],
+            visits=None if rows.visits is None else np.unique(rows.visits[kept], return_inverse=True)[1],
         )
-        return NoiseSample(self.e[:count], few)
+        return NoiseSample(self.e[kept], few, None if self.posture is None else self.posture[kept])
+
+    @property
+    def without_farthest(self) -> NoiseSample:
+        """The sample without the posture whose repeats are farthest off."""
+        squares = np.einsum("nd,nd->n", self.e, self.e)
+        posture = np.arange(len(self.e)) if self.posture is None else self.posture
+        return self.take(np.flatnonzero(posture != np.argmax(np.bincount(posture, squares))))
+
+    @property
+    def none(self) -> NoiseSample:
+        """No rows at all."""
+        return self.take(np.zeros(0, dtype=np.intp))
 
     def scaled(self, scale: Array) -> NoiseSample:
         """With each coordinate of a row over its ``scale`` (d,)."""
-        return NoiseSample(self.e / scale, replace(self.rows, levers=self.rows.levers / scale))
+        return replace(self, e=self.e / scale, rows=replace(self.rows, levers=self.rows.levers / scale))
 
     def without(self, spread: Array | None) -> NoiseSample:
         """In units of a covariance that a noisy joint, ``spread`` (N, d), is part of; as it is without one."""
@@ -92,7 +109,7 @@ class NoiseSample:
             return self
         visits = np.arange(len(self.e)) if self.rows.visits is None else self.rows.visits
         e, levers = whitened_repeats(self.e, self.rows.levers, spread[:, :, None], visits, np.ones(self.e.shape))
-        return NoiseSample(e, replace(self.rows, levers=levers))
+        return replace(self, e=e, rows=replace(self.rows, levers=levers))
 
     @classmethod
     def together(cls, samples: Sequence[NoiseSample]) -> NoiseSample:
@@ -101,13 +118,10 @@ class NoiseSample:
         levers = np.concatenate([rows.levers for rows in every], axis=1)
         ranges = [rows.ranges for rows in every if rows.ranges is not None]
         known = np.concatenate(ranges) if len(ranges) == len(every) else None
-        visits, first = [], 0
-        for sample in samples:
-            own = np.arange(len(sample.e)) if sample.rows.visits is None else sample.rows.visits
-            visits.append(first + own)
-            first += int(own.max(initial=-1)) + 1
-        rows = replace(every[0], levers=levers, ranges=known, visits=np.concatenate(visits))
-        return cls(np.concatenate([sample.e for sample in samples]), rows)
+        sizes = [len(sample.e) for sample in samples]
+        rows = replace(every[0], levers=levers, ranges=known, visits=_apart([r.visits for r in every], sizes))
+        posture = _apart([sample.posture for sample in samples], sizes)
+        return cls(np.concatenate([sample.e for sample in samples]), rows, posture)
 
     def between(self, contrasts: Contrasts) -> NoiseSample:
         """The differences between repeats alone."""
@@ -115,7 +129,17 @@ class NoiseSample:
         levers = np.moveaxis(contrasts.means(np.moveaxis(self.rows.levers, 0, 2)) * scale[:, None, None], 2, 0)
         ranges = None if self.rows.ranges is None else contrasts.means(self.rows.ranges)
         rows = replace(self.rows, levers=levers, ranges=ranges, visits=contrasts.shared)
-        return NoiseSample(contrasts.differences(self.e) * scale[:, None], rows)
+        return NoiseSample(contrasts.differences(self.e) * scale[:, None], rows, contrasts.group[contrasts.order > 0])
+
+
+def _apart(codes: Sequence[Codes | None], sizes: Sequence[int]) -> Codes:
+    """(N,) codes of several samples of these sizes, none of which is in two of them; None: one for each row."""
+    found, first = list[Codes](), 0
+    for own, size in zip(codes, sizes, strict=True):
+        part = np.arange(size) if own is None else own
+        found.append(first + part)
+        first += int(part.max(initial=-1)) + 1
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +188,7 @@ def find_uneven_noise(
         readings: contrasts of rows of one posture that follow each other: scatter of a joint in them is the joint's,
             its absence says nothing, as the arm may not have left the posture.
     """
-    readings = everything.take(0) if readings is None else readings
+    readings = everything.none if readings is None else readings
     repeats, readings = _in_equal_units(repeats, seed), _in_equal_units(readings, seed)
     named: list[tuple[_Examined, list[NoiseCandidate]]] = []
     uneven: list[UnevenErrors] = []
@@ -206,12 +230,20 @@ def _scatter_of_repeats(
 
     None where another joint scatters more between repeats, none does, or it is a small part.
     """
-    found = [s for s in score_uneven_noise(repeats.e, repeats.rows, seed) if s.of_arm] if candidate.of_arm else []
-    if not found or found[0].who != candidate.who or found[0].p_value >= levels.REPEATED_NOISE_LEVEL:
+    found = _most_scattering(candidate, repeats, seed)
+    if not found or found[0].size < levels.MIN_SCATTER_SHARE * candidate.size:
         return None
-    if found[0].size < levels.MIN_SCATTER_SHARE * candidate.size:
+    rest = repeats.without_farthest
+    if rest.e.size >= levels.MIN_REPEAT_FREEDOM and not _most_scattering(candidate, rest, seed):
         return None
     return _Examined(found[0], RepeatedNoise(found[0], 0.0), None), _close_rivals(found)
+
+
+def _most_scattering(candidate: NoiseCandidate, repeats: NoiseSample, seed: int) -> list[NoiseCandidate]:
+    """The joints as noise of repeats, that of the candidate first; none where it is not, or not clearly."""
+    found = [s for s in score_uneven_noise(repeats.e, repeats.rows, seed) if s.of_arm] if candidate.of_arm else []
+    first = found and found[0].who == candidate.who and found[0].p_value < levels.REPEATED_NOISE_LEVEL
+    return found if first else []
 
 
 def _scored(sample: NoiseSample, seed: int) -> tuple[NoiseSample, list[NoiseCandidate]]:
@@ -235,8 +267,16 @@ def _in_equal_units(sample: NoiseSample, seed: int) -> NoiseSample:
 
 def _examined(candidate: NoiseCandidate, repeats: NoiseSample, readings: NoiseSample, seed: int) -> _Examined:
     """A candidate with what both kinds of contrasts say of it."""
-    both = (score_repeats(sample.e, sample.rows, candidate, seed) for sample in (repeats, readings))
-    return _Examined(candidate, *both)
+    return _Examined(candidate, *(_shown(candidate, sample, seed) for sample in (repeats, readings)))
+
+
+def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> RepeatedNoise | None:
+    """What contrasts say of a candidate. A joint that scatters at one posture alone does not: a repeat is wrong."""
+    found = score_repeats(sample.e, sample.rows, candidate, seed)
+    if found is None or not candidate.of_arm or not found.confirmed:
+        return found
+    rest = sample.without_farthest
+    return score_repeats(rest.e, rest.rows, candidate, seed) or found
 
 
 def _spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
