@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
-from posture_opt.diagnosis.causes.determined_sizes import determined_parts, stated_parts, turns_about_mean
+from posture_opt.diagnosis.causes.determined_sizes import determined_parts, stated_parts, turn_about_mean, turns_of
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from tests.helpers.planar_files import write
 
@@ -44,13 +44,14 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return fit_with_effects(residuals, calibration.x, calibration.identifiability.directions, [effect])
 
 
-def with_uncertain_turns(fit: Fit) -> Fit:
-    """The same estimate, uncertain by 60 % of the turn about its mean in the products of load that move least by it."""
+def with_uncertain_turns(fit: Fit, share: float) -> Fit:
+    """The same estimate, uncertain by a share of the turn about its mean, where the tool moves least by it."""
     own = fit.slices[0]
-    turns, moves = turns_about_mean(fit, 0), fit.effect_columns(0)
+    turns, moves = turns_of(fit, 0)[0], fit.effect_columns(0)
+    turns = turns - turns.mean(axis=0)
     ways = eigh(turns.T @ turns, moves.T @ moves)[1]
     step = np.zeros(len(fit.x))
-    step[own] = ways[:, -1] * 0.6 * np.linalg.norm(turns @ fit.x[own]) / np.linalg.norm(turns @ ways[:, -1])
+    step[own] = ways[:, -1] * share * np.linalg.norm(turns @ fit.x[own]) / np.linalg.norm(turns @ ways[:, -1])
     way = np.linalg.pinv(fit.directions) @ step
     return replace(fit, C=fit.C + np.outer(way, way))
 
@@ -58,7 +59,13 @@ def with_uncertain_turns(fit: Fit) -> Fit:
 def test_a_turn_within_its_error_is_not_stated(fit: Fit) -> None:
     """Though what the effect does to the tool is certain: a mean turn, mostly, as an offset of the joint has."""
     assert stated_parts(fit, 0) == determined_parts(fit, 0) == (0,)
-    assert np.mean(turns_about_mean(fit, 0) @ fit.x[fit.slices[0]]) == pytest.approx(0, abs=1e-15)
-    doubtful = with_uncertain_turns(fit)
+    size, std = turn_about_mean(fit, 0, [0])
+    turn = turns_of(fit, 0)[0] @ fit.x[fit.slices[0]]
+    assert size == pytest.approx(np.std(turn))
+    assert std < 0.1 * size
+    doubtful = with_uncertain_turns(fit, 0.7)
     assert determined_parts(doubtful, 0) == (0,)
     assert stated_parts(doubtful, 0) == ()
+    size, std = turn_about_mean(doubtful, 0, [0])
+    assert size < 1.96 * std
+    assert stated_parts(with_uncertain_turns(fit, 0.3), 0) == (0,)

@@ -80,15 +80,23 @@ def stated_parts(model: Fit, place: int) -> tuple[int, ...]:
     parts, effect = determined_parts(model, place), model.effects[place]
     if not parts or not (isinstance(effect, GravityLoaded) and effect.unstated_loads):
         return parts
-    own = model.slices[place]
-    clear = is_determined(model.x[own], model.covariance[own, own], turns_about_mean(model, place))
-    return parts if clear else ()
+    size, std = turn_about_mean(model, place, parts)
+    return parts if is_determined(np.array([size]), np.array([[std**2]])) else ()
 
 
-def turns_about_mean(model: Fit, place: int) -> Array:
-    """(axes N, k) turn about its mean by one unit of each parameter of an effect, axis by axis [rad]."""
-    turns = turns_of(model, place)
-    return np.asarray((turns - turns.mean(axis=1, keepdims=True)).reshape(-1, turns.shape[-1]))
+def turn_about_mean(model: Fit, place: int, parts: Sequence[int]) -> tuple[float, float]:
+    """Root mean square of the turn that parts of an effect make about its mean, and its standard error [rad].
+
+    ``√(θᵀMθ)``, M (k, k) the covariance of the turns by one unit of each parameter, summed over axes where they have
+    some; the error to first order. A mean turn is an offset of the joint.
+    """
+    own = places_of_parts(model, place, parts)
+    turns = turns_of(model, place)[:, :, [k - model.slices[place].start for k in own]]
+    values, C = model.x[own], model.covariance[np.ix_(own, own)]
+    centred = (turns - turns.mean(axis=1, keepdims=True)).reshape(-1, turns.shape[-1])
+    M = centred.T @ centred / turns.shape[1]
+    size = float(np.sqrt(values @ M @ values))
+    return size, float(np.sqrt(values @ M @ C @ M @ values)) / size if size else 0.0
 
 
 def turns_of(model: Fit, place: int) -> Array:

@@ -10,10 +10,9 @@ import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.causes import Finding
-from posture_opt.diagnosis.causes.determined_sizes import places_of_parts, turns_about_mean, turns_of
+from posture_opt.diagnosis.causes.determined_sizes import places_of_parts, turn_about_mean, turns_of
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.base.multiples import resolution
-from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
 _MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
@@ -38,14 +37,12 @@ class FittedEffects:
             return FittedSizes(finding.estimate)
         part = places_of_parts(model, place, finding.stated_parts)
         own = [k - model.slices[place].start for k in part]
-        values, C = model.x[part], model.covariance[np.ix_(part, part)]
-        turned = turns_of(model, place)[:, :, own] @ values
+        turned = turns_of(model, place)[:, :, own] @ model.x[part]
         if len(turned) > 1:  # the parts of a tilt vary one by one
             turned = np.linalg.norm(turned, axis=0)
-        centred = turns_about_mean(model, place)[:, own] / np.sqrt(len(model.residuals.data))
-        rms = _rms(centred.T @ centred, values, C)
         turn = float(turned.min()), float(turned.max())
-        return FittedSizes(finding.estimate, C, turn, rms, *self._range(finding))
+        rms = turn_about_mean(model, place, finding.stated_parts)
+        return FittedSizes(finding.estimate, model.covariance[np.ix_(part, part)], turn, rms, *self._range(finding))
 
     def _range(self, finding: Finding) -> tuple[float, float]:
         """Range of the joint that a finding moves in the data [rad], and the resolution of frequencies there.
@@ -57,16 +54,6 @@ class FittedEffects:
             return 0.0, 0.0
         q = data.q[:, data.joint_names.index(finding.cause.moved_joint)]
         return float(np.ptp(q)), resolution(q)
-
-
-def _rms(M: Array, values: Array, C: Array) -> tuple[float, float]:
-    """Root mean square of the turn about its mean, ``√(θᵀMθ)``, and its standard error to first order [rad].
-
-    A mean turn is an offset of the joint. ``M`` (k, k) is the covariance of the turns by one unit each, summed over
-    axes where they have some, ``C`` that of θ.
-    """
-    size = float(np.sqrt(values @ M @ values))
-    return size, float(np.sqrt(values @ M @ C @ M @ values)) / size if size else 0.0
 
 
 def with_plausibility(findings: Sequence[Finding], fitted: FittedEffects) -> list[Finding]:
