@@ -26,7 +26,7 @@ from posture_opt.model.effects import (
 from posture_opt.report.figures.diagnosis import plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
-from posture_opt.report.measured_parts.causes_table import _inspections, _of_one_type, inspection, rivals_of
+from posture_opt.report.measured_parts.causes_table import _inspections, _of_one_type, bent_lead, inspection, rivals_of
 from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.results.diagnosis_report import diagnosis_report
 from posture_opt.report.text.screen import SCREEN, on_a_screen
@@ -186,3 +186,20 @@ def test_a_correction_that_no_arm_is_built_with_is_said_to_be_so(found: po.Diagn
         text = inspection(replace(found, model=replace(found.model, x=x)), geometry)
         assert f"largest certain correction: zero of joint2 (joint2.theta), {size * 1e3:.0f}" in text
         assert told in text
+
+
+@pytest.mark.parametrize("named", ["geometry", "joint_offset", "link_length", ""])
+def test_a_correction_that_no_arm_is_built_with_leads_however_geometry_is_named(
+    found: po.Diagnosis, named: str
+) -> None:
+    x = np.where([p.name == "joint2.theta" for p in found.model.residuals.parameters], 12e-3, 0.0 * found.model.x)
+    effects = tuple(f for f in found.effects if not isinstance(f.cause, GeometricDeviation))
+    cause = GeometricDeviation(named, "all" if named == "geometry" else "joint2")
+    effects += (Finding(cause, {}, 1e-9, 0.3),) if named else ()
+    lead = bent_lead(replace(found, model=replace(found.model, x=x), effects=effects))
+    if not named:
+        assert lead == ()
+        return
+    (text,) = lead
+    number = "" if named == "link_length" else f" (cause {len(effects)})"
+    assert text.startswith(f"First check the geometry{number}: zero of joint2 (joint2.theta), 12")

@@ -206,13 +206,13 @@ def inspection(found: Diagnosis, finding: Finding) -> str:
     text = finding.inspect(found.problem.robot)
     if finding.kind != "geometry" or (largest := _largest_correction(found)) is None:
         return text
-    size, check = largest
+    _, size, check = largest
     end = "more than arms are built with" if check else "as arms are built"
     return f"{text}; largest certain correction: {size}, {end}"
 
 
-def _largest_correction(found: Diagnosis) -> tuple[str, str] | None:
-    """The certain correction of the geometry that is hardest to build, in words, and what to check.
+def _largest_correction(found: Diagnosis) -> tuple[GeometricDeviation, str, str] | None:
+    """The certain correction of the geometry that is hardest to build, the same in words, and what to check.
 
     Nothing is to be checked where arms are built so, within the error of the correction. None where none is certain.
     """
@@ -221,20 +221,21 @@ def _largest_correction(found: Diagnosis) -> tuple[str, str] | None:
         return None
     sizes = [(abs(x) - _DIFFERENT * std) / _MANUFACTURING_TOLERANCES[p.unit] for p, x, std in every]
     sure, (largest, x, std) = max(zip(sizes, every, strict=True), key=lambda pair: pair[0])
-    noun, size = GeometricDeviation.of(largest).noun, plus_minus(x, std, *ERROR_UNITS[largest.unit])
+    deviation, size = GeometricDeviation.of(largest), plus_minus(x, std, *ERROR_UNITS[largest.unit])
     check = _CHECK_ZERO if largest.name.endswith(".theta") else _CHECK_LINK
-    return f"{noun} ({largest.name}), {size}", "" if sure <= 1 else check
+    return deviation, f"{deviation.noun} ({largest.name}), {size}", "" if sure <= 1 else check
 
 
 def bent_lead(found: Diagnosis) -> tuple[str, ...]:
-    """The largest correction of the geometry, where no arm is built with it; else nothing."""
-    numbers = [str(number_of(found, f)) for f in found.effects if f.kind == "geometry"]
-    largest = _largest_correction(found) if numbers else None
-    if largest is None or not largest[1]:
+    """The largest correction of the geometry, where it is a cause and no arm is built with it; else nothing."""
+    largest = _largest_correction(found)
+    named = [f for f in found.effects if isinstance(f.cause, GeometricDeviation)]
+    if not named or largest is None or not largest[2]:
         return ()
-    return (
-        f"First check the geometry (cause {numbers[0]}): {largest[0]}, more than arms are built with. {largest[1]}",
-    )
+    deviation, size, check = largest
+    own = [f for f in named if f.cause in (deviation, GeometricDeviation.of_all())]
+    cause = f" (cause {number_of(found, own[0])})" if own else ""
+    return (f"First check the geometry{cause}: {size}, more than arms are built with. {check}",)
 
 
 def _of_one_type(findings: Sequence[Finding]) -> dict[float, list[Finding]]:
