@@ -229,7 +229,8 @@ def _largest_correction(found: Diagnosis) -> tuple[GeometricDeviation, str, str]
 def bent_lead(found: Diagnosis) -> tuple[str, ...]:
     """The largest correction of the geometry, where it is a cause and no arm is built with it; else nothing."""
     largest = _largest_correction(found)
-    named = [f for f in found.effects if isinstance(f.cause, GeometricDeviation)]
+    geometry = (f for f in found.effects if isinstance(f.cause, GeometricDeviation))
+    named = [f for f in geometry if f.kind not in ("base_frame", "tool_frame")]
     if not named or largest is None or not largest[2]:
         return ()
     deviation, size, check = largest
