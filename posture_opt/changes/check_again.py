@@ -128,12 +128,12 @@ def verdict_of(models: Hypotheses) -> tuple[Verdict, tuple[int, ...], tuple[int,
         pair = max(found.pairs, key=lambda pair: found.pairs[pair], default=())
         return "several", pair if sum(found.pairs.values()) > found.unexplained else (), ()
     best = int(np.argmax(found.singles))
-    shared = _not_told_from(models, best)
+    shared = _alike(models, best)
     together = float(found.singles[[best, *shared]].sum())
     return ("changed", (best,), shared) if together >= _LEAST_PROBABILITY else ("unclear", (), ())
 
 
-def _not_told_from(models: Hypotheses, best: int) -> tuple[int, ...]:
+def _alike(models: Hypotheses, best: int) -> tuple[int, ...]:
     """What shares the headline with the likeliest change.
 
     Of the changes from which these postures are not expected to tell one of its size (a Bayes factor below twenty), the

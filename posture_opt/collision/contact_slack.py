@@ -59,5 +59,5 @@ class ContactSlack:
     def slack(self, Q: Array) -> Array:
         """(N,) at the postures Q (N, n) [m]."""
         Q, slack = np.ascontiguousarray(Q), np.zeros(len(Q))
-        self._loop(len(Q), Q.shape[1], Q, slack, *self.contacts.told)
+        self._loop(len(Q), Q.shape[1], Q, slack, *self.contacts.arguments)
         return slack

@@ -88,7 +88,7 @@ class Contacts:
         return turns, np.array(self.placed.bodies, dtype=float), np.array(self.placed.radii), pairs, solids
 
     @property
-    def told(self) -> tuple[int | float | Array, ...]:
+    def arguments(self) -> tuple[int | float | Array, ...]:
         """What loops in C receive: how many capsules and pairs there are, `numbers`, and the reach."""
         return (len(self.placed.capsules), len(self.pairs), *self.numbers, self.reach)
 

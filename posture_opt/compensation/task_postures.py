@@ -180,7 +180,7 @@ class TaskPostures:
 
 def selector_of(problem: ProblemData, task: TargetTask) -> PostureSelector:
     """The search of a problem for one target of another task; sources of error are those that its terms ask for."""
-    asked = any(term.part is not None or term.minds_orientation for term in task.subject_to)
+    asked = any(term.part is not None or term.uses_orientation for term in task.subject_to)
     robot = problem.robot
     trivial = Sources.independent({f"{robot.joints[0].name}.{'theta' if robot.joints[0].type == 'revolute' else 'd'}":
                                    _ANY_SIGMA})  # fmt: skip

@@ -73,7 +73,7 @@ def _distances(found: Calibration) -> tuple[str, ...]:
         away, side = abs(float(errors[i])), "longer" if errors[i] > 0 else "shorter"
         lines.append(
             f"The distance of {names[a]} and {names[b]}, stated as {1e3 * length:.6g} mm, comes out {mm(away * sigma)} "
-            f"mm {side} ({away:.1f} σ), though the arm gave way to it: check it, as lengths of the arm hang on it."
+            f"mm {side} ({away:.1f} σ), though the arm gave way to it: check it, as lengths of the arm depend on it."
         )
     return tuple(lines)
 

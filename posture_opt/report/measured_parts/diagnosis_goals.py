@@ -66,7 +66,7 @@ def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
                 _worth(goals),
                 left,
                 _left(goals),
-                _told(goals),
+                _times_better(goals),
             ),
             brief=(),
         ),
@@ -124,7 +124,7 @@ def _worth(goals: MeasuredGoals) -> str:
     )
 
 
-def _told(goals: MeasuredGoals) -> str:
+def _times_better(goals: MeasuredGoals) -> str:
     """Whether a better model finds the better posture where commands come from the model before calibration."""
     best = goals.uncorrected["extended"]
     if best.better <= goals.chance + goals.margin:

@@ -49,20 +49,20 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     judged = {name: comparison.answers[name].judged[comparison.reference] for name in (FIRST, comparison.reference)}
     old, new = (one.critical_error for one in judged.values())
     before, now, model = _length(old, [old, new]), _length(new, [old, new]), _model(comparison.reference)
-    told = f"Task, as {model} predicts: 95 % error radius {before}"
+    text = f"Task, as {model} predicts: 95 % error radius {before}"
     if comparison.same_posture(FIRST, comparison.reference):
-        told += f" with the commands of {_MODELS[FIRST]}, {now} with those of {model}. The posture is the same, and "
-        told += f"the gain that of the corrected commands{_in_range(comparison, 'it')}"
+        text += f" with the commands of {_MODELS[FIRST]}, {now} with those of {model}. The posture is the same, and "
+        text += f"the gain that of the corrected commands{_in_range(comparison, 'it')}"
     else:
         mean = judged[FIRST].distance
         part = f" ({_length(mean, [old, new])} mean error, gone with corrected commands)"
-        told += f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now} in the one "
-        told += f"planned with {model}{_in_range(comparison, 'that posture')}"
+        text += f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now} in the one "
+        text += f"planned with {model}{_in_range(comparison, 'that posture')}"
     assert chosen.answer is not None
     unknown = chosen.answer.problem.scene.stands_anywhere
     ground = mounting_notes({comparison.reference: chosen.answer})
     return (
-        f"{told}.{_planned_posture(chosen)}",
+        f"{text}.{_planned_posture(chosen)}",
         *(ground if unknown else ()),  # whether anyone may drive there comes before how well it does
         *_open_lead(comparison, small_gain=new > _SMALL_GAIN * old),
         *(() if unknown else ground),

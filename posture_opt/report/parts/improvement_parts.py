@@ -41,14 +41,14 @@ def improvements_block(
         sigma: the standard deviation [m].
         part: of the spread that counts, ``across the direction``.
     """
-    told = [change for change in changes if change.gain >= _MIN_GAIN][:_MAX_ROWS]
+    shown = [change for change in changes if change.gain >= _MIN_GAIN][:_MAX_ROWS]
     worth = price_words(prices, sigma)
-    if not told:
+    if not shown:
         return Block("What would help", worth)
     unit, factor = length_unit([sigma])  # that of the answer, in the whole report
-    rows = [(_words(c, problem.arm), number(c.sigma_max * factor, 3), percent(c.gain)) for c in told]
+    rows = [(_words(c, problem.arm), number(c.sigma_max * factor, 3), percent(c.gain)) for c in shown]
     table = Table(("change", f"σ {part} [{unit}]", "reduction"), tuple(rows))
-    return Block("What would help", (table, *worth, *_notes(problem, told)))
+    return Block("What would help", (table, *worth, *_notes(problem, shown)))
 
 
 def price_words(prices: Sequence[Price], sigma: float) -> tuple[str, ...]:
@@ -57,11 +57,11 @@ def price_words(prices: Sequence[Price], sigma: float) -> tuple[str, ...]:
     Args:
         sigma: the standard deviation of the answer [m].
     """
-    told = [price for price in prices if price.gain >= _MIN_WORTH * sigma][:_MAX_PRICES]
-    if not told:
+    shown = [price for price in prices if price.gain >= _MIN_WORTH * sigma][:_MAX_PRICES]
+    if not shown:
         return ()
-    gains = [price.gain for price in told]
-    parts = [f"{length(price.gain, 2, gains)} with {_loosened(price)}" for price in told]
+    gains = [price.gain for price in shown]
+    parts = [f"{length(price.gain, 2, gains)} with {_loosened(price)}" for price in shown]
     return (f"Loosening a requirement that holds the answer lowers σ by {', by '.join(parts)} (solved again).",)
 
 
@@ -109,11 +109,11 @@ def _moved(change: MovedPart, arm: Arm) -> str:
     return f"move the part by {shift(change.shift)}"
 
 
-def _notes(problem: ProblemData, told: Sequence[Improvement]) -> tuple[str, ...]:
+def _notes(problem: ProblemData, shown: Sequence[Improvement]) -> tuple[str, ...]:
     """What the table takes for granted."""
     sources = problem.sources
     notes = []
-    if any(isinstance(change, CalibratedArm) for change in told):
+    if any(isinstance(change, CalibratedArm) for change in shown):
         notes.append(
             "Calibration removes constant errors (uncertainty: sigma); list errors that change from repeat to repeat "
             "under uncertainty: scatter."
@@ -121,6 +121,6 @@ def _notes(problem: ProblemData, told: Sequence[Improvement]) -> tuple[str, ...]
     elif sources.scatter.any() and not sources.constant.any():
         of_arm = "" if problem.workpiece_sources.empty else " of the arm"
         notes.append(f"Calibration would not help: all stated errors{of_arm} change from repeat to repeat.")
-    if any(isinstance(change, HalvedSigma) for change in told):
+    if any(isinstance(change, HalvedSigma) for change in shown):
         notes.append("Reductions from a smaller σ are those in the same posture; a new search may gain more.")
     return tuple(notes)

@@ -197,12 +197,12 @@ def placements_block(found: Solution) -> Block:
     what = "mean std. dev." if found.task.combine == "mean" else "worst std. dev."
     rows = []
     for name, other in shown:
-        told = number(other.sigma * factor) if math.isfinite(other.sigma) else "not feasible"
+        size = number(other.sigma * factor) if math.isfinite(other.sigma) else "not feasible"
         more = percent(other.sigma / found.sigma - 1) if math.isfinite(other.sigma) and other is not this else "-"
         place_of = (*(fixed(1e3 * float(v), 1) for v in other.w[:3]), fixed(math.degrees(other.w[3]), 2))
-        rows.append((name, *((_share(other.success), told) if p_success else (told, more)), *place_of))
-    told_by = ("all succeed [%]", f"{what} [{unit}]") if p_success else (f"{what} [{unit}]", "difference")
-    headers = ("placement", *told_by, "x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
+        rows.append((name, *((_share(other.success), size) if p_success else (size, more)), *place_of))
+    measures = ("all succeed [%]", f"{what} [{unit}]") if p_success else (f"{what} [{unit}]", "difference")
+    headers = ("placement", *measures, "x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
     return Block("Placements", (Table(headers, tuple(rows)), *_base_sentence(found)), figure="bench")
 
 

@@ -61,8 +61,8 @@ def ranking_sentence(solution: Solution) -> tuple[str, ...]:
         return ()
     spread = [CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))] * (task.criterion != "none")
     asked = " and ".join([*spread, *(term.kind for term in task.minimize)])
-    told = f"the largest standard deviation {part_words(task.within, task.kind)}"
-    return (f"Postures are ranked by {asked.replace('_', ' ')}; the value listed is {told}.",)
+    listed = f"the largest standard deviation {part_words(task.within, task.kind)}"
+    return (f"Postures are ranked by {asked.replace('_', ' ')}; the value listed is {listed}.",)
 
 
 def gain_facts(solution: Solution) -> list[tuple[str, str]]:
@@ -235,18 +235,18 @@ def _variables(nlp: Nlp, q: Array) -> Table:
 def _rows(nlp: Nlp, values: Values) -> Table:
     """Rows between their ends."""
     rows = tuple(
-        (row.name, *_told(row, float(low), float(value), float(high)), _binding(low, value, high))
+        (row.name, *_end_texts(row, float(low), float(value), float(high)), _binding(low, value, high))
         for row, low, value, high in zip(nlp.rows, values.row_lower, values.rows, values.row_upper, strict=True)
     )
     return Table(("row", "at least", "value", "at most", ""), rows)
 
 
-def _told(row: Row, low: float, value: float, high: float) -> list[str]:
+def _end_texts(row: Row, low: float, value: float, high: float) -> list[str]:
     """Lower end, value and upper end in words: sizes without a sign, the probability of success for a miss."""
     ends = [row.shown(low), row.shown(high)]
     if ends[0] == ends[1] and low < high:
         ends[0] = -math.inf
-    return [quantity(told, row.unit) for told in (min(ends), row.shown(value), max(ends))]
+    return [quantity(text, row.unit) for text in (min(ends), row.shown(value), max(ends))]
 
 
 def _binding(low: float, value: float, high: float) -> str:

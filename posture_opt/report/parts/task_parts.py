@@ -53,10 +53,10 @@ def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
     facts = []
     if seen.peg is not None:
         part = seen.peg.part
-        told = f"{stated_length(part.length)} long, tip at the tool point"
+        text = f"{stated_length(part.length)} long, tip at the tool point"
         if part.diameter > 0:
-            told = f"{told}; diameter {stated_length(part.diameter)}, friction {part.friction:g}"
-        facts.append(("Peg", told))
+            text = f"{text}; diameter {stated_length(part.diameter)}, friction {part.friction:g}"
+        facts.append(("Peg", text))
     if seen.clearance > 0:
         facts.append(("Clearance", f"{stated_length(seen.clearance)} (radial)"))
     return facts
@@ -185,16 +185,16 @@ def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]
 
 
 def orientation_rows(solution: Solution) -> list[tuple[str, str]]:
-    """Tilt and spin where a term minds them, and how far first order, which the term takes, is from them."""
+    """Tilt and spin where a term uses them, and how far first order, which the term takes, is from them."""
     task = solution.optimisation_problem.task
-    if not any(term.minds_orientation for term in (*task.minimize, *task.subject_to)):
+    if not any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
         return []
     found = solution.orientation
     sizes = ((found.tilt, found.tilt_first_order), (found.spin, found.spin_first_order))
     off = max((abs(linear / exact - 1) for exact, linear in sizes if exact > 0), default=0.0)
-    told = f"tilt {angle(found.tilt)} (worst axis), spin {angle(found.spin)} (standard deviations)"
+    text = f"tilt {angle(found.tilt)} (worst axis), spin {angle(found.spin)} (standard deviations)"
     same = "the error is below 0.05 %" if off < 5e-4 else f"the error is {percent(off)}"
-    return [("Orientation", told), ("", f"the term uses their first-order values; {same}")]
+    return [("Orientation", text), ("", f"the term uses their first-order values; {same}")]
 
 
 def task_budget_block(problem: ProblemData, seen: TaskSpread) -> Block:

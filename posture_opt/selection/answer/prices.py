@@ -144,10 +144,10 @@ class _Priced:
             step = _CHECKED_STEP * held.step
             slope = (self._again(held, -step) - self._again(held, step)) / (2 * step)
             return slope if math.isfinite(slope) else None
-        told = held.worth * self.target.scale / (2 * self._sigma)
-        step = min(_CHECKED_STEP * held.step, _CHECKED_CHANGE * self._sigma / told)
+        price = held.worth * self.target.scale / (2 * self._sigma)
+        step = min(_CHECKED_STEP * held.step, _CHECKED_CHANGE * self._sigma / price)
         gain = (self._sigma - self._again(held, step)) / step
-        return told if abs(gain - told) <= _CHECKED_TOLERANCE * told else None
+        return price if abs(gain - price) <= _CHECKED_TOLERANCE * price else None
 
     def _again(self, held: Held, amount: float) -> float:
         """σ [m] with a requirement loosened by ``amount`` units, from the posture; NaN where nothing is found."""

@@ -306,7 +306,7 @@ class OptimisationProblem(DerivedAgain):
         for k, (name, term) in enumerate(bound_terms(self.task)):
             if term.held(self.robot):
                 continue  # they are bounds of the joints
-            at, size, shown = self.quantities, term.row_size, _told_of(term)
+            at, size, shown = self.quantities, term.row_size, _shown_as(term)
             values = self._values(term, "subject_to", k)
             entries = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
             for label, unit, value, (low, high) in entries:
@@ -326,7 +326,7 @@ class OptimisationProblem(DerivedAgain):
         return values
 
 
-def _told_of(term: Term) -> Callable[[float], float]:
+def _shown_as(term: Term) -> Callable[[float], float]:
     """From the value of a term's row to what reports state of its quantity."""
     return lambda value: term.shown(value * term.row_size)
 

@@ -133,7 +133,7 @@ class LocalSearch:
         """The loop in C; ``q``, ``state`` and ``result`` (N, 5) are overwritten."""
         strides = [array.shape[1] if len(array) > 1 else 0 for array in (parameters, request)]
         lower, upper = self._nlp.variable_bounds
-        apart = _NOTHING_APART if self._contacts is None else self._contacts.told
+        apart = _NOTHING_APART if self._contacts is None else self._contacts.arguments
         self._loop(
             len(q), q.shape[1], len(self._nlp.rows), q, state, parameters, strides[0], request, strides[1],
             lower, upper, steps, self._tolerance, MET, result, *apart,

@@ -28,7 +28,7 @@ class OrientationSpread(StandardDeviationTerm):
     summary: ClassVar[str] = "largest standard deviation of the tilt of the tool axis, of the spin, or of all (at_most)"
     unit: ClassVar[str] = "rad"
 
-    minds_orientation: ClassVar[bool] = True
+    uses_orientation: ClassVar[bool] = True
 
     kind: Literal["orientation_spread"]
     of: Rotation = Field("tilt", description="the tilt of the tool axis, its spin, or every rotation")

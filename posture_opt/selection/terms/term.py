@@ -159,7 +159,7 @@ class Term(Spec):
     keeps_clear: ClassVar[bool] = False
     """Whether it keeps the arm away from obstacles."""
 
-    minds_orientation: ClassVar[bool] = False
+    uses_orientation: ClassVar[bool] = False
     """Whether reports state the spread of the orientation where it is asked for."""
 
     kind: str
