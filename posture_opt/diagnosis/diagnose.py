@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
-import numpy as np
-
-from posture_opt.calibration.calibrate import calibrate, restated, reweighed
+from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
-from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects, known_rows
+from posture_opt.calibration.estimation.error_statistics import By, Statistics
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.parameters import prior_covariance
 from posture_opt.calibration.estimation.progress import Stages
@@ -28,84 +25,19 @@ from posture_opt.diagnosis.causes.causes import (
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm, nearer_to, outlasts_session
 from posture_opt.diagnosis.causes.geometry_causes import Estimated, geometry_causes
 from posture_opt.diagnosis.causes.plausible_causes import FittedEffects, with_plausibility
-from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
-from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
 from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
 from posture_opt.diagnosis.exact_rows import met_exactly, with_scatter
-from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, noise_shape
-from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
+from posture_opt.diagnosis.explained import Explained, explain_calibration, groups_and_folds
+from posture_opt.diagnosis.noise.noise_causes import noise_shape
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
-from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
-from posture_opt.diagnosis.search.linearised_data import (
-    LinearisedData,
-    linearise_calibration,
-    tool_points,
-)
-from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection
-from posture_opt.diagnosis.search.outlier_reinclusion import (
-    explains_outliers,
-    reinclude_outliers,
-    without_hidden_outliers,
-)
-from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
-from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_SEARCHED
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
-from posture_opt.numerics import Array, Codes, Progress
+from posture_opt.numerics import Codes, Progress
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.repeat_scatter import prismatic_joints
-
-
-@dataclass(frozen=True)
-class _Explained:
-    """What the residuals of a calibration hold, and the arm that was fitted with it.
-
-    Args:
-        geometry: the calibrated arm; ``predictive`` with the effects that have a name and that held-out rows need.
-        deviations: (S, K, k) of its parameters beside the effects that each fold chose.
-        unnamed: the further components.
-        adequacy: the tests for anything left.
-        noise, uneven: causes that move nothing, and errors that look like one.
-        unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
-    """
-
-    calibration: Calibration
-    linearised: LinearisedData
-    search: SearchResult
-    geometry: Fit
-    predictive: PredictiveModel
-    deviations: Array
-    unnamed: tuple[UnnamedComponent, ...]
-    adequacy: Adequacy
-    noise: Sequence[NoiseCause]
-    uneven: Sequence[UnevenErrors]
-    unrefuted: Mapping[int, tuple[Effect, ...]]
-
-    @cached_property
-    def model(self) -> Fit:
-        """The calibrated arm with the effects that have a name."""
-        return with_choice_errors(self.predictive.fit, self.deviations)
-
-    @property
-    def names(self) -> SearchResult:
-        """The search among candidates with names, where unnamed ones had to be taken."""
-        return self.search.names or self.search
-
-    @cached_property
-    def nested(self) -> NestedSelection:
-        """What each fold chose among them."""
-        return self.names.nested.each[0].with_moments_of(self.model.effects)
-
-    @property
-    def adequacy_p_value(self) -> float:
-        """p-value of the tests for anything left; zero where there are unnamed components."""
-        return 0.0 if self.unnamed else self.adequacy.p_value
 
 
 @dataclass(frozen=True)
@@ -180,7 +112,7 @@ def diagnose(
     data = data if thinning is None else thinning.used
     calibration = calibrate(problem, data, folds=folds, by=by, most_rows=len(data), progress=stages.next())
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
-    found = _explain_calibration(calibration, draws, seed or 0, stages)
+    found = explain_calibration(calibration, draws, seed or 0, stages)
     if met_exactly(found.model):
         return diagnose(
             problem, with_scatter(data), folds=folds, by=by, flips=flips, seed=seed, test=test,
@@ -199,100 +131,13 @@ def diagnose(
     return replace(_assemble_diagnosis(request, found, held, delivery, findings, other), large=large)
 
 
-def _explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> _Explained:
-    """What the residuals of a calibration hold.
-
-    It is searched for once more where that shows that statements of the file are wrong beside the effects, that
-    orientations scatter otherwise, beside positions, than they were weighed for, or that geometry was held near nominal
-    which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
-    a σ that is stated wrongly. So it is where effects hid outliers.
-    """
-    found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
-    for judge in (restated, reweighed):
-        again = judge(calibration, found.model)
-        if again is not None:
-            calibration = again
-            found = _explain_residuals(*_search_effects(again, draws, seed, Stages(None, 1, 1)), seed)
-    fewer = without_hidden_outliers(found.calibration, found.model)
-    if fewer is not None:
-        found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
-    return found
-
-
-def _explain_residuals(
-    calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
-) -> _Explained:
-    """The arm with what was found, and what it leaves.
-
-    Args:
-        found: the search among all candidates; effects of its named set are fitted together with the geometry.
-        calibration, linearised: of the rows that count; seed: of the null distribution of noise.
-    """
-    found, predictive = _needed_effects(calibration, linearised, found)
-    model, residuals = predictive.fit, linearised.sensitivities.residuals
-    geometry, names = calibration.fit_effects(residuals, []), found.names or found
-    deviations = np.zeros((1, 0, len(model.x)))
-    if model.effects:
-        deviations = choice_deviations(model, geometry, names.nested.each[0], names.size)
-    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
-    everything = linearised.baseline(found.chosen)
-    repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
-    held = _held_by_prior(calibration, linearised, found)
-    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
-    p_value = 0.0 if unnamed else left.p_value
-    noise, uneven = noise_causes(calibration.request.problem, calibration, model, everything, p_value, seed)
-    scatter = joint_scatter(model, noise)
-    if scatter is not None:
-        held = held or left_of(everything, residuals.measured)
-        again = lack_of_fit(held, residuals.data, repeated, residuals.block, scatter)
-        left = replace(left, lack_of_fit=again)
-    open_ = unnamed or uneven or left.p_value < levels.LACK_OF_FIT_LEVEL
-    unrefuted = unrefuted_rivals(linearised, names) if open_ else {}
-    return _Explained(
-        calibration, linearised, found, geometry, predictive, deviations, unnamed, left, noise, uneven, unrefuted
-    )
-
-
-def _needed_effects(
-    calibration: Calibration, linearised: LinearisedData, found: SearchResult
-) -> tuple[SearchResult, PredictiveModel]:
-    """The search without the named effects that held-out rows do not need, and the arm with the others.
-
-    They need none of a set that predicts them no better than geometry alone, chosen anew without them.
-    """
-    names = found.names or found
-    offered = [s.what for s in names.chosen if isinstance(s.what, Effect)]
-    folds = _groups_and_folds(calibration)[1]
-    worthless = bool(offered) and names.nested.each[0].gains_nothing(names.size)
-    predictive = PredictiveModel.of(calibration, [] if worthless else offered, folds)
-    fewer = keep_named(linearised, names, predictive.kept)
-    return (fewer if found.names is None else replace(found, names=fewer)), predictive
-
-
-def _held_by_prior(calibration: Calibration, linearised: LinearisedData, found: SearchResult) -> HeldResiduals | None:
-    """What is left where the prior holds the geometry beside all that was found; None where nothing is known of it.
-
-    The search lets the geometry free: what a wrong prior leaves is nothing that an effect could explain.
-    """
-    fit, residuals = calibration.fit, linearised.sensitivities.residuals
-    if fit.prior is None:
-        return None
-    r, J = residuals.residuals_and_jacobian(calibration.x)
-    known = known_rows(fit.prior, fit.weight, np.eye(len(fit.x)))
-    effects = [s.Z[: residuals.measured] for s in found.chosen]
-    columns = np.concatenate([J[: residuals.measured] @ fit.directions, *effects], axis=1)
-    free = np.zeros((len(known), columns.shape[1] - fit.directions.shape[1]))
-    rows = np.concatenate([known @ fit.directions, free], axis=1)
-    return HeldResiduals.of(r[: residuals.measured], columns, known @ fit.x, rows)
-
-
-def _held_out_errors(found: _Explained) -> _HeldOut:
+def _held_out_errors(found: Explained) -> _HeldOut:
     """Errors on held-out rows before calibration, after it, and with the effects.
 
     The effects are chosen anew in each fold, so that their choice cannot profit from the rows that it is judged by.
     """
     calibration, model = found.calibration, found.model
-    groups, parts = _groups_and_folds(calibration)
+    groups, parts = groups_and_folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     shape = noise_shape(model, found.noise)
     if model.effects:
@@ -302,7 +147,7 @@ def _held_out_errors(found: _Explained) -> _HeldOut:
     return _HeldOut(held, groups, parts)
 
 
-def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
+def _all_findings(found: Explained, held: _HeldOut) -> tuple[Finding, ...]:
     """The causes: what the data refute, effects and noise, then geometry.
 
     Geometry is tested against the data alone: a prior would make a stated wrong value insignificant. What a former
@@ -331,7 +176,7 @@ def _all_findings(found: _Explained, held: _HeldOut) -> tuple[Finding, ...]:
     )
 
 
-def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
+def _deliver(found: Explained, held: _HeldOut, with_time: bool) -> Delivery:
     """The arm to plan with, with effects of time or without.
 
     Its errors are of effects chosen anew in each fold, too, without those that are not delivered.
@@ -347,7 +192,7 @@ def _deliver(found: _Explained, held: _HeldOut, with_time: bool) -> Delivery:
 
 
 def _predict_session(
-    test: Measurements, found: _Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
+    test: Measurements, found: Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
 ) -> SecondSession:
     """The other file predicted, by the arm without effects of time.
 
@@ -359,7 +204,7 @@ def _predict_session(
     return second_session(test, calibration, model, persistent, refit_frames=refit_frames)
 
 
-def _left_out_rows(thinning: Thinning, found: _Explained) -> LargeFile:
+def _left_out_rows(thinning: Thinning, found: Explained) -> LargeFile:
     """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects.
 
     Returns:
@@ -376,7 +221,7 @@ def _left_out_rows(thinning: Thinning, found: _Explained) -> LargeFile:
 
 def _assemble_diagnosis(
     request: FitRequest,
-    found: _Explained,
+    found: Explained,
     held: _HeldOut,
     delivery: Delivery,
     findings: tuple[Finding, ...],
@@ -410,43 +255,6 @@ def _assemble_diagnosis(
 def _determined_first(*findings: Finding) -> list[Finding]:
     """The findings in their order, those whose size the data do not determine last."""
     return sorted(findings, key=lambda finding: not finding.determined)
-
-
-def _groups_and_folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
-    """Groups (M,) and folds of the calibration, of the rows that count."""
-    request, by, kept = calibration.request, calibration.by, calibration.kept_rows
-    groups = groups_of(request.data, by, request.folds)
-    place = np.full(len(groups), -1)
-    place[kept] = np.arange(len(kept))
-    parts = (place[part][place[part] >= 0] for part in folds_of(groups, request.folds, by))
-    return groups[kept], [part for part in parts if len(part)]
-
-
-def _selection_folds(calibration: Calibration) -> tuple[Folding, ...]:
-    """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
-    data = calibration.request.data.take(calibration.kept_rows)
-    own = Folding(*_groups_and_folds(calibration))
-    if data.position is None or calibration.by == "block":
-        return (own,)
-    return own, Folding.of(data, "block", calibration.request.folds)
-
-
-def _search_effects(
-    calibration: Calibration, draws: int, seed: int, stages: Stages
-) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
-    """What the residuals hold; searched once more where effects explain rows that looked like outliers."""
-    linearised = linearise_calibration(calibration, draws, seed)
-    foldings = _selection_folds(calibration)
-    found = search_effects(linearised, foldings, stages.rounds(stages.next()))
-    stages.next()
-    wider = reinclude_outliers(calibration, found)
-    if len(wider.outliers) == len(calibration.outliers):
-        return calibration, linearised, found
-    all_linearised = linearise_calibration(wider, draws, seed)
-    among_all = search_effects(all_linearised, _selection_folds(wider))
-    if not explains_outliers(calibration, among_all):
-        return calibration, linearised, found
-    return wider, all_linearised, among_all
 
 
 def _estimated_before(calibration: Calibration) -> Estimated:

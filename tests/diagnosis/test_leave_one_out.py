@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from scipy.optimize import least_squares
 
 import posture_opt as po
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
+from posture_opt.diagnosis import explained
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.search.nested_selection import NestedSelections
 from posture_opt.diagnosis.search.search import SearchResult
@@ -23,7 +23,6 @@ from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
-diagnose = import_module("posture_opt.diagnosis.diagnose")  # the package's name is that of the function
 NOISE = 5e-5  # m
 EFFECTS = [GearEccentricity(joint="joint1"), GearSecondHarmonic(joint="joint1"), GearEccentricity(joint="joint2")]
 OFFSETS, LENGTHS, FIRST, SECOND = (0, 1), (2, 3), (4, 5), (6, 7)
@@ -120,7 +119,7 @@ def test_effects_that_predict_rows_left_out_worse_are_all_taken_back(
 ) -> None:
     """A gear of joint1 is found; then sets chosen anew in each fold predict by 1 % worse than the geometry alone."""
     problem, data, _ = measured(tmp_path, np.array([1e-4, -2e-4, 3e-4, -1e-4, 4e-4, 2e-4, 0, 0]))
-    search = diagnose._search_effects
+    search = explained._search_effects
 
     def searched(*args: Any) -> tuple[Any, Any, SearchResult]:
         calibration, linearised, found = search(*args)
@@ -129,7 +128,7 @@ def test_effects_that_predict_rows_left_out_worse_are_all_taken_back(
         losses = np.concatenate([way.losses[:1], 1.01**2 * np.repeat(way.losses[:1], len(way.losses) - 1, 0)])
         return calibration, linearised, replace(found, nested=NestedSelections((replace(way, losses=losses),)))
 
-    monkeypatch.setattr(diagnose, "_search_effects", searched)
+    monkeypatch.setattr(explained, "_search_effects", searched)
     gone = po.diagnose(problem, data, flips=49, plan=False)
     assert not [f for f in gone.effects if f.effect]
     assert (gone.verdict, gone.delivery.model) == ("unexplained", "calibrated")
