@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis import diagnose as module
+from posture_opt.diagnosis import explained
 from posture_opt.diagnosis.causes.delivered_effects import deliver_arm
 from posture_opt.diagnosis.causes.determined_sizes import determined_parts
 from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
@@ -43,7 +43,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
     problem = po.problem_from_dict(PROBLEM)
     data = po.read_measurements(folder / "data.csv", problem)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "choice_deviations", open_slow_line)
+        patch.setattr(explained, "choice_deviations", open_slow_line)
         return po.diagnose(problem, data, flips=99, plan=False)
 
 

@@ -276,7 +276,8 @@ def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> Repeate
     if found is None or not candidate.of_arm or not found.confirmed:
         return found
     rest = sample.without_farthest
-    return score_repeats(rest.e, rest.rows, candidate, seed) or found
+    others = score_repeats(rest.e, rest.rows, candidate, seed)
+    return found if others is None or others.confirmed else others
 
 
 def _spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
