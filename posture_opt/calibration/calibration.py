@@ -12,8 +12,9 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.cross_validation import HeldOut
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.identifiability import (
     ANGLE_TOLERANCE_RAD,
@@ -35,7 +36,7 @@ from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.assumptions.refuted_statements import Contradiction
+    from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
     from posture_opt.calibration.large_file import LargeFile
     from posture_opt.model.effects import Effect

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.estimation.fit import Prior
 from posture_opt.calibration.estimation.fit_setup import full_prior, prior_tolerances
 from posture_opt.calibration.estimation.identifiability import (
     Identifiability,
@@ -20,6 +19,7 @@ from posture_opt.calibration.estimation.identifiability import (
     observability_indices,
 )
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
+from posture_opt.calibration.estimation.prior import Prior
 from posture_opt.experiments.exchange import Criterion, Determinant, Variance, quantity_variances, unit_information
 from posture_opt.experiments.information import GivenInformation
 from posture_opt.numerics import Array, Mask

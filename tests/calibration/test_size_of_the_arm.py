@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.estimation.effect_sensitivities import case_of
-from posture_opt.calibration.estimation.fit import fit_with_effects
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.model.effects import InstrumentField, JointCompliance
 from posture_opt.report.measured_parts.contradictions import doubts_lead

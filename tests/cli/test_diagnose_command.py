@@ -13,7 +13,7 @@ import pytest
 from click.testing import Result
 
 import posture_opt as po
-from posture_opt.calibration.estimation.fit import fit_with_effects
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.diagnosis.causes.causes import missing_inputs
 from posture_opt.diagnosis.causes.sessions import Gain

@@ -9,8 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import folds_of
-from posture_opt.calibration.estimation.fit import fit_with_effects
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from tests.helpers.planar_2r import position

@@ -9,7 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.diagnosis.scores.candidates import Candidate, list_candidates
 from posture_opt.diagnosis.scores.levels import MIN_SURVIVING_SHARE

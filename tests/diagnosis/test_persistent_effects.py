@@ -10,8 +10,9 @@ from scipy.optimize import least_squares
 
 import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.causes import _estimates_of
 from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
 from posture_opt.diagnosis.causes.determined_sizes import determines

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration import calibrate
-from posture_opt.calibration.assumptions.refuted_statements import Refuted
+from posture_opt.calibration.assumptions.contradictions import Refuted
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of

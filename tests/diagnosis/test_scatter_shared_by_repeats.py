@@ -8,7 +8,7 @@ import yaml
 
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.estimation.fit import fit_with_effects
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.diagnosis.noise import noise_causes
 from posture_opt.diagnosis.noise.noise_candidates import score_stated_sigma, score_uneven_noise
 from posture_opt.diagnosis.noise.uneven_noise import NoiseSample, find_uneven_noise

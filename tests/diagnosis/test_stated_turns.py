@@ -10,7 +10,8 @@ import pytest
 from scipy.linalg import eigh
 
 import posture_opt as po
-from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.determined_sizes import determined_parts, stated_parts, turn_about_mean, turns_of
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from tests.helpers.planar_files import write

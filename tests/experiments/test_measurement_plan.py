@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.estimation.fit import Prior
 from posture_opt.calibration.estimation.identifiability import identify_parameters
+from posture_opt.calibration.estimation.prior import Prior
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from posture_opt.experiments.exchange import exchange_design
 from posture_opt.experiments.expected_errors import PriorInformation, Unknowns

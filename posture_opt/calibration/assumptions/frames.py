@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import further_sigmas, place_sigmas, position_sigma
-from posture_opt.calibration.estimation.fit import Fit, Prior, estimate_parameters, minimum_of
+from posture_opt.calibration.estimation.fit import Fit, estimate_parameters, minimum_of
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.least_squares import robust_noise
 from posture_opt.calibration.estimation.parameters import (
@@ -18,6 +18,7 @@ from posture_opt.calibration.estimation.parameters import (
     prior_covariance,
     tool_unknown,
 )
+from posture_opt.calibration.estimation.prior import Prior
 from posture_opt.calibration.estimation.residuals import Distance, Residuals, counted
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, starting_deviations, tool_sigma
 from posture_opt.errors import InputError, Issue

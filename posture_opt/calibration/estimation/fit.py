@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.calibration.estimation.agreeing_targets import agreeing_targets
-from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance, design_effect
+from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance
 from posture_opt.calibration.estimation.least_squares import (
     Minimum,
     find_outliers,
@@ -18,6 +18,7 @@ from posture_opt.calibration.estimation.least_squares import (
     reduced_jacobian,
     triangular_factor,
 )
+from posture_opt.calibration.estimation.prior import Prior, known_rows
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -26,65 +27,9 @@ if TYPE_CHECKING:
 
 MAX_OUTLIER_ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
 PRIOR_WEIGHT_TOLERANCE = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
-_MIN_CORRELATION_EIGENVALUE = (
-    1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
-)
-_MIN_PRIOR_SIGMA = 1e-10  # rad, m: nothing is known better
 _RANK_TOLERANCE = 1e-7  # of the longest: columns of the geometry that say nothing new
-_ROUNDING_SHARE = 1e-10  # of the longest column of all effects: a parameter whose column is shorter does nothing
-_EFFECT_OFFSET_TOLERANCE = (
-    1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
-)
+ROUNDING_SHARE = 1e-10  # of the longest column of all effects: a parameter whose column is shorter does nothing
 _OFFSET_TOLERANCE = 1e-3  # of a standard error: how near to the minimum is near enough
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector.
-
-    It adds the rows ``w W`` to the Jacobian, w the standard deviation of the residuals: data that the model explains
-    badly weigh less against it.
-
-    Args:
-        errors: in place of ``W`` where errors of the estimate are counted, of what weighs more than it is known; None
-            where they are the same.
-    """
-
-    rows: tuple[int, ...] = ()
-    W: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    errors: Array | None = None
-
-    @classmethod
-    def of(cls, rows: list[int], covariance: Array) -> Prior:
-        """From the covariance of the deviations ``rows``; what has no variance in it, as after a calibration, is held.
-
-        ``W = Λ^(−½) Vᵀ D⁻¹`` with the correlations ``V Λ Vᵀ`` and the standard deviations D.
-
-        Args:
-            rows: indices of the deviations; covariance: (p, p) [rad², m²].
-        """
-        if not rows:
-            return cls()
-        # A variance that is rounding would weigh so much that all else drowned in it.
-        covariance = covariance + np.diag(np.maximum(_MIN_PRIOR_SIGMA**2 - np.diag(covariance), 0.0))
-        sigma = np.sqrt(np.diag(covariance))
-        values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
-        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _MIN_CORRELATION_EIGENVALUE))).T / sigma)
-
-    def counted_as(self, known: Prior) -> Prior:
-        """The same weight in an estimate, whose errors are counted with what is ``known`` of the same rows."""
-        return replace(self, errors=known.W)
-
-    @property
-    def of_errors(self) -> Prior:
-        """What errors of the estimate are counted with."""
-        return self if self.errors is None else Prior(self.rows, self.errors)
-
-    def matrix(self, k: int) -> Array:
-        """``W`` in the columns of all k unknowns."""
-        wide = np.zeros((len(self.rows), k))
-        wide[:, list(self.rows)] = self.W
-        return wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,49 +291,6 @@ def with_clustered_errors(fit: Fit) -> Fit:
     return replace(fit, C=C)
 
 
-def fit_with_effects(
-    residuals: Residuals, x0: Array, directions: Array, effects: Sequence[Effect], prior: Prior | None = None,
-    weight: float = 1.0, *, shapes: bool = True,
-) -> Fit:  # fmt: skip
-    """Geometry in some ``directions`` (k, r) about ``x0`` (k,), effects and their smooth shapes, all together.
-
-    Rows are taken as independent at first, and then for as many as the design effect of what is left says. What
-    effects explain makes data worth more than they were without: the prior is weighed anew.
-
-    Args:
-        effects: the fit starts at their shapes, and at their estimates where they have some.
-        shapes: whether smooth shapes are fitted too; else they stay.
-    """
-    wide = residuals.with_effects(effects, x0)
-    more = len(wide.parameters) - len(x0)
-    steps = np.zeros((len(wide.parameters), directions.shape[1] + more))
-    steps[: len(x0), : directions.shape[1]] = directions
-    start = np.r_[x0, wide.start_of(effects)]
-    steps[len(x0) :, directions.shape[1] :] = np.diag(_unit_steps(wide, start, len(x0)))
-    if not shapes:
-        held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
-        steps = steps[:, ~np.any(steps[held], axis=0)]
-    design, near = 1.0, None
-    for _ in range(MAX_OUTLIER_ROUNDS):
-        found = estimate_parameters(
-            wide,
-            start,
-            steps,
-            prior,
-            robust=False,
-            near=near,
-            weight=weight,
-            design=design,
-            tolerance=_EFFECT_OFFSET_TOLERANCE,
-        )
-        again = _design_of_fit(found)
-        if prior is None or abs(again - design) <= PRIOR_WEIGHT_TOLERANCE * design:
-            break
-        design, weight, near = again, found.weight, found.minimum.x
-    found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
-    return with_clustered_errors(found) if again > 1 else found
-
-
 def _variances(J: Array, directions: Array) -> Array:
     """(k,) variances of unknowns that rows with the Jacobian J (m, k) leave along ``directions``, for a noise of one.
 
@@ -401,36 +303,10 @@ def _variances(J: Array, directions: Array) -> Array:
     scale = np.where(norms > 0, norms, 1.0)
     _, s, Vt = svd(triangular_factor(A / scale), lapack_driver="gesvd")  # numpy's may not converge, and prints so
     steps = (directions / scale) @ Vt.T
-    seen = s > _ROUNDING_SHARE * s.max(initial=0.0)
+    seen = s > ROUNDING_SHARE * s.max(initial=0.0)
     found = np.sum((steps[:, seen] / s[seen]) ** 2, axis=1)
-    hidden = np.any(np.abs(steps[:, ~seen]) > _ROUNDING_SHARE * np.abs(steps).max(axis=1, keepdims=True), axis=1)
+    hidden = np.any(np.abs(steps[:, ~seen]) > ROUNDING_SHARE * np.abs(steps).max(axis=1, keepdims=True), axis=1)
     return np.asarray(np.where(hidden, np.inf, found))
-
-
-def _unit_steps(wide: Residuals, start: Array, first: int) -> Array:
-    """Steps (e,) of the effects' parameters whose columns have length one: scaled so, no unit dominates.
-
-    A column that is rounding, as of an axis that was not measured, has a step of zero: its parameter stays. One that is
-    zero is that of a shape of an effect without size, which is still to come.
-    """
-    norms = np.linalg.norm(wide.residuals_and_jacobian(start)[1][:, first:], axis=0)
-    steps = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0)
-    return np.asarray(np.where((norms > 0) & (norms < _ROUNDING_SHARE * norms.max(initial=0.0)), 0.0, steps))
-
-
-def _design_of_fit(fit: Fit) -> float:
-    """The design effect of what a fit leaves; 1 where there are hardly more residuals than unknowns."""
-    if not fit.directions.shape[1]:
-        return 1.0
-    A = fit.jacobian @ fit.directions
-    norms = np.linalg.norm(A, axis=0)
-    return design_effect(fit.residuals, fit.whitened, A / np.where(norms > 0, norms, 1.0))
-
-
-def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
-    """The prior as further rows (p, r) of the Jacobian by the steps ``directions`` (k, r)."""
-    rows = np.zeros((0, directions.shape[1]))
-    return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
 
 
 def _factor_of_errors(R: Array, prior: Prior | None, weight: float, directions: Array) -> Array:

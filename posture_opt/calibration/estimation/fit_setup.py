@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.estimation.clustered_covariance import design_effect
-from posture_opt.calibration.estimation.fit import Fit, Prior
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.identifiability import (
     ANGLE_TOLERANCE_RAD,
     LENGTH_TOLERANCE_M,
@@ -17,6 +17,7 @@ from posture_opt.calibration.estimation.identifiability import (
 )
 from posture_opt.calibration.estimation.least_squares import robust_noise, unexplained_residuals
 from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
+from posture_opt.calibration.estimation.prior import Prior
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, tool_sigma
 from posture_opt.calibration.estimation.tolerances import Widths, assumed_widths

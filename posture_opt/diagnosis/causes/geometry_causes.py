@@ -9,8 +9,10 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.calibration.cross_validation import Folds
-from posture_opt.calibration.estimation.fit import Fit, Prior, fit_with_effects, known_rows
+from posture_opt.calibration.estimation.effects_fit import fit_with_effects
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.calibration.estimation.prior import Prior, known_rows
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.leave_out import leave_out
 from posture_opt.diagnosis.scores import levels

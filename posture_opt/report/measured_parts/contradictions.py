@@ -17,7 +17,7 @@ from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.units import ERROR_UNITS, number, plus_minus, shown
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.assumptions.refuted_statements import Contradiction
+    from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.calibration import Calibration
 
 _DIMENSIONS = {"m": "length", "rad": "angle"}
