@@ -203,3 +203,15 @@ def test_a_correction_that_no_arm_is_built_with_leads_however_geometry_is_named(
     (text,) = lead
     number = "" if named == "link_length" else f" (cause {len(effects)})"
     assert text.startswith(f"First check the geometry{number}: zero of joint2 (joint2.theta), 12")
+
+
+def test_a_cause_of_a_size_that_no_arm_has_only_looks_like_it(found: po.Diagnosis) -> None:
+    """Nothing is opened for it: the screen says what it would take."""
+    first, *rest = found.effects
+    odd = replace(
+        found, effects=(replace(first, would_need="a gear with a crack: 3 mrad, where 1 mrad is usual"), *rest)
+    )
+    text = " ".join(render(on_a_screen(diagnosis_report(odd), 100, ()), 100).split())
+    assert "1. looks like cyclic error (joint1, 73.0/rev" in text
+    assert "Looks like (1) an error that only looks like this, until shown otherwise: it would take a gear with" in text
+    assert not re.search(r"Look at \([^)]*\b1\b", text)

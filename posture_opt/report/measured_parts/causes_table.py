@@ -44,6 +44,7 @@ _CHECK_LINK = (
     "link that is bent or seated askew."
 )
 _NOT_CONFIRMED_NOTE = "the test file does not confirm this: measure again before anything is opened for it"
+_IMPLAUSIBLE_NOTE = "an error that only looks like this, until shown otherwise: it would take {}"
 _ALIKE_NOTE = (
     "these repeat about as often, {:.0f} times per revolution, as drives of one type do: do not open, extended.yaml "
     "compensates for it"
@@ -70,7 +71,8 @@ def causes_table(found: Diagnosis) -> Table:
     rows, views = [], []
     for number, finding in enumerate(found.effects, 1):
         gain = "" if finding.noise is not None else percent(finding.gain)
-        row = (f"{number}. {finding.label}", _size(found, finding), _largest_shift(found, finding), gain)
+        like = "" if finding.plausible else "looks like "
+        row = (f"{number}. {like}{finding.label}", _size(found, finding), _largest_shift(found, finding), gain)
         rows.append((*row, *_elsewhere(found, finding)))
         views.append(view_key(found, finding))
     headers = ("cause", "size", "at the tool", "RMS drop", *_elsewhere_header(found))
@@ -151,9 +153,11 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     typical = [f for those in alike.values() for f in those]
     normal = [f for f in known if f.plausible and _as_in_catalogues(f) and f not in typical]
     doubtful = [f for f in known if f not in (*normal, *typical) and unconfirmed(found, f)]
-    other = [f for f in known if f not in (*normal, *typical, *doubtful)]
+    odd = [f for f in known if not f.plausible and f not in (*typical, *doubtful)]
+    other = [f for f in known if f not in (*normal, *typical, *doubtful, *odd)]
     rows = [(f"Look at ({', '.join(numbers)})", words) for words, numbers in _inspections(found, other).items()]
     rows = rows[:_MAX_INSPECTED] + ([("Look at", "for the others see --full")] if len(rows) > _MAX_INSPECTED else [])
+    rows += [(f"Looks like ({number_of(found, f)})", _IMPLAUSIBLE_NOTE.format(f.would_need)) for f in odd]
     rows += [(f"Not confirmed ({_numbers(found, doubtful)})", _NOT_CONFIRMED_NOTE)] if doubtful else []
     rows += [(f"Normal ({_numbers(found, normal)})", _CATALOGUE_SIZE_NOTE)] if normal else []
     rows += [(f"Alike ({_numbers(found, those)})", _ALIKE_NOTE.format(cycles)) for cycles, those in alike.items()]
