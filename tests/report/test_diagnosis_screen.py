@@ -208,7 +208,8 @@ def test_a_correction_that_no_arm_is_built_with_leads_however_geometry_is_named(
 def test_a_cause_of_a_size_that_no_arm_has_only_looks_like_it(found: po.Diagnosis) -> None:
     """Nothing is opened for it: the screen says what it would take."""
     first, *rest = found.effects
-    odd = replace(
+    like = "a gear with a crack: 3 mrad, where 1 mrad is usual"
+    odd = replace(found, effects=(replace(first, would_need=like), *rest))
         found, effects=(replace(first, would_need="a gear with a crack: 3 mrad, where 1 mrad is usual"), *rest)
     )
     text = " ".join(render(on_a_screen(diagnosis_report(odd), 100, ()), 100).split())
