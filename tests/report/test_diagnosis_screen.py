@@ -210,8 +210,6 @@ def test_a_cause_of_a_size_that_no_arm_has_only_looks_like_it(found: po.Diagnosi
     first, *rest = found.effects
     like = "a gear with a crack: 3 mrad, where 1 mrad is usual"
     odd = replace(found, effects=(replace(first, would_need=like), *rest))
-        found, effects=(replace(first, would_need="a gear with a crack: 3 mrad, where 1 mrad is usual"), *rest)
-    )
     text = " ".join(render(on_a_screen(diagnosis_report(odd), 100, ()), 100).split())
     assert "1. looks like cyclic error (joint1, 73.0/rev" in text
     assert "Looks like (1) an error that only looks like this, until shown otherwise: it would take a gear with" in text
