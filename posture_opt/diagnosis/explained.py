@@ -30,6 +30,7 @@ from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelecti
 from posture_opt.diagnosis.search.outlier_reinclusion import (
     explains_outliers,
     reinclude_outliers,
+    without_clear_outliers,
     without_hidden_outliers,
 )
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
@@ -94,6 +95,7 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
     a σ that is stated wrongly. So it is where effects hid outliers.
     """
+    calibration = without_clear_outliers(calibration)
     found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
     for judge in (restated, reweighed):
         again = judge(calibration, found.model)

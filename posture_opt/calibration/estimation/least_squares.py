@@ -18,6 +18,9 @@ _RELATIVE_OFFSET_TOLERANCE = (
 _ROUNDING_SHARE = 1e-13  # of |r|²: a step that promised no more, and failed, failed by rounding
 _RELATIVE_STEP_TOLERANCE = 1e-14  # relative step at which floating point has nothing left to improve
 
+OUTLIER_MARGIN = 1.5
+"""Of the largest of as many Gaussian residuals, by which a row is an outlier: real ones have longer tails."""
+
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
@@ -188,20 +191,26 @@ def _minimum_at(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Mi
     return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
 
 
-def find_outliers(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:
+def find_outliers(
+    residuals: Array, J: Array, block: int, known: Array | None = None, margin: float = OUTLIER_MARGIN
+) -> tuple[Mask, Array]:
     """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
 
     The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
     median of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would
-    reach once in a thousand samples of this size, and half as much again, as real residuals have longer tails.
-    ``known`` are further rows of J, of a prior.
+    reach once in a thousand samples of this size, times ``margin``. ``known`` are further rows of J, of a prior.
     """
-    from scipy.special import gammainccinv
-
     squared = _inflated_squares(residuals, J, block, known)
     with np.errstate(over="ignore"):  # beside rows that are met exactly any other is infinitely far off
         studentised = np.sqrt(squared / _robust_variance(squared, block))
-    return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
+    return studentised > outlier_limit(len(squared), block, margin), studentised
+
+
+def outlier_limit(rows: int, block: int, margin: float = OUTLIER_MARGIN) -> float:
+    """The studentised length of a row of ``block`` residuals, of so many rows, beyond which it is an outlier."""
+    from scipy.special import gammainccinv
+
+    return margin * float(np.sqrt(2 * gammainccinv(block / 2, 1e-3 / rows)))
 
 
 def unexplained_residuals(residuals: Array, J: Array) -> Array:

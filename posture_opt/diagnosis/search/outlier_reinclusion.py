@@ -10,8 +10,13 @@ from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.least_squares import find_outliers
-from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, find_outliers, outlier_limit
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.candidates import Candidate, list_candidates
+from posture_opt.diagnosis.search.dictionary import Dictionary
+from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.slip import Slip, well_covered
@@ -19,6 +24,7 @@ from posture_opt.numerics import Array, Mask
 
 _MAX_OUTLIER_ROUNDS = 8
 _MAX_GROSS_RUN, _MAX_GROSS_SHARE = 3, 0.01  # rows that follow each other, and of all rows: more are no gross errors
+_CLEAR_MARGIN = 2 * OUTLIER_MARGIN  # of rows that effects hid: nearer ones are as what the effects lack
 _MAX_EXPLANATIONS = 8  # explanations: what was chosen, and that with one of its rivals in place
 
 
@@ -49,7 +55,7 @@ def explains_outliers(calibration: Calibration, found: SearchResult) -> bool:
 
 
 def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration | None:
-    """The calibration without rows that are outliers beside the effects; None where there are none.
+    """The calibration without rows that are clear outliers beside the effects; None where there are none.
 
     What effects do in the errors of the calibrated arm is larger than many a gross error: two rows that are off by 2 mm
     count for a quarter of all that is left, and as scatter of the joint that moves them. Many such rows, or several
@@ -58,16 +64,40 @@ def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration
     Args:
         model: the arm with its effects, fitted to the rows that count.
     """
-    residuals = model.residuals
-    m, rows = residuals.measured, calibration.kept_rows
-    columns = (model.jacobian @ model.directions)[:m]
-    gross = _gross_rows(model.whitened[:m], columns, residuals.block)
+    m = model.residuals.measured
+    columns, block = (model.jacobian @ model.directions)[:m], model.residuals.block
+    return _without_few(calibration, model.residuals, _gross_rows(model.whitened[:m], columns, block, _CLEAR_MARGIN))
+
+
+def without_clear_outliers(calibration: Calibration) -> Calibration:
+    """The calibration without rows that are clear outliers beside what a pursuit of lasting effects takes.
+
+    It is a rough description of the errors, and a search that has to be made again once these rows show beside its
+    result takes many times as long. Where no row is that far off by the instrument's σ, none is beside effects.
+    """
+    linearised = linearise_calibration(calibration, flips=0)
+    residuals = linearised.sensitivities.residuals
+    m, block = residuals.measured, residuals.block
+    lengths = np.linalg.norm(linearised.r[:m].reshape(-1, block), axis=1)
+    far = outlier_limit(len(lengths), block, _CLEAR_MARGIN) * linearised.instrument
+    if np.isfinite(far) and lengths.max() < far:
+        return calibration
+    listed = list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
+    lasting = Dictionary(linearised, tuple(candidate for candidate in listed if candidate.persistent))
+    taken = pursue_candidates(lasting, levels.MAX_EFFECTS).chosen
+    columns = np.concatenate([linearised.G, *(candidate.Z for candidate in taken)], axis=1)
+    gross = _gross_rows(linearised.r[:m], columns[:m], block, _CLEAR_MARGIN)
+    return _without_few(calibration, residuals, gross) or calibration
+
+
+def _without_few(calibration: Calibration, residuals: Residuals, gross: Mask) -> Calibration | None:
+    """The calibration without gross rows (M,) of those that count; None without such, or with too many for that."""
     order = residuals.data.order
     gross[order] = _in_short_runs(gross[order], _MAX_GROSS_RUN)
-    if not 0 < gross.sum() <= max(_MAX_GROSS_RUN, _MAX_GROSS_SHARE * len(rows)):
+    if not 0 < gross.sum() <= max(_MAX_GROSS_RUN, _MAX_GROSS_SHARE * len(gross)):
         return None
     kept = calibration.fit.kept.copy()
-    kept[rows[gross]] = False
+    kept[calibration.kept_rows[gross]] = False
     return recount_rows(calibration, kept)
 
 
@@ -124,8 +154,10 @@ def _slips_at_ends(calibration: Calibration) -> list[Slip]:
     return [slip.model_copy(update={"moment": moment}) for slip in slips.values() for moment in likely]
 
 
-def _gross_rows(r: Array, A: Array, block: int) -> Mask:
+def _gross_rows(r: Array, A: Array, block: int, margin: float = OUTLIER_MARGIN) -> Mask:
     """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit.
+
+    ``margin`` is that of `find_outliers`.
 
     Rows are left out and judged again until the set repeats, `_MAX_OUTLIER_ROUNDS` times at the most.
     """
@@ -135,7 +167,7 @@ def _gross_rows(r: Array, A: Array, block: int) -> Mask:
     for _ in range(_MAX_OUTLIER_ROUNDS):
         rows = np.repeat(~gone, block)
         rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
-        again = find_outliers(rest, A, block)[0]
+        again = find_outliers(rest, A, block, margin=margin)[0]
         if np.array_equal(again, gone):
             break
         gone = again
