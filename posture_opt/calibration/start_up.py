@@ -15,6 +15,9 @@ _MIN_ROWS = 5
 """Rows of a window at the least: fewer say nothing of its RMS."""
 _LEVEL = 0.01
 """Level of the test over all looks together (Bonferroni)."""
+_SPREAD_SHARE = 0.7
+"""Of the range of each joint that first rows reach over where they are spread like all: 5 rows drawn evenly reach over
+two thirds of it on average."""
 _MIN_RATIO = 1.25
 """How many times larger the RMS of the first rows is, at the least: less is not worth leaving rows out."""
 
@@ -27,6 +30,7 @@ class StartUp:
         rows: how many; ``seconds`` from the first row to the last of them [s], None where no times are logged.
         rms: of their position errors [m]; ``rest`` of all others [m].
         p_value: corrected for the number of looks.
+        spread: whether they are spread over the joint ranges as the others are, so that it is not where they are.
     """
 
     rows: int
@@ -34,6 +38,7 @@ class StartUp:
     rms: float
     rest: float
     p_value: float
+    spread: bool = False
 
     def to_json(self) -> dict[str, Json]:
         """The part ``start_up`` of ``calibration.json`` and ``diagnosis.json`` [m, s]."""
@@ -70,7 +75,13 @@ def start_up(errors: Array, data: Measurements) -> StartUp | None:
         return None
     taken = None if data.time is None else float(data.time[order[k - 1]] - data.time[order[0]])
     seconds = None if taken is None or taken < 0 else taken  # a clock that started anew in between tells nothing
-    return StartUp(k, seconds, first, rest, p)
+    return StartUp(k, seconds, first, rest, p, _spread(data.q[order], k))
+
+
+def _spread(q: Array, k: int) -> bool:
+    """Whether the first k joint values (N, n) reach over most of the range of every joint that moves."""
+    whole, first = np.ptp(q, axis=0), np.ptp(q[:k], axis=0)
+    return bool(np.all(first[whole > 0] > _SPREAD_SHARE * whole[whole > 0]))
 
 
 def _log_scatter(errors: Array, k: int) -> float:

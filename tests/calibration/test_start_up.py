@@ -10,6 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.start_up import start_up
+from posture_opt.report.measured_parts.start_up_words import start_up_lead
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -39,6 +40,20 @@ def test_a_cold_arm_is_told_with_what_to_do(logged: bool, tmp_path: Path) -> Non
     text = " ".join(found.report().split())
     assert "The first 20 rows" in text
     assert "measure them again on the warm arm before leaving any out" in text
+    assert "at an end of the range" not in text  # these rows are spread as all others
+
+
+def test_first_rows_at_an_end_of_the_range_may_be_off_by_that() -> None:
+    rng = np.random.default_rng(1)
+    noise = 2e-5 * np.where(np.arange(ROWS) < 20, 2.5, 1.0)[:, None] * rng.normal(size=(ROWS, 3))
+    ramp = np.linspace(-2.0, 2.0, ROWS)
+    for q, spread in ((rng.permutation(ramp), True), (ramp, False)):
+        order = np.arange(ROWS)
+        data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None, order=order, q=np.stack([q, q], axis=1))
+        found = start_up(noise, data)
+        assert found is not None
+        assert found.spread is spread
+        assert ("at an end of the range" in start_up_lead(found)[0]) is not spread
 
 
 def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
@@ -51,7 +66,7 @@ def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
 def test_false_alarms_are_rare_where_neighbours_err_alike(length: int) -> None:
     """Errors in runs of so many rows of one size, log-normal: at most as many alarms as the level says, 1 %."""
     rng = np.random.default_rng(length)
-    data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None, order=np.arange(ROWS))
+    data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None, order=np.arange(ROWS), q=np.zeros((ROWS, 2)))
     draws = 1000
     alarms = 0
     for _ in range(draws):

@@ -15,6 +15,7 @@ import posture_opt as po
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.plausible_causes import with_plausibility
 from posture_opt.model.effects import FittedSizes
+from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -68,3 +69,17 @@ def test_a_second_slip_in_one_session_is_rather_something_else() -> None:
     assert not second.plausible
     assert "2 of them in one session" in second.would_need
     assert second.to_json()["plausible"] is False
+
+
+@pytest.mark.parametrize(("product", "rises"), [(-2e-6, True), (2e-6, False)])
+def test_a_joint_that_rises_against_an_unknown_load_is_not_compliant(product: float, rises: bool) -> None:
+    """Its turn has no sign in a root mean square: gravity compensation that does too much looks alike."""
+    robot = po.problem_from_dict(PROBLEM).robot
+    soft = JointCompliance(joint="joint1", loads="points", points=("tool",))
+    fit = SimpleNamespace(x=np.array([1e-3, product]), slices=(slice(1, 2),))
+    fitted = SimpleNamespace(
+        robot=robot, model=fit, sizes=lambda finding: FittedSizes(finding.estimate, turn=(0.0, 1e-4))
+    )
+    (found,) = with_plausibility([Finding(soft, {}, 1e-6, 0.2, place=0)], fitted)
+    assert ("gravity compensation" in found.would_need) is rises
+    assert found.plausible is not rises

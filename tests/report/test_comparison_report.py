@@ -100,7 +100,9 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     _, left = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1.5e-3, 1e-3)}))
     assert left == "The remaining error is 1.50 mm of scatter and 1.00 mm of parameter uncertainty."
     far = PostureDistance(0.7, "joint1", 0.5)
-    _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, far)}))
+    first, open_, last = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, far)}))
+    assert "joint1 12.00 deg" not in first
+    assert last.startswith("Planned posture: joint1 12.00 deg.")  # behind what speaks against driving there
     assert open_ == (
         "Extrapolated: the planned posture lies outside the measured range, joint1 by 29 deg. 1.80 mm of the error is "
         "parameter uncertainty, mainly from joint1.a; scatter contributes 0.100 mm. "

@@ -92,10 +92,14 @@ def test_rivals_stand_on_the_screen_those_with_a_name_first(found: po.Diagnosis)
     gear, scale = GearEccentricity(joint="joint1"), JointScale(joint="joint1")
     wave = replace(found.effects[0], confounded_with=(curve, gear))
     assert rivals_of(wave) == "gear eccentricity (joint1) or a smooth curve over joint1"
-    assert rivals_of(replace(wave, confounded_with=(curve, gear, scale))) == (
-        "gear eccentricity (joint1), joint scale (joint1) or 1 more"
+    three, four = (curve, gear, scale), (curve, gear, scale, GearEccentricity(joint="joint2"))
+    assert rivals_of(replace(wave, confounded_with=three)) == (
+        "gear eccentricity (joint1), joint scale (joint1) or a smooth curve over joint1"
     )
-    assert rivals_of(replace(wave, confounded_with=(curve, gear, scale)), 3).endswith("or a smooth curve over joint1")
+    assert (
+        rivals_of(replace(wave, confounded_with=four)) == "gear eccentricity (joint1), joint scale (joint1) or 2 more"
+    )
+    assert rivals_of(replace(wave, confounded_with=four), 4).endswith("or a smooth curve over joint1")
     doubtful = replace(found, effects=(wave, *found.effects[1:]))
     text = " ".join(render(on_a_screen(diagnosis_report(doubtful), 100, ()), 100).split())
     assert "Could be (1) gear eccentricity (joint1) or a smooth curve over joint1 instead" in text
@@ -214,3 +218,11 @@ def test_a_cause_of_a_size_that_no_arm_has_only_looks_like_it(found: po.Diagnosi
     assert "1. looks like cyclic error (joint1, 73.0/rev" in text
     assert "Looks like (1) an error that only looks like this, until shown otherwise: it would take a gear with" in text
     assert not re.search(r"Look at \([^)]*\b1\b", text)
+
+
+def test_orientations_that_the_file_has_are_used_before_others_are_measured(found: po.Diagnosis) -> None:
+    rival = replace(found.effects[0], confounded_with=(GearEccentricity(joint="joint1"),))
+    turned = replace(found.request.data, rotation=np.tile([1.0, 0.0, 0.0, 0.0], (len(found.request.data), 1)))
+    other = replace(found, request=replace(found.request, data=turned), effects=(rival, *found.effects[1:]))
+    texts = [" ".join(render(on_a_screen(diagnosis_report(one), 100, ()), 100).split()) for one in (found, other)]
+    assert ["Use first the orientations in the file" in text for text in texts] == [False, True]

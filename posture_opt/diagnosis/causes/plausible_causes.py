@@ -12,11 +12,16 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.determined_sizes import places_of_parts, turn_about_mean, turns_of
 from posture_opt.model.effects import Effect, FittedSizes
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.model.effects.base.multiples import resolution
 from posture_opt.robot.robot import Robot
 
 _MANY_IN_SESSION = "{count} of them in one session, where more than {most} is rare: rather something moves all the time"
 """What it would take for a cause that comes once to have come several times."""
+
+
+_AGAINST_LOAD = "gravity compensation, in the controller or by springs, that does too much: it rises against its load"
+"""What it would take for a part that moves against gravity under unknown loads to be compliant."""
 
 
 @dataclass(frozen=True)
@@ -94,5 +99,9 @@ def _would_need(effect: Effect, finding: Finding, fitted: FittedEffects, rank: i
     known = effect.plausible(fitted.robot)
     if known is None or not finding.determined:
         return ""
+    if isinstance(effect, GravityLoaded) and effect.unstated_loads:
+        assert finding.place is not None
+        if np.all(fitted.model.x[fitted.model.slices[finding.place]] < 0):
+            return _AGAINST_LOAD
     value, std = effect.plausible_size(fitted.sizes(finding))
     return "" if known.holds(value, std) else known.would_need(value)

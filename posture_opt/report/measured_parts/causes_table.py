@@ -6,6 +6,8 @@ import math
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
@@ -37,7 +39,10 @@ _DERIVED_SIDES_NOTE = (
     "from which side each joint arrived is taken from the row before; if the arm went elsewhere in between, state it "
     "in columns JOINT.approach"
 )
-_CATALOGUE_SIZE_NOTE = "as large as gears and encoders in catalogues err: do not open, extended.yaml compensates for it"
+_CATALOGUE_SIZE_NOTE = (
+    "as large as gears and encoders in catalogues err: do not open; commands by 'compensate --problem extended.yaml' "
+    "allow for it"
+)
 _CHECK_ZERO = "Was the joint set to zero anew, its encoder or drive replaced? Compare its reference with the file."
 _CHECK_LINK = (
     "Compare with the maker's calibration in the controller, then the type of the arm with the file; then look for a "
@@ -46,13 +51,18 @@ _CHECK_LINK = (
 _NOT_CONFIRMED_NOTE = "the test file does not confirm this: measure again before anything is opened for it"
 _IMPLAUSIBLE_NOTE = "an error that only looks like this, until shown otherwise: it would take {}"
 _ALIKE_NOTE = (
-    "these repeat about as often, {:.0f} times per revolution, as drives of one type do: do not open, extended.yaml "
-    "compensates for it"
+    "these repeat about as often, {:.0f} times per revolution, as drives of one type do: do not open; commands by "
+    "'compensate --problem extended.yaml' allow for it"
 )
 _INSTRUMENT_NOTE = (
     "the instrument, by a scale bar or from a second station, before the arm is opened: errors that vary smoothly over "
     "its volume look the same here"
 )
+_UNUSED_NOTE = (
+    "the orientations in the file, left out as no σ is stated for them: state uncertainty: {measurement: {orientation: "
+    "0.05 mrad}}, with that of the instrument, and diagnose again before measuring anything"
+)
+_EDGE = 0.02  # rad or m beyond the measured range: nearer is at its edge
 _HOLDS = "holds"
 _TARGET = "{target}"  # in place of the joint in texts that are compared
 _MAX_OPEN_RATIO = 10.0  # times the standard error among what the data determine: the rest is open
@@ -169,6 +179,7 @@ def look_at(found: Diagnosis) -> tuple[Facts, ...]:
     rows += [
         (f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with
     ]
+    rows += _unused_orientations(found)
     rows += _to_decide(found)
     rows += _instrument_first(found)
     rows += _next(found)
@@ -251,7 +262,8 @@ def _of_one_type(findings: Sequence[Finding]) -> dict[float, list[Finding]]:
         bands = error.bands(finding.sizes) if isinstance(error, CyclicError) else ()
         if isinstance(error, CyclicError) and bands:
             cycles = error.lines[bands[0][0]]
-            near = next((k for k in first if abs(k - cycles) < _EQUAL_CYCLES_TOLERANCE * k), cycles)
+            apart = finding.sizes.resolution  # neighbours that its range does not tell from each other
+            near = next((k for k in first if abs(k - cycles) < max(_EQUAL_CYCLES_TOLERANCE * k, apart)), cycles)
             first.setdefault(near, []).append(finding)
     return {cycles: those for cycles, those in first.items() if len(those) > 1}
 
@@ -266,6 +278,12 @@ def _instrument_first(found: Diagnosis) -> list[tuple[str, str]]:
     if not fields or found.request.data.touches:
         return []
     return [(f"Check first ({', '.join(fields)})", _INSTRUMENT_NOTE)]
+
+
+def _unused_orientations(found: Diagnosis) -> list[tuple[str, str]]:
+    """That the file has orientations which could decide between causes, but no σ for them."""
+    unused = found.request.data.rotation is not None and not found.model.residuals.further
+    return [("Use first", _UNUSED_NOTE)] if unused and any(f.confounded_with for f in found.effects) else []
 
 
 def _to_decide(found: Diagnosis) -> list[tuple[str, str]]:
@@ -284,6 +302,10 @@ def _next(found: Diagnosis) -> list[tuple[str, str]]:
     if plan is None or not len(plan.rows):
         return []
     which = f"{count(len(plan.rows), 'posture')} that refute the wrong cause ({FILE}, by --out DIR)"
+    low, high = found.request.data.q.min(axis=0), found.request.data.q.max(axis=0)
+    outside = int(np.count_nonzero(np.any((plan.rows.q < low - _EDGE) | (plan.rows.q > high + _EDGE), axis=1)))
+    if outside:
+        which += f"; {outside} of them outside the joint ranges measured so far: check line of sight and cables there"
     return [("Measure next", which)]
 
 
@@ -317,7 +339,7 @@ def rivals_of(finding: Finding, most: int = _MAX_RIVALS) -> str:
     named = dict.fromkeys(rival.label for rival in finding.confounded_with if not isinstance(rival, UnnamedComponent))
     others = dict.fromkeys(rival.words for rival in finding.confounded_with if isinstance(rival, UnnamedComponent))
     labels = [*named, *others]
-    shown = labels[: min(most, len(named)) or most] if most < len(labels) else labels
+    shown = labels[: min(most, len(named)) or most] if most + 1 < len(labels) else labels  # "1 more" is as long
     more = len(labels) - len(shown)
     return enumerated([*shown, *([f"{more} more"] if more else [])], "or")
 

@@ -17,11 +17,12 @@ def start_up_lead(found: StartUp | None) -> tuple[str, ...]:
     """How far off the first rows are and what to do about it; nothing where they are like the others."""
     if found is None:
         return ()
+    elsewhere = "" if found.spread else ", or where the postures begin at an end of the range"
     taken = "" if found.seconds is None else f" ({found.seconds / 60:.0f} min)"
     return (
         f"The first {found.rows} rows{taken} are off by {mm(found.rms)} mm RMS, all others by {mm(found.rest)} mm "
-        f"({p_words(found.p_value)}), as while an arm or an instrument warms up, or where the postures begin at an end "
-        "of the range: measure them again on the warm arm before leaving any out.",
+        f"({p_words(found.p_value)}), as while an arm or an instrument warms up{elsewhere}: measure them again on the "
+        "warm arm before leaving any out.",
     )
 
 

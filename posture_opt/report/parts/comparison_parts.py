@@ -61,23 +61,21 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     assert chosen.answer is not None
     unknown = chosen.answer.problem.scene.stands_anywhere
     ground = mounting_notes({comparison.reference: chosen.answer})
-    return (
-        f"{text}.{_planned_posture(chosen)}",
-        *(ground if unknown else ()),  # whether anyone may drive there comes before how well it does
-        *_open_lead(comparison, small_gain=new > _SMALL_GAIN * old),
-        *(() if unknown else ground),
-    )
+    open_ = _open_lead(comparison, small_gain=new > _SMALL_GAIN * old)
+    if unknown or _outside(_judged(comparison), comparison):  # whether anyone may drive there comes before where it is
+        return (f"{text}.", *ground, *open_, _planned_posture(chosen))
+    return (f"{text}. {_planned_posture(chosen)}", *open_, *ground)
 
 
 def _planned_posture(column: ComparedAnswer) -> str:
-    """The joint values of a plan, and the payload and sides of approach that it holds for, to follow a sentence."""
+    """The joint values of a plan, and the payload and sides of approach that it holds for, in sentences."""
     (station,), joints = column.stations, column.problem.robot.joints
     values = [f"{j.name} {joint_value(q, j.type)}" for q, j in zip(station.q, joints, strict=True)]
     conditions = "".join(f" It holds for {words}." for _, words in input_facts(column.problem))
     scene = column.problem.scene
     if not scene.active and not scene.switched_off and len(joints) > _PLANAR_JOINTS:
         conditions += " Collisions are not checked, as the shape of the arm is not known: approach slowly."
-    return f" Planned posture: {enumerated(values)}.{conditions}"
+    return f"Planned posture: {enumerated(values)}.{conditions}"
 
 
 def _unsolved_lead(comparison: Comparison | None) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.causes_table import FILE, bent_lead, unconfirmed, view_key
+from posture_opt.report.measured_parts.causes_table import FILE, bent_lead, gain_elsewhere, unconfirmed, view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
@@ -150,11 +150,18 @@ def _beyond(found: Diagnosis) -> str:
 def _named(found: Diagnosis, finding: Finding) -> str:
     """A cause in words with its size; without, where the words have the size already or no single number says it."""
     size, words = headline_of(finding), finding_words(finding, found.problem)
-    doubt = ", not confirmed by the test file" if unconfirmed(found, finding) else ""
+    doubt = f", {_tested(found, finding)} on the test file" if unconfirmed(found, finding) else ""
     if not size or size in words:
         return f"{words}{doubt}"
     size += " together" if len(finding.cause.spectral_lines) > 1 else ""
     return f"{words}, {size}{doubt}" if words.endswith(")") else f"{words} ({size}){doubt}"
+
+
+def _tested(found: Diagnosis, finding: Finding) -> str:
+    """What an effect that is not confirmed brings on the test file, in the words of the table."""
+    assert found.test is not None
+    assert finding.place is not None
+    return gain_elsewhere(found.test.gains[finding.place])[1]
 
 
 def _vague(found: Diagnosis, findings: list[Finding]) -> str:
