@@ -111,7 +111,10 @@ class StatementTrials(Generic[_P]):
     """
 
     def __init__(self, problem: _P, data: Measurements, priors: bool, effects: Sequence[Effect] = ()) -> None:
-        self.problem, self.data, self.priors, self.effects = problem, data, priors, effects
+        self.problem: _P = problem
+        self.data: Measurements = data
+        self.priors: bool = priors
+        self.effects: Sequence[Effect] = effects
         self._trials: dict[tuple[str, ...], StatementTrial] = {}
         robot = problem.robot
         free = {"base": robot.base_free or data.position is None, "tool": tool_unknown(robot, data)}
@@ -119,9 +122,11 @@ class StatementTrials(Generic[_P]):
         residuals = arm_and_data(problem, data)[0]
         rows, covariance = prior_covariance(problem, residuals.parameters) if priors else ([], np.zeros((0, 0)))
         names = [residuals.parameters[i] for i in rows]
-        self.sigma = {p.name: float(np.sqrt(covariance[k, k])) for k, p in enumerate(names) if p.group == "geometry"}
-        self.statements = (*frames, *self.sigma)
-        self.frames = frames
+        self.sigma: dict[str, float] = {
+            p.name: float(np.sqrt(covariance[k, k])) for k, p in enumerate(names) if p.group == "geometry"
+        }
+        self.statements: tuple[str, ...] = (*frames, *self.sigma)
+        self.frames: tuple[str, ...] = frames
 
     def trial(self, released: Sequence[str]) -> StatementTrial:
         """The arm calibrated without some of the statements."""
