@@ -15,12 +15,15 @@ class GearEccentricity(Harmonic):
 
     summary: ClassVar[str] = "joint error of one cycle per revolution, as of an eccentric gear or encoder disc"
     phrase: ClassVar[str] = "{target} has an eccentric gear or encoder (one cycle per revolution)"
-    measurement: ClassVar[str] = "drive {target} through a whole revolution, under two payloads"
+    measurement: ClassVar[str] = (
+        "drive {target} through a whole revolution, as far as stops, cables and cell permit, under two payloads"
+    )
     inspection: ClassVar[str] = (
         "run-out of the output gear and bearing of {target}; screws and centring of its encoder disc"
     )
     rivals: ClassVar[Mapping[str, str]] = {
-        "gear_second_harmonic": "drive {target} through a whole revolution: on part of it, one cycle looks like two",
+        "gear_second_harmonic": "drive {target} through a whole revolution, as far as stops, cables and cell permit: "
+        "on part of it, one cycle looks like two",
     }
     slow: ClassVar[bool] = True
 

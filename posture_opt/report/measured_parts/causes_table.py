@@ -60,8 +60,9 @@ _INSTRUMENT_NOTE = (
 )
 _UNUSED_NOTE = (
     "the orientations in the file, left out as no σ is stated for them: state uncertainty: {measurement: {orientation: "
-    "0.05 mrad}}, with that of the instrument, and diagnose again before measuring anything"
+    "...}}, by the data sheet of the instrument, and diagnose again before measuring anything"
 )
+_OUTSIDE_NOTE = "outside the joint ranges measured so far: approach slowly, and check line of sight and cables"
 _EDGE = 0.02  # rad or m beyond the measured range: nearer is at its edge
 _HOLDS = "holds"
 _TARGET = "{target}"  # in place of the joint in texts that are compared
@@ -305,7 +306,7 @@ def _next(found: Diagnosis) -> list[tuple[str, str]]:
     low, high = found.request.data.q.min(axis=0), found.request.data.q.max(axis=0)
     outside = int(np.count_nonzero(np.any((plan.rows.q < low - _EDGE) | (plan.rows.q > high + _EDGE), axis=1)))
     if outside:
-        which += f"; {outside} of them outside the joint ranges measured so far: check line of sight and cables there"
+        which += f"; {outside} of them {_OUTSIDE_NOTE}"
     return [("Measure next", which)]
 
 

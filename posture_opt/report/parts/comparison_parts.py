@@ -239,6 +239,7 @@ def _extrapolated(predicted_error: PredictedError, comparison: Comparison) -> st
     condition = (
         f", and the radius holds only if the {enumerated(relied)} of {away.joint} goes on there" if relied else ""
     )
+    condition += ": do not rely on it before measuring there" if relied else ""
     return f"Extrapolated: the planned posture lies outside the measured range, {outside}{condition}."
 
 
