@@ -13,11 +13,11 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, find_outliers, outlier_limit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.scores import levels
-from posture_opt.diagnosis.scores.candidates import Candidate, list_candidates
+from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.search.dictionary import Dictionary
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.diagnosis.search.matching_pursuit import pursue_candidates
-from posture_opt.diagnosis.search.search import SearchResult
+from posture_opt.diagnosis.search.search import SearchResult, candidates_of
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.slip import Slip, well_covered
 from posture_opt.numerics import Array, Mask
@@ -82,8 +82,7 @@ def without_clear_outliers(calibration: Calibration) -> Calibration:
     far = outlier_limit(len(lengths), block, _CLEAR_MARGIN) * linearised.instrument
     if np.isfinite(far) and lengths.max() < far:
         return calibration
-    listed = list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
-    lasting = Dictionary(linearised, tuple(candidate for candidate in listed if candidate.persistent))
+    lasting = Dictionary(linearised, tuple(c for c in candidates_of(linearised) if c.persistent))
     taken = pursue_candidates(lasting, levels.MAX_EFFECTS).chosen
     columns = np.concatenate([linearised.G, *(candidate.Z for candidate in taken)], axis=1)
     gross = _gross_rows(linearised.r[:m], columns[:m], block, _CLEAR_MARGIN)

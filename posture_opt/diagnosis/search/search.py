@@ -149,7 +149,7 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
     Raises:
         InsufficientDataError: the parameters of the geometry take up all that was measured.
     """
-    start = InitialScores.of(linearised, _candidates_of(linearised)).decided()
+    start = InitialScores.of(linearised, candidates_of(linearised)).decided()
     report_step()
     if start.baseline.freedom < 1:
         rows = linearised.sensitivities.residuals
@@ -173,7 +173,7 @@ def _search_all(linearised: LinearisedData, foldings: Sequence[Folding], report_
     return _search_result(start, every)
 
 
-def _candidates_of(linearised: LinearisedData) -> list[Candidate]:
+def candidates_of(linearised: LinearisedData) -> list[Candidate]:
     """Every candidate but lines, with what the instrument as stated limits them to."""
     return list_candidates(linearised.sensitivities, linearised.excitation, linearised.G, linearised.instrument)
 
