@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.model.arm import Arm
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.corrections import deviated
-from posture_opt.selection.comparison import predicted_error
+from posture_opt.selection.comparison import compare
 from posture_opt.selection.comparison.compare import compare_plans
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
@@ -66,7 +66,7 @@ def test_judgements_are_made_when_they_are_asked_for(
         asked.append(problem)
         return judged_answer(problem, *others)
 
-    monkeypatch.setattr(predicted_error, "judged_answer", judged)
+    monkeypatch.setattr(compare, "judged_answer", judged)
     found = compare_plans(models)
     assert found is not None
     assert not asked

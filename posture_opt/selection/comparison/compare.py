@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,8 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
-from posture_opt.selection.comparison.predicted_error import Judgements
+from posture_opt.selection.comparison.on_demand import OnDemand
+from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
 from posture_opt.uncertainty.sources.sources import Sources
@@ -111,41 +113,17 @@ def compare_plans(
     if isinstance(chosen, tuple):
         return Comparison(_compared(models, {**unanswered, reference: chosen}), reference)
     asked = {name: _scattering(model, models[reference].sources) for name, model in models.items()}
-    return Comparison(_Plans(asked, reference, chosen, seed, hint, measured), reference)
+    column = partial(_planned_column, asked, reference, chosen, seed, hint, measured)
+    return Comparison(OnDemand(tuple(asked), column), reference)
 
 
-@dataclass(frozen=True, eq=False)
-class _Plans(Mapping[str, ComparedAnswer]):
-    """The columns of models of one arm; each is planned when it is first asked for, as not every report shows it.
-
-    Args:
-        asked: the models; reference: the one that was planned already, with the answer ``chosen``.
-        seed, hint, measured: as of `compare_plans`.
-    """
-
-    asked: Mapping[str, ProblemData]
-    reference: str
-    chosen: Solution
-    seed: int | None
-    hint: str
-    measured: Array | None
-    _made: dict[str, ComparedAnswer] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> ComparedAnswer:
-        if name not in self._made:
-            problem = self.asked[name]
-            answer = self.chosen if name == self.reference else _planned(problem, self.seed, self.hint)
-            self._made[name] = _column(self.asked, name, answer, self.chosen.basis, self.measured)
-        return self._made[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.asked
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.asked)
-
-    def __len__(self) -> int:
-        return len(self.asked)
+def _planned_column(
+    asked: Mapping[str, ProblemData], reference: str, chosen: Solution, seed: int | None, hint: str,
+    measured: Array | None, name: str,
+) -> ComparedAnswer:  # fmt: skip
+    """The column of one of the models; that of the reference has been ``chosen``."""
+    answer = chosen if name == reference else _planned(asked[name], seed, hint)
+    return _column(asked, name, answer, chosen.basis, measured)
 
 
 def _compared(
@@ -164,7 +142,16 @@ def _column(
     if isinstance(answer, tuple):
         return ComparedAnswer(problem, reasons=answer)
     judges = {judge: other for judge, other in problems.items() if _same_joints(problem.robot, other.robot)}
-    return ComparedAnswer(problem, answer, Judgements(judges, answer.stations, basis, measured))
+    judged = partial(_judged, judges, answer.stations, basis, measured)
+    return ComparedAnswer(problem, answer, OnDemand(tuple(judges), judged))
+
+
+def _judged(
+    judges: Mapping[str, ProblemData], stations: Sequence[Solution], basis: Array | None, measured: Array | None,
+    judge: str,
+) -> JudgedAnswer:  # fmt: skip
+    """What one of the models predicts of an answer."""
+    return judged_answer(judges[judge], stations, basis, measured)
 
 
 def _same_joints(one: Robot, other: Robot) -> bool:

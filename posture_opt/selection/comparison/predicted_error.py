@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -93,37 +93,6 @@ class JudgedAnswer:
             "critical_error": self.critical_error,
             "success_probability": self.success_probability,
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Judgements(Mapping[str, JudgedAnswer]):
-    """What each of several models predicts of one answer, by name; computed when it is first asked for.
-
-    Where one model is the reference, a report asks for what that one says.
-
-    Args:
-        judges: the models; stations, basis, measured: as of `judged_answer`.
-    """
-
-    judges: Mapping[str, ProblemData]
-    stations: Sequence[Solution]
-    basis: Array | None = None
-    measured: Array | None = None
-    _made: dict[str, JudgedAnswer] = field(default_factory=dict)
-
-    def __getitem__(self, judge: str) -> JudgedAnswer:
-        if judge not in self._made:
-            self._made[judge] = judged_answer(self.judges[judge], self.stations, self.basis, self.measured)
-        return self._made[judge]
-
-    def __contains__(self, judge: object) -> bool:
-        return judge in self.judges
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.judges)
-
-    def __len__(self) -> int:
-        return len(self.judges)
 
 
 def judged_answer(
