@@ -26,7 +26,9 @@ from posture_opt.model.effects import (
 from posture_opt.report.figures.diagnosis import plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
-from posture_opt.report.measured_parts.causes_table import _inspections, _of_one_type, bent_lead, inspection, rivals_of
+from posture_opt.report.measured_parts.cause_advice import of_one_type
+from posture_opt.report.measured_parts.cause_inspections import bent_lead, inspection, inspections_by_text
+from posture_opt.report.measured_parts.causes_table import rivals_of
 from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.results.diagnosis_report import diagnosis_report
 from posture_opt.report.text.screen import SCREEN, on_a_screen
@@ -130,7 +132,7 @@ def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagno
         return Finding(cause, {"compliance": (1e-5, 1e-6, "rad/(N*m)")}, 1e-9, 0.3)
 
     several = replace(found, effects=(soft("joint1"), soft("joint2")))
-    assert list(_inspections(several, list(several.effects)).items()) == [
+    assert list(inspections_by_text(several, list(several.effects)).items()) == [
         (JointCompliance(joint="joint1 and joint2").inspect(several.problem.robot), ["1", "2"])
     ]
 
@@ -142,7 +144,7 @@ def test_periods_of_several_joints_share_their_words(found: po.Diagnosis) -> Non
         return Finding(CyclicError(joint=joint, cycles=cycles, further=(99.0,)), estimate, 1e-9, 0.3)
 
     several = replace(found, effects=(wave("joint1", 17.2), wave("joint2", 20.8)))
-    (text,) = _inspections(several, list(several.effects))
+    (text,) = inspections_by_text(several, list(several.effects))
     assert text.startswith(
         "what comes 17.2 times per revolution of joint1 and 20.8 times per revolution of joint2: bolts"
     )
@@ -163,7 +165,7 @@ def test_lines_of_several_joints_that_are_alike_are_of_the_type_of_drive(found: 
         return Finding(CyclicError(joint=joint, cycles=cycles), estimate, 1e-9, 0.3)
 
     for second, told in ((17.4, 1), (20.8, 0)):
-        assert len(_of_one_type([wave("joint1", 17.2), wave("joint2", second)])) == told
+        assert len(of_one_type([wave("joint1", 17.2), wave("joint2", second)])) == told
 
 
 def test_joints_whose_errors_grow_alike_share_a_sentence() -> None:

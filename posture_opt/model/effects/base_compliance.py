@@ -22,6 +22,7 @@ class BaseCompliance(GravityLoaded, SoleEffect):
     phrase: ClassVar[str] = "the base or the column on it is compliant: it tilts under the weight of the arm"
     measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
     inspection: ClassVar[str] = "mounting bolts of the base, pedestal and floor under it"
+    urgent: ClassVar[str] = "tighten the mounting bolts of the base: an arm that stands loose can tip"
     sole: ClassVar[str] = "base"
     yields: ClassVar[str] = "tilts by"
 

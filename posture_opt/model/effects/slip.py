@@ -69,6 +69,7 @@ class Slip(Effect):
     inspection: ClassVar[str] = (
         "{target}: clamp screws of coupling, encoder and flanges; collisions; a belt that jumped, if it has one"
     )
+    urgent: ClassVar[str] = "look for what gave way at {target}: what slipped once can slip again"
     shape: ClassVar[tuple[str, ...]] = ("moment",)
     shape_units: ClassVar[Mapping[str, str]] = {"moment": "s"}
     needs: ClassVar[frozenset[Input]] = frozenset({"time"})

@@ -14,12 +14,12 @@ from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.model.effects.base.multiples import line_words
 from posture_opt.model.effects.drift import Drift
 from posture_opt.numerics import rms
+from posture_opt.report.measured_parts.cause_advice import advice
+from posture_opt.report.measured_parts.cause_inspections import inspection, inspections
 from posture_opt.report.measured_parts.causes_table import (
     causes_table,
     determined_geometry,
-    inspection,
-    inspections,
-    look_at,
+    largest_shift,
     number_of,
     rival_words,
     rivals_of,
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of measurements that discriminate them
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
-_ALONE = (
-    "At the tool: largest shift, or σ. RMS drop: by how much the error is smaller than with all other causes alone, so "
-    "that drops do not add up."
+_AT_TOOL_NOTE = "At the tool: the largest shift that geometry could not imitate, or σ."
+_ALONE_NOTE = (
+    "RMS drop: by how much the error is smaller than with all other causes alone, so that drops do not add up."
 )
 _OPEN_SIZE_NOTE = "Open: seen, but of uncertain size."
 _MASSES = "Masses"  # what is said of a compliance where the file states none
@@ -90,11 +90,21 @@ def causes_block(found: Diagnosis) -> Block:
     if short:
         items += ["Lighter ones:", _lighter(found, short), *inspections(found, [f for f in short if f.determined])]
     figure = "diagnosis_curves" if effects else ""
-    open_ = any(not f.determined or f.open_part is not None for f in found.effects)
-    alone = (f"{_ALONE} {_OPEN_SIZE_NOTE}" if open_ else _ALONE,) if len(found.effects) > 1 else ()
-    brief: tuple[str | Facts | Table, ...] = (causes_table(found), *alone, *look_at(found))
+    brief: tuple[str | Facts | Table, ...] = (causes_table(found), *_columns_notes(found), *advice(found))
     last = ", open sizes" if not all(f.determined for f in found.effects) else ""
     return Block(f"Causes, by what they explain{last}, geometry last", tuple(items), figure, brief, stays=True)
+
+
+def _columns_notes(found: Diagnosis) -> tuple[str, ...]:
+    """What the columns of the table mean, as far as they hold anything that is to be explained."""
+    open_ = any(not f.determined or f.open_part is not None for f in found.effects)
+    notes = {
+        _AT_TOOL_NOTE: any(largest_shift(found, f) for f in found.effects),
+        _ALONE_NOTE: len(found.effects) > 1,
+        _OPEN_SIZE_NOTE: open_ and len(found.effects) > 1,
+    }
+    text = " ".join(note for note, holds in notes.items() if holds)
+    return (text,) if text else ()
 
 
 def _said_once(label: str, text: str, number: int, said: dict[str, int]) -> str:
@@ -110,13 +120,12 @@ def _said_once(label: str, text: str, number: int, said: dict[str, int]) -> str:
 
 
 def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
-    """Effects of less gain, one a line: size, largest shift of the tool point, gain [%] and p-value."""
+    """Effects of less gain, one a line: size, largest shift beyond geometry, gain [%] and p-value."""
     rows = []
     for finding in findings:
-        most = length(float(tool_shifts(found.model, finding)[0].max())) if finding.determined else ""
         size = headline_of(finding) or ("" if finding.determined else "not determined")
         label = f"{number_of(found, finding)}. {finding.label}"
-        rows.append((label, size, most, percent(finding.gain), p_value(finding.p_value)))
+        rows.append((label, size, largest_shift(found, finding), percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
     return Table(("cause", "size", "at the tool", "RMS drop", "p-value"), tuple(rows), views=views)
 

@@ -17,7 +17,7 @@ from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import enumerated
 from posture_opt.measurements.columns import AXES
 from posture_opt.measurements.kinds.pose_columns import QUATERNION
-from posture_opt.report.measured_parts.causes_table import FILE
+from posture_opt.report.measured_parts.cause_advice import FILE
 from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects, like_noise, noise_floor
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.parts.parts import sentence

@@ -239,8 +239,16 @@ def _extrapolated(predicted_error: PredictedError, comparison: Comparison) -> st
     condition = (
         f", and the radius holds only if the {enumerated(relied)} of {away.joint} goes on there" if relied else ""
     )
-    condition += ": do not rely on it before measuring there" if relied else ""
-    return f"Extrapolated: the planned posture lies outside the measured range, {outside}{condition}."
+    chosen = comparison.answers[comparison.reference].answer
+    assert chosen is not None  # a posture is judged
+    if comparison.problem.narrowed and not chosen.problem.within_measured:
+        return (
+            "Extrapolated: no posture for this task was found within the ranges in which effects were measured, and "
+            f"the planned one leaves them, {outside}{condition}. Measure there, or place the task where the arm was "
+            "measured, before relying on it."
+        )
+    before = ": do not rely on it before measuring there" if relied else ""
+    return f"Extrapolated: the planned posture lies outside the measured range, {outside}{condition}{before}."
 
 
 def _parts_sentences(comparison: Comparison) -> tuple[str, ...]:

@@ -18,7 +18,9 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.causes_table import FILE, bent_lead, gain_elsewhere, unconfirmed, view_key
+from posture_opt.report.measured_parts.cause_advice import FILE
+from posture_opt.report.measured_parts.cause_inspections import bent_lead
+from posture_opt.report.measured_parts.causes_table import gain_elsewhere, unconfirmed, view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
 from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
@@ -181,6 +183,8 @@ def _improvement(found: Diagnosis) -> str:
     text += f"{mm(sizes['calibrated'])} mm calibrated"
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
+    best = found.errors["extended"]
+    text += f" (95 % of the rows within {mm(best.p95)} mm, all within {mm(best.max)} mm)"
     floor = noise_floor(found)
     worse = _WORSE_THAN_NOMINAL_NOTE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:

@@ -90,6 +90,8 @@ class Cause:
     """What to measure to see this cause by itself."""
     inspection: ClassVar[str] = ""
     """What to look at on the arm, or at the instrument; ``{target}`` stands for the target."""
+    urgent: ClassVar[str] = ""
+    """Why it is looked at before the arm works on, ``{target}`` the target; empty where the arm can."""
     decisive: ClassVar[bool] = False
     """Whether that measurement discriminates it from any other cause."""
     rivals: ClassVar[Mapping[str, str]] = {}
