@@ -22,6 +22,8 @@ ONE_JOINT: Any = SimpleNamespace(
     name="one joint",
     robot=SimpleNamespace(n=1, joints=(SimpleNamespace(name="joint1", type="revolute"),)),
     arm=SimpleNamespace(effects=()),
+    narrowed=False,
+    within_measured=True,
     scene=SimpleNamespace(stands_anywhere=False, active=False, switched_off=False),
 )
 
@@ -116,6 +118,18 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     assert first.endswith(
         "; that posture is within the joint ranges measured, up to 11 deg in a joint from the nearest one. "
         "Planned posture: joint1 12.00 deg."
+    )
+
+
+def test_a_task_that_no_measured_range_reaches_is_said_to_be_one() -> None:
+    far = with_parts(0.1e-3, 1.8e-3, PostureDistance(0.7, "joint1", 0.5))
+    solution: Any = far.answer
+    solution.problem = SimpleNamespace(**(vars(ONE_JOINT) | {"within_measured": False}))
+    narrowed: Any = SimpleNamespace(**(vars(ONE_JOINT) | {"narrowed": True}))
+    _, open_, _ = comparison_lead(compared({"nominal": BEFORE, "calibrated": replace(far, problem=narrowed)}))
+    assert open_.startswith(
+        "Extrapolated: no posture for this task was found within the ranges in which effects were measured, and the "
+        "planned one leaves them, joint1 by 29 deg. Measure there, or place the task where the arm was measured, before"
     )
 
 

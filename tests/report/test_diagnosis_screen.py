@@ -11,6 +11,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.scatter_change import ScatterChange
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
@@ -22,7 +23,9 @@ from posture_opt.model.effects import (
     JointCompliance,
     JointNoise,
     JointScale,
+    Slip,
 )
+from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.report.figures.diagnosis import plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
@@ -166,6 +169,62 @@ def test_lines_of_several_joints_that_are_alike_are_of_the_type_of_drive(found: 
 
     for second, told in ((17.4, 1), (20.8, 0)):
         assert len(of_one_type([wave("joint1", 17.2), wave("joint2", second)])) == told
+
+
+def test_bands_are_alike_where_the_ranges_do_not_tell_them_apart() -> None:
+    """18 and 19.5 cycles are one band over a range that tells frequencies of 2 apart; 16.2 is 1.8 below it."""
+
+    def band(joint: str, cycles: float, *further: float, resolution: float) -> Finding:
+        names = [f"{part}{'' if i == 0 else f' {i + 1}'}" for i in range(1 + len(further)) for part in ("sin", "cos")]
+        estimate = dict.fromkeys(names, (0.0001, 1e-06, "rad"))
+        sizes = FittedSizes(estimate, span=3.0, resolution=resolution)
+        cause = CyclicError(joint=joint, cycles=cycles, further=further)
+        return Finding(cause, estimate, 1e-9, 0.3, fitted=sizes)
+
+    def groups(resolution: float) -> list[tuple[float, float]]:
+        wide = band("joint2", 19.5, 18.0, resolution=2.0)
+        return list(of_one_type([wide, band("joint1", 16.2, resolution=resolution)]))
+
+    assert groups(2.0) == [(16.2, 19.5)]
+    assert groups(1.0) == []  # the finer of both tells them apart
+
+
+def screen_of(found: po.Diagnosis, *effects: Finding) -> str:
+    """The first screen of the same diagnosis with other causes, in one line."""
+    return " ".join(render(on_a_screen(diagnosis_report(replace(found, effects=effects)), 100, ()), 100).split())
+
+
+def test_neighbouring_joints_that_err_alike_in_several_ways_are_said_to(found: po.Diagnosis) -> None:
+    def scale(joint: str, size: float) -> Finding:
+        return Finding(JointScale(joint=joint), {"scale": (size, 1e-3, "1")}, 1e-9, 0.1)
+
+    def soft(joint: str, size: float) -> Finding:
+        return Finding(JointCompliance(joint=joint), {"compliance": (size, 1e-6, "rad/(N*m)")}, 1e-9, 0.1)
+
+    words = "joint1 and joint2 err alike in joint scale and joint compliance: look first for what they have in common"
+    one = scale("joint1", 0.025), soft("joint1", 1e-5)
+    assert words in screen_of(found, *one, scale("joint2", 0.027), soft("joint2", 1.1e-5))
+    for other in (scale("joint2", -0.025), scale("joint2", 0.06), scale("joint2", 1e-3)):
+        assert "err alike" not in screen_of(found, *one, other, soft("joint2", 1.1e-5))
+
+
+def test_an_arm_can_work_on_unless_something_gave_way(found: po.Diagnosis) -> None:
+    (wheel,) = [f for f in found.effects if f.kind == "cyclic_error"]
+    assert "Meanwhile nothing of this is a reason to stop the arm" in screen_of(found, wheel)
+    slip = Finding(Slip(of="joint2", moment="5 s"), {"step": (1e-3, 1e-5, "rad"), "moment": (5.0, 1.0, "s")}, 1e-9, 0.1)
+    text = screen_of(found, wheel, slip)
+    assert "Before it works on (2) look for what gave way at joint2: what slipped once can slip again" in text
+    assert "Meanwhile" not in text
+    changed = replace(found)
+    vars(changed)["scatter_change"] = ScatterChange(128, 1e-4, 3e-4, 1e-5)
+    text = " ".join(render(on_a_screen(diagnosis_report(changed), 100, ()), 100).split())
+    assert "Before it works on look for what was moved, came loose or changed at line 128" in text
+
+
+def test_the_largest_errors_stand_beside_the_rms(found: po.Diagnosis) -> None:
+    best = found.errors["extended"]
+    within = f"(95 % of the rows within {1e3 * best.p95:.4f} mm, all within {1e3 * best.max:.4f} mm)"
+    assert within in screen_of(found, *found.effects)
 
 
 def test_joints_whose_errors_grow_alike_share_a_sentence() -> None:

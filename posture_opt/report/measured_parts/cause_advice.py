@@ -56,6 +56,7 @@ _UNUSED_NOTE = (
 )
 _OUTSIDE_NOTE = "outside the joint ranges measured so far: approach slowly, and check line of sight and cables"
 _MEANWHILE_NOTE = f"nothing of this is a reason to stop the arm: let it work with {_CORRECTED}"
+_CHANGED_NOTE = "look for what was moved, came loose or changed at line {}"
 _EDGE = 0.02  # rad or m beyond the measured range: nearer is at its edge
 _MAX_DECIDED = 2  # measurements that decide what a cause of an open size is
 
@@ -264,10 +265,15 @@ def _next(found: Diagnosis) -> list[_Row]:
 
 
 def _meanwhile(found: Diagnosis) -> list[_Row]:
-    """Whether the arm can work on until then, and with which commands; nothing where none are corrected."""
+    """Whether the arm can work on until then, and with which commands; nothing where none are corrected.
+
+    What slipped, stands loose or changed while it was measured is looked at before.
+    """
     urgent = [f for f in found.effects if f.determined and f.plausible and f.cause.urgent]
-    reasons = dict.fromkeys(f.cause.urgent.format(target=f.target) for f in urgent)
     if urgent:
+        reasons = dict.fromkeys(f.cause.urgent.format(target=f.target) for f in urgent)
         return _noted(found, "Before it works on", urgent, enumerated(reasons))
-    kept = bool(found.delivery.kept) or not found.delivery.nominal
-    return [("Meanwhile", _MEANWHILE_NOTE)] if kept and any(f.determined and f.effect for f in found.effects) else []
+    if found.scatter_change is not None:
+        return [("Before it works on", _CHANGED_NOTE.format(found.scatter_change.line))]
+    corrected = bool(found.delivery.kept) and any(f.determined and f.effect for f in found.effects)
+    return [("Meanwhile", _MEANWHILE_NOTE)] if corrected else []
