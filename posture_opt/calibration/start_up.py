@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Json, rms_length
+from posture_opt.numerics import Array, Codes, Json, rms_length
 
 _SHARES = (1 / 40, 1 / 20, 1 / 10)
 """Shares of the rows that are looked at as the first ones."""
@@ -31,6 +31,8 @@ class StartUp:
         rms: of their position errors [m]; ``rest`` of all others [m].
         p_value: corrected for the number of looks.
         spread: whether they are spread over the joint ranges as the others are, so that it is not where they are.
+        warming: from the first of these rows to the last, and of all others, by how much the temperature rose [K]; None
+            where none is logged.
     """
 
     rows: int
@@ -39,14 +41,16 @@ class StartUp:
     rest: float
     p_value: float
     spread: bool = False
+    warming: tuple[float, float] | None = None
 
     def to_json(self) -> dict[str, Json]:
-        """The part ``start_up`` of ``calibration.json`` and ``diagnosis.json`` [m, s]."""
+        """The part ``start_up`` of ``calibration.json`` and ``diagnosis.json`` [m, s, K]."""
         return {
             "rows": self.rows,
             "seconds": self.seconds,
             "residual_rms": {"first": self.rms, "rest": self.rest},
             "p_value": self.p_value,
+            "temperature_rise": None if self.warming is None else list(self.warming),
         }
 
 
@@ -75,7 +79,15 @@ def start_up(errors: Array, data: Measurements) -> StartUp | None:
         return None
     taken = None if data.time is None else float(data.time[order[k - 1]] - data.time[order[0]])
     seconds = None if taken is None or taken < 0 else taken  # a clock that started anew in between tells nothing
-    return StartUp(k, seconds, first, rest, p, _spread(data.q[order], k))
+    return StartUp(k, seconds, first, rest, p, _spread(data.q[order], k), _warming(data, order, k))
+
+
+def _warming(data: Measurements, order: Codes, k: int) -> tuple[float, float] | None:
+    """By how much the temperature rose [K] over the first k rows and over the others; None where none is logged."""
+    if data.temperature is None:
+        return None
+    T = data.temperature[order]
+    return float(T[k - 1] - T[0]), float(T[-1] - T[k])
 
 
 def _spread(q: Array, k: int) -> bool:

@@ -24,7 +24,8 @@ def rows_of(folder: Path, first: int, times: float, seed: int, logged: bool = Fa
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.5, 2.5, (ROWS, 2))
     noise = 2e-5 * np.where(np.arange(ROWS) < first, times, 1.0)[:, None]
-    more = {"time": ("s", 30.0 * np.arange(ROWS))} if logged else {}
+    warm = 20.0 + 4.0 * (1 - np.exp(-np.arange(ROWS) / 10))
+    more = {"time": ("s", 30.0 * np.arange(ROWS)), "temperature": ("degC", warm)} if logged else {}
     write(folder / "data.csv", q, position(q) + noise * rng.normal(size=(ROWS, 2)), **more)
     return po.read_measurements(folder / "data.csv", po.problem_from_dict(PROBLEM))
 
@@ -41,6 +42,8 @@ def test_a_cold_arm_is_told_with_what_to_do(logged: bool, tmp_path: Path) -> Non
     assert "The first 20 rows" in text
     assert "measure them again on the warm arm before leaving any out" in text
     assert "at an end of the range" not in text  # these rows are spread as all others
+    warming = "(the temperature that was logged changed by +3.4 K in them and by +0.5 K in all others)"
+    assert (warming in text) is logged
 
 
 def test_first_rows_at_an_end_of_the_range_may_be_off_by_that() -> None:
@@ -49,7 +52,9 @@ def test_first_rows_at_an_end_of_the_range_may_be_off_by_that() -> None:
     ramp = np.linspace(-2.0, 2.0, ROWS)
     for q, spread in ((rng.permutation(ramp), True), (ramp, False)):
         order = np.arange(ROWS)
-        data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None, order=order, q=np.stack([q, q], axis=1))
+        data = SimpleNamespace(
+            position=np.zeros((ROWS, 3)), time=None, temperature=None, order=order, q=np.stack([q, q], axis=1)
+        )
         found = start_up(noise, data)
         assert found is not None
         assert found.spread is spread
@@ -66,7 +71,9 @@ def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
 def test_false_alarms_are_rare_where_neighbours_err_alike(length: int) -> None:
     """Errors in runs of so many rows of one size, log-normal: at most as many alarms as the level says, 1 %."""
     rng = np.random.default_rng(length)
-    data = SimpleNamespace(position=np.zeros((ROWS, 3)), time=None, order=np.arange(ROWS), q=np.zeros((ROWS, 2)))
+    data = SimpleNamespace(
+        position=np.zeros((ROWS, 3)), time=None, temperature=None, order=np.arange(ROWS), q=np.zeros((ROWS, 2))
+    )
     draws = 1000
     alarms = 0
     for _ in range(draws):

@@ -21,9 +21,17 @@ def start_up_lead(found: StartUp | None) -> tuple[str, ...]:
     taken = "" if found.seconds is None else f" ({found.seconds / 60:.0f} min)"
     return (
         f"The first {found.rows} rows{taken} are off by {mm(found.rms)} mm RMS, all others by {mm(found.rest)} mm "
-        f"({p_words(found.p_value)}), as while an arm or an instrument warms up{elsewhere}: measure them again on the "
-        "warm arm before leaving any out.",
+        f"({p_words(found.p_value)}), as while an arm or an instrument warms up{elsewhere}{_warming_words(found)}: "
+        "measure them again on the warm arm before leaving any out.",
     )
+
+
+def _warming_words(found: StartUp) -> str:
+    """By how much the temperature rose in these rows and in the others, where it is logged."""
+    if found.warming is None:
+        return ""
+    first, rest = (f"{rise:+.1f} K" for rise in found.warming)
+    return f" (the temperature that was logged changed by {first} in them and by {rest} in all others)"
 
 
 def scatter_change_lead(found: ScatterChange | None) -> tuple[str, ...]:
