@@ -158,7 +158,7 @@ class Compensation(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know."""
-        return (*self.remarks, *self._jumps, *self._uncertain_sides)
+        return (*self.remarks, *self._jumps, *self._uncertain_sides, *self._other_sides)
 
     @property
     def _jumps(self) -> tuple[str, ...]:
@@ -186,6 +186,22 @@ class Compensation(Result):
         return (
             f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
             f"a column {joints[0]}.approach and arrive from there",
+        )
+
+    @property
+    def _other_sides(self) -> tuple[str, ...]:
+        """Lines that state another side of arrival than the way from the row before them has."""
+        moved = np.sign(np.diff(self.q, axis=0))
+        asked = {effect.target for effect in self.problem.arm.effects if "approach" in effect.needs}
+        sided = [name in asked for name in self.problem.robot.joint_names]
+        stated = self.targets.side[1:]
+        lines = self.targets.line[1:][np.any(sided & (stated != 0) & (moved != stated), axis=1)]
+        if not len(lines):
+            return ()
+        shown = ", ".join(str(line) for line in lines[:_MAX_LISTED_LINES])
+        return (
+            f"the way from the row before comes to line {shown} from another side than the file states: come from "
+            "that one, as the program of --program does",
         )
 
 

@@ -8,15 +8,24 @@ import numpy as np
 
 from posture_opt.compensation.compensation import Compensation
 from posture_opt.experiments.measurement_plan import MeasurementPlan
-from posture_opt.export.robot_program import RobotProgram, program_through
+from posture_opt.export.arrival_stops import with_arrivals
+from posture_opt.export.robot_program import RobotProgram, arrival_notes, program_through
+
+_KEPT_ORDER_NOTE = "Keep the order of the stops: from another side the joints arrive elsewhere."
 
 
 def compensated_program(found: Compensation, speed: float = 10.0, wait: float = 0.0) -> RobotProgram:
-    """The program through compensated targets, in their order: from other sides the joints arrive elsewhere."""
-    labels = [f"line {line}" for line in found.targets.line]
-    program = program_through(found.problem, "compensated targets", found.q, labels, speed=speed, wait=wait)
-    order = "Keep the order of the stops, and the sides of arrival: the values hold for them."
-    return replace(program, notes=(order, *program.notes)) if found.problem.arm.effects else program
+    """The program through compensated targets, in their order: from other sides the joints arrive elsewhere.
+
+    Where the targets state a side that the way from the stop before does not have, a stop in front of it sees to it.
+    """
+    problem, labels = found.problem, [f"line {line}" for line in found.targets.line]
+    stops = with_arrivals(problem, found.q, labels, found.targets.side)
+    program = program_through(problem, "compensated targets", stops.q, stops.labels, speed=speed, wait=wait)
+    order = (_KEPT_ORDER_NOTE,) if problem.arm.effects else ()
+    unasked = [name for name, side in zip(problem.robot.joint_names, found.targets.side[0], strict=True) if not side]
+    first = arrival_notes(problem.arm, unasked, " at the first stop")
+    return replace(program, notes=(*order, *stops.notes, *first, *program.notes), given_moves=stops.moves)
 
 
 def measuring_program(plan: MeasurementPlan, speed: float = 10.0, wait: float = 2.0) -> RobotProgram:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -134,7 +134,8 @@ def answer_program(
     if distance > 0:
         q, labels, moves, ways = with_way(problem, q, labels, moves, distance, on_path)
     found = program_through(problem, what, q, labels, speed=speed, wait=wait)
-    return replace(found, notes=(*ways, *found.notes), given_moves=tuple(moves), line_speed=line_speed)
+    sides = arrival_notes(problem.arm, problem.robot.joint_names)
+    return replace(found, notes=(*ways, *sides, *found.notes), given_moves=tuple(moves), line_speed=line_speed)
 
 
 def program_through(
@@ -151,16 +152,20 @@ def program_through(
     mounting = [note] if len(rows) and (note := scene.mounting_note(rows)) else []
     bare = [f"Not checked for collisions, as no shape is known: {listed(scene.unchecked)}."] if scene.unchecked else []
     way = [_UNCHECKED_NOTE] if len(rows) > 1 else []
-    notes = (*mounting, *bare, *_arrivals(problem.arm), *way)
+    notes = (*mounting, *bare, *way)
     return RobotProgram(problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes)
 
 
-def _arrivals(arm: Arm) -> Iterator[str]:
-    """From which sides joints are to arrive, where an effect of theirs depends on it and the task says so."""
+def arrival_notes(arm: Arm, joints: Collection[str], where: str = "") -> Iterator[str]:
+    """From which sides joints are to arrive, where an effect of theirs depends on it and the task says so.
+
+    Args:
+        joints: that it is said of; where: it holds, in words.
+    """
     for joint in dict.fromkeys(effect.target for effect in arm.effects if "approach" in effect.needs):
-        if joint in arm.inputs.stated:
+        if joint in arm.inputs.stated and joint in joints:
             upwards = arm.inputs.side(arm.robot.joint_names.index(joint)) > 0
-            yield f"{joint} must arrive with {'increasing' if upwards else 'decreasing'} values."
+            yield f"{joint} must arrive{where} with {'increasing' if upwards else 'decreasing'} values."
 
 
 def _stops(answer: Answer) -> tuple[str, list[tuple[Array, str]]]:

@@ -36,6 +36,31 @@ def test_a_plan_is_visited_posture_by_posture_with_waits(kind: str, tmp_path: Pa
     assert kind not in waits or text.count(waits[kind]) == 8
 
 
+@pytest.mark.parametrize("kind", READERS)
+def test_joints_arrive_from_the_sides_that_the_targets_state(kind: str, tmp_path: Path) -> None:
+    """The last move of the joint with play before each target goes the way that its column says."""
+    path = tmp_path / "targets.csv"
+    sides = (1, -1, 1, -1, 1)
+    places = ("600, 200, 300", "650, 150, 250", "620, -50, 300", "600, 200, 300", "650, 150, 250")
+    rows = [f"{place}, {side}" for place, side in zip(places, sides, strict=True)]
+    path.write_text("\n".join(["x [mm], y [mm], z [mm], shoulder_pan.approach", *rows]) + "\n")
+    words = ("compensate", path, "--problem", "insert_ur10_extended", "--no-plots")
+    answer = invoke(*words, "--out", tmp_path / "out", "--program", kind, "--wait", 2)
+    assert answer.exit_code == 0, answer.output
+    table = list(csv.reader((tmp_path / "out" / "compensated.csv").read_text().splitlines()[1:]))
+    targets = np.radians([[float(cell) for cell in row[:6]] for row in table])
+    stops = read(tmp_path / "out", kind, "compensated")
+    at = [int(np.flatnonzero(np.abs(stops - q).max(axis=1) < 1e-6)[0]) for q in targets]
+    pan = stops[:, 0]
+    assert [int(np.sign(pan[k] - pan[k - 1])) for k in at] == list(sides)
+    assert all(np.abs(pan[k] - pan[k - 1]) > np.radians(1.9) for k in at)
+    text = "".join((tmp_path / "out" / f"compensated{end}").read_text() for end in ENDS[kind])
+    assert "must arrive" not in text  # the program does
+    waits = {"urscript": "sleep(2.0)", "krl": "WAIT SEC 2.0", "rapid": "WaitTime\\InPos, 2.0;"}
+    assert kind not in waits or text.count(waits[kind]) == len(sides)  # none at the stops in front
+    assert "comes to line 4, 5, 6 from another side" in " ".join(answer.output.split())
+
+
 @pytest.mark.long
 def test_compensated_targets_become_a_program(tmp_path: Path) -> None:
     path = tmp_path / "targets.csv"
