@@ -28,7 +28,7 @@ from posture_opt.diagnosis.causes.extended_arm import extended_arm
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
-from posture_opt.diagnosis.noise.noise_causes import sided_joints
+from posture_opt.diagnosis.noise.noise_causes import known_sides, sided_joints
 from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores import levels
@@ -217,8 +217,20 @@ class Diagnosis(Result):
 
     @cached_property
     def start_up(self) -> StartUp | None:
-        """First rows that are farther off than the rest, predicted by the arm with its effects."""
-        return start_up(self.held["extended"].errors, self.model.residuals.data)
+        """First rows that are farther off than the rest, predicted by the arm with its effects.
+
+        Rows to which a joint with play came from an unknown side, as to the first one, err by half of it, warm or not.
+        """
+        data = self.model.residuals.data
+        known = np.flatnonzero(known_sides(self.model, data))
+        return start_up(self.held["extended"].errors[known], data.take(known))
+
+    @property
+    def unsided_lines(self) -> tuple[int, ...]:
+        """Lines that are left out as they are off, and that a joint with play came to from an unknown side."""
+        calibration = self.calibration
+        data = calibration.residuals.data
+        return tuple(int(k) for k in data.line[~calibration.fit.kept & ~known_sides(self.model, data)])
 
     @cached_property
     def scatter_change(self) -> ScatterChange | None:

@@ -61,6 +61,21 @@ def test_first_rows_at_an_end_of_the_range_may_be_off_by_that() -> None:
         assert ("at an end of the range" in start_up_lead(found)[0]) is not spread
 
 
+def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_no_cold_arm(tmp_path: Path) -> None:
+    """Play of 0.8 mrad: the first row is off by half of it, 25 times the noise, all others are predicted."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.5, 2.5, (200, 2))
+    side = np.sign(np.diff(q[:, 1], prepend=q[0, 1] - 1.0))
+    reached = q - np.outer(0.4e-3 * side, [0, 1])
+    write(tmp_path / "data.csv", q, position(reached) + rng.normal(0, 2e-5, q.shape))
+    problem = po.problem_from_dict(PROBLEM)
+    found = po.diagnose(problem, po.read_measurements(tmp_path / "data.csv", problem), plan=False)
+    assert [(f.kind, f.target) for f in found.effects] == [("backlash", "joint2")]
+    assert found.start_up is None
+    text = " ".join(found.report().split())
+    assert "Left out, as the side from which joints came there is not known: line 2." in text
+
+
 def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
     found = po.calibrate(po.problem_from_dict(PROBLEM), rows_of(tmp_path, 0, 1.0, 1), plan=False)
     assert found.start_up is None
@@ -88,6 +103,6 @@ def test_of_a_real_arm_the_first_fifty_rows_are_told() -> None:
     problem = po.load_problem(UR5 / "problem.yaml")
     found = po.diagnose(problem, po.read_measurements(UR5 / "grid.csv", problem), plan=False)
     assert found.start_up is not None
-    assert found.start_up.rows == 50
+    assert found.start_up.rows == 49  # behind the first one, to which nobody knows from where a joint with play came
     assert found.start_up.rms == pytest.approx(0.088e-3, abs=0.006e-3)
     assert found.start_up.rest == pytest.approx(0.053e-3, abs=0.003e-3)

@@ -24,9 +24,10 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, Un
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
-from posture_opt.numerics import Array, Codes, rms
+from posture_opt.numerics import Array, Codes, Mask, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 from posture_opt.validation.repeat_scatter import prismatic_joints
@@ -113,6 +114,14 @@ def sided_joints(model: Fit) -> Codes:
     names = model.residuals.robot.joint_names
     sided = {effect.moved_joint for effect in model.effects if "approach" in effect.needs}
     return np.array([i for i, name in enumerate(names) if name in sided], dtype=np.intp)
+
+
+def known_sides(model: Fit, data: Measurements) -> Mask:
+    """Rows (N,) of the data to which every joint that errs by its side of approach came from a known one.
+
+    To the others, as to the first of a file, a joint with play errs by half of it, whatever else is right.
+    """
+    return np.asarray(np.all(data.approach[:, sided_joints(model)] != 0, axis=1))
 
 
 @dataclass(frozen=True)
@@ -283,13 +292,13 @@ def in_stated_units(
 
 
 def _outlier_causes(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCause]:
-    """Gross errors among all rows, where a few of them explain the tails better than a long-tailed law."""
+    """Gross errors among all rows of known sides, where a few explain the tails better than a long-tailed law."""
     if not calibration.outliers or other:
         return []
     residuals = calibration.residuals
     everyone = model.residuals.of_data(residuals.data, residuals.distances)
     e = everyone.whitened(model.x)[: everyone.measured].reshape(-1, residuals.block)
-    law = fit_tails(e)
+    law = fit_tails(e[known_sides(model, residuals.data)])
     if law.shape != GROSS_ERRORS:
         return []
     count = int(law.rows.sum())

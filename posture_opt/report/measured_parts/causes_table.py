@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from posture_opt.diagnosis.causes.causes import tool_shifts
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
+from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Table
@@ -32,14 +33,14 @@ def causes_table(found: Diagnosis) -> Table:
     """Every cause with its size and the share of the RMS error on held-out rows that it removes.
 
     The share is that which is lost without it, everything else fitted again. Scatter removes no error. Between them is
-    the largest shift of the tool point in the data that geometry could not imitate [mm]; behind it the share on a test
+    the shift of the tool point in the data that geometry could not imitate, RMS [mm]; behind it the share on a test
     file, where there is one.
     """
     rows, views = [], []
     for number, finding in enumerate(found.effects, 1):
         gain = "" if finding.noise is not None else percent(finding.gain)
         like = "" if finding.plausible else "looks like "
-        row = (f"{number}. {like}{finding.label}", _size(found, finding), largest_shift(found, finding), gain)
+        row = (f"{number}. {like}{finding.label}", _size(found, finding), shift_at_tool(found, finding), gain)
         rows.append((*row, *_elsewhere(found, finding)))
         views.append(view_key(found, finding))
     headers = ("cause", "size", "at the tool", "RMS drop", *_elsewhere_header(found))
@@ -69,8 +70,8 @@ def gain_elsewhere(gain: Gain | None) -> tuple[str, str]:
     return percent(gain.value), _HOLDS if gain.low > 0 else sure
 
 
-def largest_shift(found: Diagnosis, finding: Finding) -> str:
-    """The largest shift of the tool point in the data that geometry could not imitate [mm]; of scatter, its largest σ.
+def shift_at_tool(found: Diagnosis, finding: Finding) -> str:
+    """The shift of the tool point in the data that geometry could not imitate, RMS [mm]; of scatter, its largest σ.
 
     Empty of causes that move nothing, or by an open size.
     """
@@ -78,7 +79,7 @@ def largest_shift(found: Diagnosis, finding: Finding) -> str:
         return ""
     if finding.noise is not None and finding.noise.moved_joint:
         return f"σ {mm(largest_scatter(found, finding.noise))} mm"
-    return "" if finding.place is None else f"{mm(float(tool_shifts(found.model, finding)[1].max()))} mm"
+    return "" if finding.place is None else f"{mm(rms(tool_shifts(found.model, finding)[1]))} mm"
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:

@@ -19,10 +19,10 @@ from posture_opt.report.measured_parts.cause_inspections import inspection, insp
 from posture_opt.report.measured_parts.causes_table import (
     causes_table,
     determined_geometry,
-    largest_shift,
     number_of,
     rival_words,
     rivals_of,
+    shift_at_tool,
     view_key,
 )
 from posture_opt.report.measured_parts.diagnosis_sizes import (
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 _MAX_PAIRS, _MAX_MEASUREMENTS = 4, 8  # of causes that could be confused, and of measurements that discriminate them
 _IMITATED_SHARE = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _MAX_FULL_EFFECTS = 4  # effects that are described in full; lighter ones are rows of a table
-_AT_TOOL_NOTE = "At the tool: the largest shift that geometry could not imitate, or σ."
+_AT_TOOL_NOTE = "At the tool: the RMS shift that geometry could not imitate, or the largest σ."
 _ALONE_NOTE = (
     "RMS drop: by how much the error is smaller than with all other causes alone, so that drops do not add up."
 )
@@ -99,7 +99,7 @@ def _columns_notes(found: Diagnosis) -> tuple[str, ...]:
     """What the columns of the table mean, as far as they hold anything that is to be explained."""
     open_ = any(not f.determined or f.open_part is not None for f in found.effects)
     notes = {
-        _AT_TOOL_NOTE: any(largest_shift(found, f) for f in found.effects),
+        _AT_TOOL_NOTE: any(shift_at_tool(found, f) for f in found.effects),
         _ALONE_NOTE: len(found.effects) > 1,
         _OPEN_SIZE_NOTE: open_ and len(found.effects) > 1,
     }
@@ -120,12 +120,12 @@ def _said_once(label: str, text: str, number: int, said: dict[str, int]) -> str:
 
 
 def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
-    """Effects of less gain, one a line: size, largest shift beyond geometry, gain [%] and p-value."""
+    """Effects of less gain, one a line: size, shift beyond geometry, gain [%] and p-value."""
     rows = []
     for finding in findings:
         size = headline_of(finding) or ("" if finding.determined else "not determined")
         label = f"{number_of(found, finding)}. {finding.label}"
-        rows.append((label, size, largest_shift(found, finding), percent(finding.gain), p_value(finding.p_value)))
+        rows.append((label, size, shift_at_tool(found, finding), percent(finding.gain), p_value(finding.p_value)))
     views = tuple(view_key(found, finding) for finding in findings)
     return Table(("cause", "size", "at the tool", "RMS drop", "p-value"), tuple(rows), views=views)
 

@@ -196,15 +196,15 @@ def _improvement(found: Diagnosis) -> str:
 
 
 def outliers_lead(found: Diagnosis) -> tuple[str, ...]:
-    """Which rows are left out as outliers; nothing without any."""
-    calibration = found.calibration
-    if not calibration.lines:
-        return ()
+    """Which rows are left out as outliers, and which as nobody knows from where a joint with play came to them."""
+    calibration, unsided = found.calibration, found.unsided_lines
+    lines = [line for line in calibration.lines if line not in unsided]
     run = calibration.outliers_at_ends
-    text = f"Left out as outliers: {listed_lines(calibration.lines)}"
-    if run < _MIN_OUTLIER_RUN:
-        return (f"{text}.",)
-    return (f"{text}; {run} of them follow each other at an end of the session: was a tool, base or instrument moved?",)
+    text = f"Left out as outliers: {listed_lines(lines)}"
+    end = f"; {run} of them follow each other at an end of the session: was a tool, base or instrument moved?"
+    side = f"Left out, as the side from which joints came there is not known: {listed_lines(unsided)}."
+    outliers = [f"{text}{'.' if run < _MIN_OUTLIER_RUN else end}"] if lines else []
+    return (*outliers, *([side] if unsided else ()))
 
 
 def _rest(found: Diagnosis) -> str:
@@ -243,7 +243,7 @@ def data_block(found: Diagnosis) -> Block:
         *large_file_facts(found.large),
         ("Instrument", instrument_words(problem, data)),
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
-        *([("Outliers", f"left out of the search, {listed_lines(gone)}")] if gone else []),
+        *([("Left out", f"of the search, {listed_lines(gone)}")] if gone else []),
     ]
     notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),), brief=())
