@@ -258,6 +258,13 @@ class Scene:
 
         return Clearance(nearest(range(len(self.own), len(self.pairs))), nearest(range(len(self.own))))
 
+    def nearest(self, row: str, q: Array) -> float:
+        """The exact distance [m] in the posture q (n,) of the pairs that a row of `rows` is of, by its name."""
+        own = row == SELF_CLEARANCE_ROW
+        distances = self.distances(q)[0]
+        mine = [k < len(self.own) if own else row_name(pair[1]) == row for k, pair in enumerate(self.pairs)]
+        return float(distances[mine].min(initial=np.inf))
+
     def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
         """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``
         (n,).

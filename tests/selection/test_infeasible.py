@@ -16,6 +16,7 @@ from posture_opt.selection.answer.infeasible import Infeasibility
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.search.relaxation import shown_apart
 from posture_opt.selection.terms import TERMS
+from tests.helpers import brute_force
 from tests.helpers.changes import changed
 from tests.helpers.variants import conformance
 
@@ -187,6 +188,26 @@ def test_an_obstacle_is_named_and_a_move_gets_out_of_its_way(robot: str, name: s
     )
     assert any(r.change.startswith(f"move obstacle {name} by ") for r in solution.relaxations)
     assert_all_do(data, solution)
+
+
+@pytest.mark.long
+def test_exact_distances_decide_where_no_posture_meets_their_lower_bounds() -> None:
+    """Bounds beside the feeder are 0.14 mm short: 21.7 mm was refused as "21.65 mm at most", and 21.79 mm are had."""
+    x, y, z = POINTS["ur10"]
+    place = [f"{x} m", f"{y + 0.17} m", f"{z + 0.1} m"]
+    feeder = {"name": "feeder", "kind": "box", "size": ["120 mm", "200 mm", "250 mm"], "xyz": place}
+    data = asked("ur10", POINTS["ur10"])
+    data["cell"] = {"obstacles": [feeder], "clearance": "21.7 mm"}
+    found = po.select_posture(po.problem_from_dict(data))
+    assert found.status == "feasible"  # found by exact distances, and not confirmed by rows that it does not meet
+    scene = found.problem.scene
+    assert brute_force.slack(scene, found.q) >= -1e-8
+    pairs = zip(brute_force.distances(scene, found.q), scene.pairs, strict=True)
+    gap = 1e3 * min(distance for distance, pair in pairs if "feeder" in pair)
+    assert 21.7 <= gap < 21.9
+    data["cell"]["clearance"] = "24 mm"
+    reason = refused(data).reasons[0].message
+    assert reason.startswith(f"clearance to feeder is {gap:.2f} mm at most, and at least 24 mm is required")
 
 
 SCARA_POINT = POINTS["scara"]

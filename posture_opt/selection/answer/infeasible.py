@@ -28,6 +28,7 @@ from posture_opt.selection.search.giving_scene import CLEARANCE
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Reason, Reasons, Relaxation, plane_reason
+from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.search.search_statistics import SearchStatistics
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
@@ -165,9 +166,22 @@ class Infeasibility:
             return None
         way = self._least(self.elastic.further or (LIMITS,))
         if way is None or not way.met:
-            return None
+            return None if way is None else self._clear(way)
         end = self.engine.polished(self.engine.candidates(way.q[None], self.target)[0], self.target)
         return end if end.feasible else None
+
+    def _clear(self, way: Compromise) -> CandidatePosture | None:
+        """The posture of a compromise that is clear by exact distances, of which the rows are lower bounds; else None.
+
+        It is no optimum: of the postures that lack something of these bounds it is the one that lacks least.
+        """
+        scene, in_cell = self.problem.scene, self.elastic.in_cell
+        beside = [
+            amount for name, amount in zip(self.elastic.requirements, way.lacking, strict=True) if name not in in_cell
+        ]
+        if scene is None or max(beside, default=0.0) > ROW_TOLERANCE or not is_clear(scene, way.q[None])[0]:
+            return None
+        return replace(self.engine.candidates(way.q[None], self.target)[0], violation=0.0)
 
     def _explained(self, ways: Sequence[Way]) -> Explanation:
         """The reasons of the most particular way, and what helps of all of them, cheapest first."""

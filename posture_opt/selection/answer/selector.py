@@ -344,11 +344,12 @@ class PostureSelector:
         if not self._explains:
             raise NoSolutionError("no posture was found that does the task")
         engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
-        if self._keeps_mounting and self._problem.above_assumed_mounting:  # which is dropped, and asked again
-            met = met_after_all(engine, found)
-            if met is None:
-                raise NoSolutionError("no posture was found above the mounting plane")
+        dropped = self._keeps_mounting and self._problem.above_assumed_mounting  # and asked again
+        met = met_after_all(engine, found) if dropped or engine.elastic.in_cell else None
+        if met is not None:
             return [met]
+        if dropped:
+            raise NoSolutionError("no posture was found above the mounting plane")
         why = self._explained(found)
         if not why.reasons:
             rescued = engine.polished(engine.candidates(why.q[None], found.target)[0], found.target)

@@ -176,9 +176,14 @@ class Reasons:
         return _row_reason(rows[k], *values[k])
 
     def _too_near(self, name: str, missing: float) -> Reason:
-        """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it."""
+        """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it.
+
+        Where it is not, it is the exact one, which may be more than the lower bound that is missed.
+        """
         margin = self.elastic.cell.scene.margin
-        reached, needed = shown_apart(margin - missing, margin, "m")
+        nearest = self.elastic.cell.scene.nearest(name, self.way.q)
+        bound = margin - missing
+        reached, needed = shown_apart(nearest if bound < nearest < margin else bound, margin, "m")
         message = f"{name} is {reached} at most, and at least {needed} is required"
         return Reason(name, message, missing, "m")
 
