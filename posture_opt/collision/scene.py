@@ -46,6 +46,8 @@ _FREE_END_RADII = 2.0
 leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
+_SURFACE_M = 1e-4
+"""Depth [m] up to which a point is on the surface of a solid, and not inside of it."""
 
 
 def row_name(obstacle: str) -> str:
@@ -257,6 +259,16 @@ class Scene:
             return Nearest(float(least[k]), self.pairs[k])
 
         return Clearance(nearest(range(len(self.own), len(self.pairs))), nearest(range(len(self.own))))
+
+    def solids_at(self, point: Array) -> set[str]:
+        """The names of the obstacles that a point (3,) [m] is inside of, world; the mounting plane among them.
+
+        That plane counts also where it was assumed and dropped, so that the arm reaches below it.
+        """
+        p = np.asarray(point, dtype=float)[None, None]
+        dropped = self.mounting is not None and self.mounting.dropped
+        solids = (*self.obstacles, *([self.mounting.plane(self.robot)] if self.mounting and dropped else []))
+        return {o.name for o in solids if float(o.smaller(_SURFACE_M).distance(p, p)[0, 0]) <= 0}
 
     def nearest(self, row: str, q: Array) -> float:
         """The exact distance [m] in the posture q (n,) of the pairs that a row of `rows` is of, by its name."""

@@ -210,6 +210,23 @@ def test_exact_distances_decide_where_no_posture_meets_their_lower_bounds() -> N
     assert reason.startswith(f"clearance to feeder is {gap:.2f} mm at most, and at least 24 mm is required")
 
 
+@pytest.mark.parametrize("table", [True, False])
+def test_a_target_is_moved_along_its_table_and_not_into_it(table: bool) -> None:
+    """The nearest point that an arm reaches is lower: in the table, or below the plane that the arm stands on."""
+    data = asked("ur10", [1.4, 0.2, 0.0])
+    if table:
+        top = {"name": "table", "kind": "box", "size": ["3 m", "3 m", "40 mm"], "xyz": ["0 m", "0 m", "-20 mm"]}
+        data["cell"] = {"obstacles": [top]}
+    solution = refused(data)
+    moves = [r.to_json()["set"] for r in solution.relaxations if "task.position" in r.to_json()["set"]]
+    assert moves
+    for move in moves:
+        x, y, z = (float(text.removesuffix(" mm")) for text in move["task.position"])
+        assert math.hypot(x, y) < 1400
+        assert z > -0.1
+    assert_all_do(data, solution)
+
+
 SCARA_POINT = POINTS["scara"]
 
 

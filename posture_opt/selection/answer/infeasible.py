@@ -217,6 +217,8 @@ class Infeasibility:
         assert self.asked.task is not None
         task = self.asked.task
         given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
+        if TARGET in given and self._in_solid(way):
+            return None  # nobody puts a workpiece there
         reasons = self._reasons_of(given, way, own)
         posture = Posture(self.problem.robot, way.q)
         written = (
@@ -311,7 +313,19 @@ class Infeasibility:
         most = _STARTS_NEAR_KNOWN if len(near) else _STARTS_PER_ORDER
         chosen = self._pool[np.column_stack([order[:most] for order in orders]).ravel()]  # in turn of either
         starts = np.vstack([*near, chosen])[: _STARTS_OF_ALL if {TARGET, LIMITS} <= {*given} else None]
-        return self.elastic.least(self.target.parameters, given, starts)
+        way = self.elastic.least(self.target.parameters, given, starts)
+        if way is None or TARGET not in given or not self._in_solid(way):
+            return way
+        level = self.elastic.least(self.target.parameters, given, starts, level=True)
+        return way if level is None or self._in_solid(level) else level
+
+    def _in_solid(self, way: Compromise) -> bool:
+        """Whether the tool point comes into a solid or below the mounting plane, where the target is not."""
+        scene = self.problem.scene
+        if scene is None:
+            return False
+        point = np.array(self.problem.tool_point.walk(way.q.tolist())[0].position, dtype=float)
+        return not scene.solids_at(point) <= scene.solids_at((self.target.lower + self.target.upper) / 2)
 
     def _cost(self, counted: Array) -> Array:
         """(N,) what the postures of the pool lack in the requirements that are ``counted`` (r,), in units of each."""

@@ -36,6 +36,8 @@ COST_TOLERANCE = 1e-3  # of the cost
 LIMIT_COST_FACTOR = 3.0  # times the cost: limits of joints are built in
 WIDENED_LIMIT = 4 * np.pi  # rad or m: of a joint without its limits
 ZERO_BOUND_SCALE = 0.1  # of a term whose bound is zero: the scale that its cost is measured in
+_HEIGHT = f"{TARGET}.z"
+"""The row that holds the tool point at the height of the target."""
 
 
 @dataclass(frozen=True)
@@ -113,18 +115,21 @@ class ElasticProblem:
         """The cost (…,) of what requirements lack, (…, G): ``Σ_k lacking_k / scale_k``."""
         return np.asarray(lacking @ (1.0 / self._scales))
 
-    def least(self, parameters: Array, given: Collection[str], starts: Array) -> Compromise | None:
+    def least(
+        self, parameters: Array, given: Collection[str], starts: Array, *, level: bool = False
+    ) -> Compromise | None:
         """The best that IPOPT finds where only the requirements ``given`` may give; None where others are not met.
 
         Args:
             parameters: (p,) of the target.
             starts: (k, n) postures; the first that leads to one where nothing is missing ends the search.
+            level: whether a target that gives stays at its height.
         """
         found: list[Compromise] = []
         for k, start in enumerate(starts):
             if not found and k == MAX_FRUITLESS_STARTS:
                 break
-            one = self._compromise(start, parameters, given)
+            one = self._compromise(start, parameters, given, level)
             found += [] if one is None else [one]
             least = min((other.cost for other in found), default=math.inf)
             alike = sum(other.cost <= least * (1 + COST_TOLERANCE) for other in found)
@@ -132,10 +137,13 @@ class ElasticProblem:
                 break
         return min(found, key=lambda other: other.cost, default=None)
 
-    def _compromise(self, start: Array, parameters: Array, given: Collection[str]) -> Compromise | None:
+    def _compromise(self, start: Array, parameters: Array, given: Collection[str], level: bool) -> Compromise | None:
         """Where IPOPT ends from one start; None where a requirement that may not give is not met there."""
         n = len(start)
         lower, upper = self._variable_bounds(given)
+        if level:
+            heights = n + np.flatnonzero([row.name == _HEIGHT for row in self._target_rows])  # its slacks are the first
+            lower[heights], upper[heights] = -HELD_SLACK, HELD_SLACK
         low, high = self._row_bounds(parameters, given)
         x0 = np.clip(np.concatenate([start, self._needed(start, parameters, given)]), lower, upper)
         p = np.append(parameters, float(AXIS in given))

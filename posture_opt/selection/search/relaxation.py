@@ -74,7 +74,7 @@ def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
     if not reach.misses(target.lower, target.upper):
         return None
     distance = float(np.linalg.norm(reach.outside(target.lower, target.upper)))
-    message = f"the target lies {distance * 1e3:.4g} mm outside the plane that this arm moves in"
+    message = f"the target lies {_plain(distance * 1e3)} mm outside the plane that this arm moves in"
     return Reason(TARGET, message, distance, "m")
 
 
@@ -113,7 +113,7 @@ class Reasons:
         point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
         distance = float(np.linalg.norm(np.clip(point, self.target.lower, self.target.upper) - point))
         message = (
-            f"the target is out of reach by {distance * 1e3:.4g} mm{self._condition()}; the nearest point that the "
+            f"the target is out of reach by {_plain(distance * 1e3)} mm{self._condition()}; the nearest point that the "
             f"tool reaches is {millimetres(point)}"
         )
         return Reason(TARGET, message, distance, "m")
@@ -215,7 +215,7 @@ def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift:
     along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
     words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
     cosine, word = max(words)
-    return f", {distance * 1e3:.4g} mm{f' {word}' if cosine >= MAIN_DIRECTION_COSINE else ''}"
+    return f", {_plain(distance * 1e3)} mm{f' {word}' if cosine >= MAIN_DIRECTION_COSINE else ''}"
 
 
 def stated_text(value: float, unit: str) -> str:
@@ -234,10 +234,16 @@ def shown(value: float, unit: str, digits: int = 4) -> str:
     ('12.5 mm', '50 %')
     """
     if unit == "rad":
-        return f"{math.degrees(value):.{digits}g} deg"
+        return f"{_plain(math.degrees(value), digits)} deg"
     if unit == "probability":
-        return f"{100 * value:.{digits + 2}g} %"
-    return f"{value * 1e3:.{digits}g} mm" if unit == "m" else f"{value:.{digits}g} {unit}"
+        return f"{_plain(100 * value, digits + 2)} %"
+    return f"{_plain(value * 1e3, digits)} mm" if unit == "m" else f"{_plain(value, digits)} {unit}"
+
+
+def _plain(value: float, digits: int = 4) -> str:
+    """A number with so many significant digits or more, and no exponent where it is large."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
 
 
 def shown_apart(reached: float, bound: float, unit: str) -> tuple[str, str]:
