@@ -212,8 +212,12 @@ def test_exact_distances_decide_where_no_posture_meets_their_lower_bounds() -> N
 
 @pytest.mark.parametrize("table", [True, False])
 def test_a_target_is_moved_along_its_table_and_not_into_it(table: bool) -> None:
-    """The nearest point that an arm reaches is lower: in the table, or below the plane that the arm stands on."""
+    """The nearest point that an arm reaches is lower: in the table, or below the plane that the arm stands on.
+
+    With a long tool the wrist is above the shoulder, and reaches farther where it is lower.
+    """
     data = asked("ur10", [1.4, 0.2, 0.0])
+    data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "0.25 m"]}
     if table:
         top = {"name": "table", "kind": "box", "size": ["3 m", "3 m", "40 mm"], "xyz": ["0 m", "0 m", "-20 mm"]}
         data["cell"] = {"obstacles": [top]}
