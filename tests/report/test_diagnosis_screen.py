@@ -201,7 +201,7 @@ def test_neighbouring_joints_that_err_alike_in_several_ways_are_said_to(found: p
     def soft(joint: str, size: float) -> Finding:
         return Finding(JointCompliance(joint=joint), {"compliance": (size, 1e-6, "rad/(N*m)")}, 1e-9, 0.1)
 
-    words = "joint1 and joint2 err alike in joint scale and joint compliance: look first for what they have in common"
+    words = "joint1 and joint2 err alike in joint scale and joint compliance: look first for what they share"
     one = scale("joint1", 0.025), soft("joint1", 1e-5)
     assert words in screen_of(found, *one, scale("joint2", 0.027), soft("joint2", 1.1e-5))
     for other in (scale("joint2", -0.025), scale("joint2", 0.06), scale("joint2", 1e-3)):

@@ -48,7 +48,7 @@ def test_effects_and_their_inputs_are_told() -> None:
     ((label, text),) = input_facts(arm)
     assert label == "Conditions"
     assert text == (
-        "a payload of 5 kg, joint1 arriving with decreasing values, joint2 approached from an unknown side, 28 degC"
+        "a payload of 5 kg, joint1 arriving with decreasing values, joint2 approached from either side, 28 degC"
     )
     assert effect_facts(problem([])) == []
     assert input_facts(problem([])) == []

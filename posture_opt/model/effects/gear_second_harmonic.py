@@ -15,9 +15,7 @@ class GearSecondHarmonic(Harmonic):
     summary: ClassVar[str] = "joint error of two cycles per revolution, as of an oval or tilted disc"
     phrase: ClassVar[str] = "{target} has a second harmonic (two cycles per revolution), as of an oval gear"
     measurement: ClassVar[str] = "drive {target} through a whole revolution, as far as stops, cables and cell permit"
-    inspection: ClassVar[str] = (
-        "ring gear, flexspline and encoder disc of {target}: oval, tilted, or unevenly tightened"
-    )
+    inspection: ClassVar[str] = "gear and encoder disc of {target}: oval, tilted, or unevenly tightened"
     slow: ClassVar[bool] = True
 
     kind: Literal["gear_second_harmonic"] = "gear_second_harmonic"

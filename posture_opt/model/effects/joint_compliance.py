@@ -18,7 +18,7 @@ from posture_opt.units import number
 
 _UNKNOWN_LOADS_INSPECTION = (
     "{target}: state 'mass' and 'com' of every joint, then compare its stiffness with the maker's; if clearly softer: "
-    "bolts of the links, output bearing, gear; of a belt or cable drive its tension first"
+    "the tension of its belt or cable, if it has one; else bolts of the links, output bearing, gear"
 )
 
 

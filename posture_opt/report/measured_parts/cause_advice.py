@@ -14,7 +14,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.model.effects import CyclicError, InstrumentField
 from posture_opt.model.effects.base.joint_effect import CATALOGUE_AMPLITUDE, Harmonic
-from posture_opt.report.measured_parts.cause_inspections import inspections_by_text
+from posture_opt.report.measured_parts.cause_inspections import bent_link, inspections_by_text
 from posture_opt.report.measured_parts.causes_table import CERTAIN, number_of, rivals_of, unconfirmed
 from posture_opt.report.text.blocks import Facts
 from posture_opt.report.text.units_text import count
@@ -35,16 +35,19 @@ _DERIVED_SIDES_NOTE = (
     "from which side each joint arrived is taken from the row before; if the arm went elsewhere in between, state it "
     "in columns JOINT.approach"
 )
-_CATALOGUE_SIZE_NOTE = f"as large as gears and encoders in catalogues err: do not open; {_CORRECTED} allow for it"
+_CATALOGUE_SIZE_NOTE = (
+    f"as large as gears and encoders in catalogues err: do not open, and keep this report to compare; {_CORRECTED} "
+    "allow for it"
+)
 _NOT_CONFIRMED_NOTE = "the test file does not confirm this: measure again before anything is opened for it"
 _IMPLAUSIBLE_NOTE = "an error that only looks like this, until shown otherwise: it would take {}"
 _ALIKE_NOTE = (
-    "these repeat about as often, {} times per revolution, as drives of one type do: do not open; "
-    f"{_CORRECTED} allow for it"
+    "these repeat about as often, {} times per revolution, as drives of one type do: do not open, and keep this report "
+    f"to compare; {_CORRECTED} allow for it"
 )
 _SHARED_NOTE = (
-    "{} err alike in {}: look first for what they have in common, such as a differential, its cables or belts, or one "
-    "setting for both"
+    "{} err alike in {}: look first for what they share: gear ratios and coupling in controller and file, then "
+    "a differential, its cables or belts"
 )
 _INSTRUMENT_NOTE = (
     "the instrument, by a scale bar or from a second station, before the arm is opened: errors that vary smoothly over "
@@ -56,6 +59,10 @@ _UNUSED_NOTE = (
 )
 _OUTSIDE_NOTE = "outside the joint ranges measured so far: approach slowly, and check line of sight and cables"
 _MEANWHILE_NOTE = f"nothing of this is a reason to stop the arm: let it work with {_CORRECTED}"
+_BENT_NOTE = (
+    "compare with the maker's calibration in the controller, and with the file; if they do not explain it, look at that"
+    f" link for damage and loose screws, and stop the arm if there is any; otherwise let it work with {_CORRECTED}"
+)
 _CHANGED_NOTE = "look for what was moved, came loose or changed at line {}"
 _EDGE = 0.02  # rad or m beyond the measured range: nearer is at its edge
 _MAX_DECIDED = 2  # measurements that decide what a cause of an open size is
@@ -72,6 +79,7 @@ class SortedCauses:
         normal: periodic errors of the size that new gears have.
         unconfirmed: those that a test file does not confirm.
         odd: those of a size that no arm has.
+        elsewhere: those that the instrument could err like, which is checked before the arm is opened.
         others: those that are looked at.
     """
 
@@ -79,6 +87,7 @@ class SortedCauses:
     normal: tuple[Finding, ...]
     unconfirmed: tuple[Finding, ...]
     odd: tuple[Finding, ...]
+    elsewhere: tuple[Finding, ...]
     others: tuple[Finding, ...]
 
     @classmethod
@@ -97,7 +106,8 @@ class SortedCauses:
         normal = taken([f for f in left if f.plausible and _as_in_catalogues(f)])
         doubtful = taken([f for f in left if unconfirmed(found, f)])
         odd = taken([f for f in left if not f.plausible])
-        return cls(alike, normal, doubtful, odd, tuple(left))
+        elsewhere = taken([f for f in left if f in _like_instrument(found)])
+        return cls(alike, normal, doubtful, odd, elsewhere, tuple(left))
 
     @property
     def left_closed(self) -> tuple[Finding, ...]:
@@ -108,7 +118,7 @@ class SortedCauses:
 def advice(found: Diagnosis) -> tuple[Facts, ...]:
     """What to do about the causes, and what else they could be; nothing where there is nothing to say."""
     causes = SortedCauses.of(found)
-    rows = [*_at_arm(found, causes), *_at_data(found), *_meanwhile(found)]
+    rows = [*_at_arm(found, causes), *_at_data(found, causes), *_meanwhile(found)]
     return (Facts(tuple(rows)),) if rows else ()
 
 
@@ -117,6 +127,7 @@ def _at_arm(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
     rows = _inspected(found, "Look at", causes.others)
     if len(rows) > _MAX_INSPECTED:
         rows = [*rows[:_MAX_INSPECTED], ("Look at", "for the others see --full")]
+    rows = [*_instrument_first(found), *rows, *_inspected(found, "If it stays", causes.elsewhere)]
     rows += [
         (f"In common ({_numbers(found, shared)})", _SHARED_NOTE.format(enumerated(joints), enumerated(kinds)))
         for joints, kinds, shared in _shared(found)
@@ -129,15 +140,14 @@ def _at_arm(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
     return rows + _inspected(found, "If it grew", causes.left_closed)[:_MAX_INSPECTED]
 
 
-def _at_data(found: Diagnosis) -> list[_Row]:
+def _at_data(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
     """What else the causes could be, and what to use, state, check or measure to know."""
     sided = [f for f in found.effects if f.determined and f.effect and "approach" in f.effect.needs]
     return [
         *_noted(found, "Sides", [] if found.request.data.approach_given else sided, _DERIVED_SIDES_NOTE),
         *((f"Could be ({number_of(found, f)})", f"{rivals_of(f)} instead") for f in found.effects if f.confounded_with),
         *_unused_orientations(found),
-        *_to_decide(found),
-        *_instrument_first(found),
+        *_to_decide(found, causes),
         *_next(found),
     ]
 
@@ -231,8 +241,14 @@ def _of_one_size(one: Finding, other: Finding) -> bool:
 
 def _instrument_first(found: Diagnosis) -> list[_Row]:
     """That the instrument is checked before the arm is opened, where it could err as the arm is said to."""
-    fields = [f for f in found.effects if any(isinstance(rival, InstrumentField) for rival in f.confounded_with)]
-    return [] if found.request.data.touches else _noted(found, "Check first", fields, _INSTRUMENT_NOTE)
+    return _noted(found, "Check first", _like_instrument(found), _INSTRUMENT_NOTE)
+
+
+def _like_instrument(found: Diagnosis) -> list[Finding]:
+    """Causes that the instrument could err like; none of touched points, of which none is read."""
+    if found.request.data.touches:
+        return []
+    return [f for f in found.effects if any(isinstance(rival, InstrumentField) for rival in f.confounded_with)]
 
 
 def _unused_orientations(found: Diagnosis) -> list[_Row]:
@@ -241,12 +257,12 @@ def _unused_orientations(found: Diagnosis) -> list[_Row]:
     return [("Use first", _UNUSED_NOTE)] if unused and any(f.confounded_with for f in found.effects) else []
 
 
-def _to_decide(found: Diagnosis) -> list[_Row]:
-    """What to measure for causes of an open size that another one could be, each text once."""
+def _to_decide(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
+    """What to measure for causes of an open size, or that are looked at, which another one could be, each text once."""
     texts: dict[str, list[Finding]] = {}
-    for finding in found.effects:
+    for finding in (*(f for f in found.effects if not f.determined), *causes.elsewhere, *causes.others):
         rivals = [rival for rival in finding.confounded_with if not isinstance(rival, UnnamedComponent)]
-        if not finding.determined and rivals:
+        if rivals:
             texts.setdefault(finding.cause.discrimination(rivals[0]), []).append(finding)
     return [(f"To decide ({_numbers(found, those)})", text) for text, those in texts.items()][:_MAX_DECIDED]
 
@@ -260,7 +276,7 @@ def _next(found: Diagnosis) -> list[_Row]:
     low, high = found.request.data.q.min(axis=0), found.request.data.q.max(axis=0)
     outside = int(np.count_nonzero(np.any((plan.rows.q < low - _EDGE) | (plan.rows.q > high + _EDGE), axis=1)))
     if outside:
-        which += f"; {outside} of them {_OUTSIDE_NOTE}"
+        which += f"; {'all' if outside == len(plan.rows) else outside} of them {_OUTSIDE_NOTE}"
     return [("Measure next", which)]
 
 
@@ -273,6 +289,8 @@ def _meanwhile(found: Diagnosis) -> list[_Row]:
     if urgent:
         reasons = dict.fromkeys(f.cause.urgent.format(target=f.target) for f in urgent)
         return _noted(found, "Before it works on", urgent, enumerated(reasons))
+    if bent := bent_link(found):
+        return _noted(found, "Before it works on", bent, _BENT_NOTE)
     if found.scatter_change is not None:
         return [("Before it works on", _CHANGED_NOTE.format(found.scatter_change.line))]
     corrected = bool(found.delivery.kept) and any(f.determined and f.effect for f in found.effects)

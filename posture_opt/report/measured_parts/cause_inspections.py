@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING
 
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
@@ -34,11 +34,12 @@ def inspections(found: Diagnosis, findings: Sequence[Finding]) -> tuple[Facts, .
 
 def inspection(found: Diagnosis, finding: Finding) -> str:
     """What to look at for one cause; of the geometry also the correction that is hardest to build."""
-    text = finding.inspect(found.problem.robot)
+    text = _by_both_ends(found, finding.inspect(found.problem.robot))
     if finding.kind != "geometry" or (largest := _largest_correction(found)) is None:
         return text
-    _, size, check = largest
+    deviation, size, check = largest
     end = "more than arms are built with" if check else "as arms are built"
+    end += ": compare its reference with the file" if not check and deviation.moved_joint else ""
     return f"{text}; largest certain correction: {size}, {end}"
 
 
@@ -54,7 +55,22 @@ def _largest_correction(found: Diagnosis) -> tuple[GeometricDeviation, str, str]
     sure, (largest, x, std) = max(zip(sizes, every, strict=True), key=lambda pair: pair[0])
     deviation, size = GeometricDeviation.of(largest), plus_minus(x, std, *ERROR_UNITS[largest.unit])
     check = _CHECK_ZERO if largest.name.endswith(".theta") else _CHECK_LINK
-    return deviation, f"{deviation.noun} ({largest.name}), {size}", "" if sure <= 1 else check
+    noun = _by_both_ends(found, deviation.noun)
+    return deviation, f"{noun} ({largest.name}), {size}", "" if sure <= 1 else check
+
+
+def _by_both_ends(found: Diagnosis, text: str) -> str:
+    """A text in which a link is named by the joints at both of its ends: one looks at the wrong link otherwise."""
+    for joint, following in pairwise(found.problem.robot.joint_names):
+        text = text.replace(f"link behind {joint}", f"link from {joint} to {following}")
+    return text
+
+
+def bent_link(found: Diagnosis) -> list[Finding]:
+    """The geometric causes by which a link may be bent or seated askew: none where arms are built so."""
+    largest = _largest_correction(found)
+    named = [f for f in found.effects if isinstance(f.cause, GeometricDeviation)]
+    return named if largest is not None and largest[2] == _CHECK_LINK else []
 
 
 def bent_lead(found: Diagnosis) -> tuple[str, ...]:

@@ -177,7 +177,9 @@ def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
         sure = [str(number) for number, gain in tested if gain.low > 0]
         which = f"cause{'s' * (len(sure) > 1)} {enumerated(sure)}" if sure else "none"
         alone = f" One by one, it supports {which} of the {count(len(tested), 'cause')}"
-        alone += ", though not against what else they could be." if _have_rivals(found) else "."
+        alone += ", though not against what else they could be" if _have_rivals(found) else ""
+        against = [str(number) for number, gain in tested if gain.value < 0]
+        alone += f"; it speaks against cause{'s' * (len(against) > 1)} {enumerated(against)}." if against else "."
         alone = alone if len(sure) < len(tested) else ""
         return (f"{words}{alone}",)
     one = len(fitted_effects(found)) == 1

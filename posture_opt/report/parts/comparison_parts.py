@@ -31,6 +31,7 @@ _SMALL_GAIN = 0.7  # of the error before: a gain that hardly shows at the task
 _ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
 _TINY_M = 1e-6  # m: no arm is placed better
+_BARRED_NOTE = "do not drive there before it is stated what the arm stands on, and the posture is planned again"
 _UNSTATED_SCATTER = "Scatter between repeats comes on top: the file states none (uncertainty: {repeatability: 0.1 mm})."
 _FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
 _MODELS = {
@@ -49,20 +50,26 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     judged = {name: comparison.answers[name].judged[comparison.reference] for name in (FIRST, comparison.reference)}
     old, new = (one.critical_error for one in judged.values())
     before, now, model = _length(old, [old, new]), _length(new, [old, new]), _model(comparison.reference)
+    outside = _outside(_judged(comparison), comparison)
+    far = " (extrapolated)" if outside else ""
     text = f"Task, as {model} predicts: 95 % error radius {before}"
     if comparison.same_posture(FIRST, comparison.reference):
-        text += f" with the commands of {_MODELS[FIRST]}, {now} with those of {model}. The posture is the same, and "
+        text += (
+            f" with the commands of {_MODELS[FIRST]}, {now}{far} with those of {model}. The posture is the same, and "
+        )
         text += f"the gain that of the corrected commands{_in_range(comparison, 'it')}"
     else:
         mean = judged[FIRST].distance
         part = f" ({_length(mean, [old, new])} mean error, gone with corrected commands)"
-        text += f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now} in the one "
+        text += (
+            f" in the posture planned before calibration{part if mean > _MOSTLY * old else ''}, {now}{far} in the one "
+        )
         text += f"planned with {model}{_in_range(comparison, 'that posture')}"
     assert chosen.answer is not None
     unknown = chosen.answer.problem.scene.stands_anywhere
     ground = mounting_notes({comparison.reference: chosen.answer})
     open_ = _open_lead(comparison, small_gain=new > _SMALL_GAIN * old)
-    if unknown or _outside(_judged(comparison), comparison):  # whether anyone may drive there comes before where it is
+    if unknown or outside:  # whether anyone may drive there comes before where it is
         return (f"{text}.", *ground, *open_, _planned_posture(chosen))
     return (f"{text}. {_planned_posture(chosen)}", *open_, *ground)
 
@@ -74,7 +81,9 @@ def _planned_posture(column: ComparedAnswer) -> str:
     conditions = "".join(f" It holds for {words}." for _, words in input_facts(column.problem))
     scene = column.problem.scene
     if not scene.active and not scene.switched_off and len(joints) > _PLANAR_JOINTS:
-        conditions += " Collisions are not checked, as the shape of the arm is not known: approach slowly."
+        conditions += " Collisions are not checked, as the shape of the arm is not known: "
+        barred = scene.stands_anywhere and column.answer is not None and column.answer.mounting_note
+        conditions += f"{_BARRED_NOTE if barred else 'approach slowly'}."
     return f"Planned posture: {enumerated(values)}.{conditions}"
 
 

@@ -97,7 +97,7 @@ def _inputs(arm: Arm) -> list[str]:
             sense = "increasing" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "decreasing"
             texts.append(f"{joint} arriving with {sense} values")
         else:
-            texts.append(f"{joint} approached from an unknown side")
+            texts.append(f"{joint} approached from either side")
     if "temperature" in asked:
         texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
     if "time" in asked:

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
@@ -70,6 +72,7 @@ _WORSE_THAN_NOMINAL_NOTE = (
 )
 _MAX_NAMED_CAUSES = 3
 _MIN_OUTLIER_RUN = 4  # outliers that follow each other, which instruments do not make
+_FAR_OFF = 3.0  # times what 95 % of the rows are within: a row that is farther off is looked at by itself
 _NAMED_OF_MANY = 2  # causes of the first sentence where there are more than it can name
 _NUMBER_WORDS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
@@ -113,7 +116,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     causes = [f for f in found.effects if f not in geometry and f.determined] or geometry
     vague = [f for f in found.effects if f not in geometry and not f.determined]
     named = len(causes) if len(causes) <= _MAX_NAMED_CAUSES else _NAMED_OF_MANY
-    said = [_named(found, f) for f in causes[:named]]
+    said = [_named(found, f) for f in sorted(causes, key=lambda f: unconfirmed(found, f))[:named]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     also = f" {_vague(found, vague)}" if vague else ""
@@ -183,8 +186,7 @@ def _improvement(found: Diagnosis) -> str:
     text += f"{mm(sizes['calibrated'])} mm calibrated"
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
-    best = found.errors["extended"]
-    text += f" (95 % of the rows within {mm(best.p95)} mm, all within {mm(best.max)} mm)"
+    text += f" ({_spread_words(found)})"
     floor = noise_floor(found)
     worse = _WORSE_THAN_NOMINAL_NOTE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:
@@ -193,6 +195,16 @@ def _improvement(found: Diagnosis) -> str:
         return f"{text}; {floor.words} would make {mm(floor.rms)} mm, so it errs by less than stated.{worse}"
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
     return f"{text}; {floor.clause}{every}.{worse}"
+
+
+def _spread_words(found: Diagnosis) -> str:
+    """Within what 95 % of the rows are, and all; of a row that is far off its line."""
+    best, held = found.errors["extended"], found.held["extended"].errors
+    text = f"95 % of the rows within {mm(best.p95)} mm"
+    if best.max < _FAR_OFF * best.p95:
+        return f"{text}, all within {mm(best.max)} mm"
+    line = int(found.model.residuals.data.line[int(np.argmax(np.linalg.norm(held, axis=1)))])
+    return f"{text}; line {line} is off by {mm(best.max)} mm, the most"
 
 
 def outliers_lead(found: Diagnosis) -> tuple[str, ...]:

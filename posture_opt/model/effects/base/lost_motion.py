@@ -28,7 +28,8 @@ class LostMotion(JointEffect):
     )
     """What is wrong where the size is negative, in one clause."""
     beyond_inspection: ClassVar[str] = (
-        "friction and backlash compensation of {target} in the controller; whether its encoder is before the gear"
+        "friction and backlash compensation of {target} in the controller; whether its encoder is before the gear, or "
+        "the arm was moved by hand; it is no play: tighten nothing for it"
     )
     """What to look at where the size is negative."""
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
@@ -44,6 +45,10 @@ class LostMotion(JointEffect):
             estimate: values and standard errors of its parameter.
         """
         return self.beyond.format(target=self.target) if self._leads(estimate) else self.words
+
+    def labelled(self, estimate: FittedSizes) -> str:
+        """Kind and joint; reversed where it goes beyond its command: what is done about play would be wrong."""
+        return f"reversed {self.label}" if self._leads(estimate) else self.label
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
         """What to look at, by the sign of its size."""
