@@ -221,6 +221,17 @@ def test_an_arm_can_work_on_unless_something_gave_way(found: po.Diagnosis) -> No
     assert "Before it works on look for what was moved, came loose or changed at line 128" in text
 
 
+def test_causes_that_predict_unseen_rows_worse_are_not_believed(found: po.Diagnosis) -> None:
+    bad = {name: replace(found.errors[name], rms=rms) for name, rms in (("calibrated", 0.8), ("extended", 0.7))}
+    worse = replace(found, errors={**found.errors, "nominal": replace(found.errors["nominal"], rms=0.5), **bad})
+    text = screen_of(worse, *found.effects)
+    assert text.split("Planar arm ")[-1].startswith("Measure more postures before anything of this is believed: rows")
+    assert "Measure first more postures" in text
+    assert "Look at" not in text
+    assert "Meanwhile" not in text
+    assert "Measure more postures" not in screen_of(found, *found.effects)
+
+
 def test_the_largest_errors_stand_beside_the_rms(found: po.Diagnosis) -> None:
     best = found.errors["extended"]
     within = f"(95 % of the rows within {1e3 * best.p95:.4f} mm, all within {1e3 * best.max:.4f} mm)"

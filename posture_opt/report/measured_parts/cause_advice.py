@@ -16,6 +16,7 @@ from posture_opt.model.effects import CyclicError, InstrumentField
 from posture_opt.model.effects.base.joint_effect import CATALOGUE_AMPLITUDE, Harmonic
 from posture_opt.report.measured_parts.cause_inspections import bent_link, inspections_by_text
 from posture_opt.report.measured_parts.causes_table import CERTAIN, number_of, rivals_of, unconfirmed
+from posture_opt.report.measured_parts.diagnosis_sizes import MODELS
 from posture_opt.report.text.blocks import Facts
 from posture_opt.report.text.units_text import count
 
@@ -62,6 +63,10 @@ _MEANWHILE_NOTE = f"nothing of this is a reason to stop the arm: let it work wit
 _BENT_NOTE = (
     "compare with the maker's calibration in the controller, and with the file; if they do not explain it, look at that"
     f" link for damage and loose screws, and stop the arm if there is any; otherwise let it work with {_CORRECTED}"
+)
+_OVERFITTED_NOTE = (
+    "more postures, spread over all joint ranges ('plan-measurements' proposes them): nothing is opened for these "
+    "causes"
 )
 _CHANGED_NOTE = "look for what was moved, came loose or changed at line {}"
 _EDGE = 0.02  # rad or m beyond the measured range: nearer is at its edge
@@ -117,9 +122,17 @@ class SortedCauses:
 
 def advice(found: Diagnosis) -> tuple[Facts, ...]:
     """What to do about the causes, and what else they could be; nothing where there is nothing to say."""
+    if overfitted(found):
+        return (Facts((("Measure first", _OVERFITTED_NOTE),)),)
     causes = SortedCauses.of(found)
     rows = [*_at_arm(found, causes), *_at_data(found, causes), *_meanwhile(found)]
     return (Facts(tuple(rows)),) if rows else ()
+
+
+def overfitted(found: Diagnosis) -> bool:
+    """Whether causes are found, and yet every fit predicts unseen rows worse than the arm of the file does."""
+    nominal, *fitted = (found.errors[name].rms for name in MODELS)
+    return bool(found.effects) and min(fitted) > nominal
 
 
 def _at_arm(found: Diagnosis, causes: SortedCauses) -> list[_Row]:

@@ -20,7 +20,7 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.cause_advice import FILE
+from posture_opt.report.measured_parts.cause_advice import FILE, overfitted
 from posture_opt.report.measured_parts.cause_inspections import bent_lead
 from posture_opt.report.measured_parts.causes_table import gain_elsewhere, unconfirmed, view_key
 from posture_opt.report.measured_parts.contradictions import doubts_lead
@@ -67,8 +67,9 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.selection.comparison.comparison import Comparison
 
-_WORSE_THAN_NOMINAL_NOTE = (
-    " These rows are predicted worse than before: measure more postures before anything of this is believed."
+_OVERFITTED_LEAD = (
+    "Measure more postures before anything of this is believed: rows held out from the fit are predicted worse than "
+    "before calibration."
 )
 _MAX_NAMED_CAUSES = 3
 _MIN_OUTLIER_RUN = 4  # outliers that follow each other, which instruments do not make
@@ -134,8 +135,9 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         *instrument_scatter_lead(found.calibration.instrument_scatter),
         *sure_gain_lead(found.calibration, found.delivery.nominal),
         *doubts_lead(found.calibration),
+        *((_OVERFITTED_LEAD,) if overfitted(found) else ()),
         first,
-        *bent_lead(found),
+        *(() if overfitted(found) else bent_lead(found)),
         _improvement(found),
         *unexplained_lead(found),
         *outliers_lead(found),
@@ -188,13 +190,12 @@ def _improvement(found: Diagnosis) -> str:
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
     text += f" ({_spread_words(found)})"
     floor = noise_floor(found)
-    worse = _WORSE_THAN_NOMINAL_NOTE if min(sizes["calibrated"], sizes["extended"]) > sizes["nominal"] else ""
     if not floor.rms:
-        return f"{text}.{worse}"
+        return f"{text}."
     if floor.rms > sizes["extended"] and not floor.repeated and found.scatter_change is None:
-        return f"{text}; {floor.words} would make {mm(floor.rms)} mm, so it errs by less than stated.{worse}"
+        return f"{text}; {floor.words} would make {mm(floor.rms)} mm, so it errs by less than stated."
     every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
-    return f"{text}; {floor.clause}{every}.{worse}"
+    return f"{text}; {floor.clause}{every}."
 
 
 def _spread_words(found: Diagnosis) -> str:

@@ -28,6 +28,8 @@ Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "jo
 
 _ANGLE_PARAMETERS = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
 """Ends of the names of parameters that are angles."""
+_MAX_SIGMA_RAD = np.pi
+"""Of an angle: half a turn, from which on it is anywhere."""
 _LENGTH_PARAMETERS = ("d", "a", "x", "y", "z")
 """Ends of the names of parameters that are lengths."""
 
@@ -258,6 +260,9 @@ def _read_sigma(
     if value < 0:
         hint = f"write {str(text).strip().lstrip('-').strip()}"
         issues.append(Issue(f"the standard deviation {text} is negative", key, text, hint))
+    if known[name] == "angle" and value > _MAX_SIGMA_RAD:
+        message = f"a standard deviation of {text} is more than half a turn: nothing would be known of this angle"
+        issues.append(Issue(message, key, text, "is the unit right? typical are 0.01 deg to 1 deg"))
     return value
 
 
