@@ -24,7 +24,7 @@ def refusal_text(found: Compensation) -> str:
     ]
     more = [f"and {len(bad) - _MAX_LISTED_LINES} more"] if len(bad) > _MAX_LISTED_LINES else []
     head = f"{len(bad)} of {len(found)} targets cannot be reached"
-    return "\n".join([head, *places, *more, *_common_hint(found)])
+    return "\n".join([head, *places, *more, *_common_hint(found), *_other_posture_hint(found)])
 
 
 def unreached_reason(found: Compensation, k: int) -> str:
@@ -40,6 +40,16 @@ def unreached_reason(found: Compensation, k: int) -> str:
     if off > 10 * found.digits.turn * robot.length + 1e-6:
         return f"the tool point stays {number(1e3 * off)} mm away{because}"
     return f"the tool comes there only turned by {number(math.degrees(turned))} deg{because}"
+
+
+def _other_posture_hint(found: Compensation) -> tuple[str, ...]:
+    """A hint where the joint values of the file lead to what is refused, and other ones may not."""
+    targets = found.targets
+    if targets.near is None or targets.position is None or not found.reasons:
+        return ()
+    return (
+        "postures stay near the joint values of the file: without these columns others are found, if there are any",
+    )
 
 
 def _common_hint(found: Compensation) -> tuple[str, ...]:

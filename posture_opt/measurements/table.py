@@ -203,8 +203,10 @@ def _fits_width(row: list[str], width: int) -> bool:
 
 
 def _ragged_fault(row: list[str], width: int, line: int, faults: Faults) -> None:
-    """The fault of a row of another width; decimal commas are the likely cause of twice as many cells."""
+    """The fault of a row of another width; decimal commas are the likely cause of up to twice as many cells."""
     cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
     halves = width < len(row) <= 2 * width and all(map(is_number, row))
-    hint = "decimal commas? then separate the columns by semicolons" if halves else ""
+    few = "a row that broke off? fill in what is missing, or leave it out"
+    many = "decimal commas? then separate the columns by semicolons" if halves else "put a cell with a comma in quotes"
+    hint = few if len(row) < width else many
     faults.add(f"{cells} in the row, {width} columns in the header", hint=hint, line=line)

@@ -111,9 +111,9 @@ def parse_yaml(text: str, file: str = "") -> Document:
         kind = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         line = node.start_mark.line + 1
         message = f"the file holds {kind} where a mapping of sections belongs"
-        raise InputError(
-            Issue(message, (), None, f"begin with 'name:', 'robot:' and so on; {_STARTER_HINT}", file, line)
-        )
+        begin = f"begin with 'name:', 'robot:' and so on; {_STARTER_HINT}"
+        hint = "it looks like XML: a URDF goes with --robot, and into a problem file as robot: {file: ...}"
+        raise InputError(Issue(message, (), None, hint if text.lstrip().startswith("<") else begin, file, line))
     reader = _Reader(file)
     try:
         data = reader.value(node, ())

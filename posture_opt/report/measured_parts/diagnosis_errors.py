@@ -57,7 +57,10 @@ def _errors(found: Diagnosis) -> tuple[Item, ...]:
     floor = noise_floor(found)
     rows += [(floor.label, mm(floor.rms), "", "", "", "", "")] if floor.rms else []
     headers = (*error_headers(found.request.data), "in its 95 % region")
-    texts = [f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence."]
+    texts = [
+        f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence. A 95 % region is as "
+        "large as the errors of the other rows make it, whatever σ's the file states."
+    ]
     if fitted_effects(found):
         texts.append(_gain_text(found))
     texts.append(delivered_words(found))

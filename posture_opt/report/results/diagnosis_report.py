@@ -184,7 +184,9 @@ def _vague(found: Diagnosis, findings: list[Finding]) -> str:
 def _improvement(found: Diagnosis) -> str:
     """RMS error [mm] on held-out rows: before calibration, calibrated, with effects; and the noise floor below them."""
     sizes = {name: found.errors[name].rms for name in MODELS}
-    text = f"On rows held out from the fit, the RMS error was {mm(sizes['nominal'])} mm before calibration, "
+    data = found.request.data
+    what = "error" if data.position is not None or data.touches else data.kind.error_words
+    text = f"On rows held out from the fit, the RMS {what} was {mm(sizes['nominal'])} mm before calibration, "
     text += f"{mm(sizes['calibrated'])} mm calibrated"
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"

@@ -61,7 +61,7 @@ def _answer(found: Recheck) -> tuple[str, ...]:
     if found.shared:
         return (*_one_of(found), errors, *_next(found), *_looked_at(found))
     if found.verdict == "changed":
-        changed = f"One thing changed: {sized(first)}; probability {percent(first.probability)}."
+        changed = f"One thing changed: {sized(first)}; probability {percent(first.probability)}{_if_one(found)}."
         return (changed, errors, _rivals(found), *_looked_at(found))
     if found.verdict == "unclear":
         names = enumerated([short(change) for change in (first, *found.rivals)])
@@ -72,13 +72,21 @@ def _answer(found: Recheck) -> tuple[str, ...]:
     return ("The rows err in a way that neither one change nor two explain.", errors, *_next(found))
 
 
+def _if_one(found: Recheck) -> str:
+    """That a probability is that of one change at most, and how likely more are; nothing where that is none."""
+    several = found.probabilities.several
+    return f" if it is the only one ({percent(several)} that it is not)" if several >= _STATED_SEVERAL else ""
+
+
 def _one_of(found: Recheck) -> tuple[str, str]:
     """The changes of which one is made, which these postures cannot tell apart; sizes, each of it alone."""
     either = (found.changes[0], *found.shared)
     total = percent(sum(change.probability for change in either))
     names = " or ".join(f"the {short(change)}" for change in either)
     sizes = ", or ".join(f"{sized(change)} ({percent(change.probability)})" for change in either)
-    first = f"One thing changed: {names}; these postures cannot tell which (probability together {total})."
+    first = (
+        f"One thing changed: {names}; these postures cannot tell which (probability together {total}{_if_one(found)})."
+    )
     return first, f"Each alone: {sizes}."
 
 
