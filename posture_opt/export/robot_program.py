@@ -15,6 +15,7 @@ from posture_opt.export.fixed_pose import fixed_pose
 from posture_opt.export.tool_moves import DEFAULT_APPROACH_M, REDUCED_SPEED, Move, path_moves, with_way
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import joints_at_limits
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer, select_posture
@@ -152,7 +153,9 @@ def program_through(
     mounting = [note] if len(rows) and (note := scene.mounting_note(rows)) else []
     bare = [f"Not checked for collisions, as no shape is known: {listed(scene.unchecked)}."] if scene.unchecked else []
     way = [_UNCHECKED_NOTE] if len(rows) > 1 else []
-    notes = (*mounting, *bare, *way)
+    at = joints_at_limits(problem.robot, rows) if len(rows) else []
+    limits = [f"At a limit, where controllers seldom let a joint go: {listed(at)}."] if at else []
+    notes = (*mounting, *bare, *limits, *way)
     return RobotProgram(problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.units import fixed, parse_quantity
 
@@ -17,6 +18,8 @@ PostureLike = Mapping[str, float | str] | Sequence[float | str] | str | Any
 
 One text has all of them: ``"90 deg, -180 deg"``.
 """
+_AT_LIMIT = 1e-4
+"""Distance from a limit [rad or m] up to which a joint is at it."""
 
 
 class Posture(dict[str, float]):
@@ -82,6 +85,17 @@ def limit_notes(robot: Robot, posture: Sequence[float]) -> tuple[str, ...]:
             limit = joint.upper if value > joint.upper else joint.lower
             notes.append(f"{joint.name} is {_value_text(joint, excess)} {side} limit of {_value_text(joint, limit)}")
     return tuple(notes)
+
+
+def joints_at_limits(robot: Robot, Q: Array) -> list[str]:
+    """The joints that stand at a limit in some of the postures Q (N, n) [rad or m]: controllers seldom go so far.
+
+    Joints that are held, of equal limits, are none of them.
+    """
+    Q = np.atleast_2d(Q)
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    near = np.any((Q - lower < _AT_LIMIT) | (upper - Q < _AT_LIMIT), axis=0) & (upper - lower > _AT_LIMIT)
+    return [name for name, at in zip(robot.joint_names, near, strict=True) if at]
 
 
 def _values_by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:

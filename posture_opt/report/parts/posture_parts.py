@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.errors import enumerated
 from posture_opt.report.parts.budget_parts import main_fact
 from posture_opt.report.parts.collision_parts import distance_facts
 from posture_opt.report.parts.parts import (
@@ -27,15 +28,36 @@ from posture_opt.report.parts.task_parts import critical_rows, orientation_rows
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import count, joint_unit, length_unit, percent, place, stated
 from posture_opt.report.text.words import part_words
+from posture_opt.robot.posture import joints_at_limits
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from posture_opt.numerics import Array
+    from posture_opt.robot.robot import Robot
     from posture_opt.selection.answer.solution import Alternative, Solution
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
+
+_PLANAR_JOINTS = 2  # of arms that are drawn on paper
+
+
+def limit_lead(robot: Robot, Q: Array) -> tuple[str, ...]:
+    """That joints stand at their limits, and how to keep away from these; nothing of arms that move in a plane.
+
+    Args:
+        Q: (N, n) the postures of the answer [rad or m].
+    """
+    at = joints_at_limits(robot, Q) if robot.n > _PLANAR_JOINTS else []
+    if not at:
+        return ()
+    verb, whose = ("stands", "its limit") if len(at) == 1 else ("stand", "their limits")
+    return (
+        f"{enumerated(at)} {verb} at {whose}, where controllers seldom let a joint go: to keep away add subject_to: "
+        "[{kind: limit_margin, at_least: 2 deg}] to the task.",
+    )
 
 
 def target_words(target: TaskTarget) -> str:

@@ -54,6 +54,7 @@ from posture_opt.report.parts.posture_parts import (
     alternatives_block,
     bound_words,
     changes_block,
+    limit_lead,
     nearest_block,
     posture_block,
     spread_block,
@@ -132,7 +133,7 @@ class SolutionPresenter(Presenter["Solution"]):
         lead = path_lead if self.along_path else features_lead if self.of_features else _one_lead
         first, last = mounting_lead(self.problem.scene, found.postures)
         first = (*first, *beyond_lead(self.problem.arm, found.postures))
-        last = (*workpiece_lead(found), *last)
+        last = (*workpiece_lead(found), *limit_lead(self.problem.robot, found.postures), *last)
         return Report(title, (*first, *lead(found), *last), tuple(block for block in blocks if block.items))
 
     def _station_blocks(self) -> tuple[Block, ...]:
