@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,11 +76,17 @@ def start_up(errors: Array, data: Measurements) -> StartUp | None:
     p = min(len(counts) * min(_p_of_first_window(errors[order], k) for k in counts), 1.0)
     k = min(counts, key=lambda k: _log_scatter(errors[order], k))
     first, rest = rms_length(errors[order[:k]]), rms_length(errors[order[k:]])
-    if p > _LEVEL or first < _MIN_RATIO * rest:
+    if p > _LEVEL or first < _MIN_RATIO * rest or _by_one_row(errors[order], counts):
         return None
     taken = None if data.time is None else float(data.time[order[k - 1]] - data.time[order[0]])
     seconds = None if taken is None or taken < 0 else taken  # a clock that started anew in between tells nothing
     return StartUp(k, seconds, first, rest, p, _spread(data.q[order], k), _warming(data, order, k))
+
+
+def _by_one_row(errors: Array, counts: Sequence[int]) -> bool:
+    """Whether the first rows are farther off by the worst of them alone: without it they are like the others."""
+    without = np.delete(errors, int(np.argmax(np.linalg.norm(errors[: max(counts)], axis=1))), axis=0)
+    return len(counts) * min(_p_of_first_window(without, k) for k in counts) > _LEVEL
 
 
 def _warming(data: Measurements, order: Codes, k: int) -> tuple[float, float] | None:

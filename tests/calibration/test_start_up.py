@@ -76,6 +76,18 @@ def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_n
     assert "Left out, as the side from which joints came there is not known: line 2." in text
 
 
+def test_one_row_that_is_far_off_is_no_cold_arm() -> None:
+    """A single reading among the first: measured again by itself, and not with all of them."""
+    rng = np.random.default_rng(4)
+    errors = 2e-5 * rng.normal(size=(ROWS, 3))
+    errors[3] *= 40.0
+    q = rng.uniform(-2, 2, (ROWS, 2))
+    data = SimpleNamespace(position=np.zeros((ROWS, 3)), temperature=None, time=None, order=np.arange(ROWS), q=q)
+    assert start_up(errors, data) is None
+    errors[:20] *= 3.0
+    assert start_up(errors, data) is not None
+
+
 def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:
     found = po.calibrate(po.problem_from_dict(PROBLEM), rows_of(tmp_path, 0, 1.0, 1), plan=False)
     assert found.start_up is None

@@ -86,7 +86,7 @@ def test_a_joint_that_goes_beyond_its_command_is_looked_at_elsewhere() -> None:
         for sign in (1, -1)
     ]
     assert "gear mesh" in texts[0]
-    assert "friction and backlash compensation" in texts[1]
+    assert "friction or backlash compensation in the controller, and nothing is tightened" in texts[1]
 
 
 def test_with_the_gear_ratio_the_part_that_turns_so_often_is_named() -> None:

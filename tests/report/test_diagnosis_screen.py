@@ -16,6 +16,7 @@ from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.model.effects import (
+    Backlash,
     Cause,
     CyclicError,
     GearEccentricity,
@@ -125,8 +126,8 @@ def test_an_instrument_that_could_err_as_the_arm_is_checked_first(found: po.Diag
         several = replace(found, effects=(doubtful, *found.effects[1:]))
         return " ".join(render(on_a_screen(diagnosis_report(several), 100, ()), 100).split())
 
-    assert "Check first (1) the instrument, by a scale bar or from a second station" in text(InstrumentField())
-    assert "Check first" not in text(GearEccentricity(joint="joint1"))
+    assert "Before opening (1) the instrument, by a scale bar or from a second station" in text(InstrumentField())
+    assert "Before opening" not in text(GearEccentricity(joint="joint1"))
 
 
 def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagnosis) -> None:
@@ -219,6 +220,22 @@ def test_an_arm_can_work_on_unless_something_gave_way(found: po.Diagnosis) -> No
     vars(changed)["scatter_change"] = ScatterChange(128, 1e-4, 3e-4, 1e-5)
     text = " ".join(render(on_a_screen(diagnosis_report(changed), 100, ()), 100).split())
     assert "Before it works on look for what was moved, came loose or changed at line 128" in text
+
+
+def test_a_joint_that_goes_beyond_its_command_is_no_play(found: po.Diagnosis) -> None:
+    """Of an arm that was moved by hand the sign is another one under its motors: it is asked."""
+
+    def play(width: float) -> str:
+        return screen_of(found, Finding(Backlash(joint="joint1"), {"width": (width, 1e-5, "rad")}, 1e-9, 0.1))
+
+    assert "1. backlash (joint1)" in play(1e-3)
+    text = play(-1e-3)
+    assert "1. reversed backlash (joint1)" in text
+    assert "if motors drove joint1: its friction or backlash compensation in the controller, and nothing is" in text
+    (wheel,) = [f for f in found.effects if f.kind == "cyclic_error"]
+    lead = Finding(Backlash(joint="joint1"), {"width": (-1e-3, 1e-5, "rad")}, 1e-9, 0.1)
+    both = screen_of(found, wheel, lead)
+    assert "if it was moved by hand, lost motion (2) has the other sign under its motors" in both
 
 
 def test_causes_that_predict_unseen_rows_worse_are_not_believed(found: po.Diagnosis) -> None:

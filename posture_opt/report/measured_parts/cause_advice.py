@@ -14,6 +14,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
 from posture_opt.model.effects import CyclicError, InstrumentField
 from posture_opt.model.effects.base.joint_effect import CATALOGUE_AMPLITUDE, Harmonic
+from posture_opt.model.effects.base.lost_motion import REVERSED
 from posture_opt.report.measured_parts.cause_inspections import bent_link, inspections_by_text
 from posture_opt.report.measured_parts.causes_table import CERTAIN, number_of, rivals_of, unconfirmed
 from posture_opt.report.measured_parts.diagnosis_sizes import MODELS
@@ -31,7 +32,7 @@ FILE = "split_measurements.csv"
 _MAX_INSPECTED = 4  # lines on the parts of causes on a screen
 _EQUAL_CYCLES_TOLERANCE = 0.05  # of the cycles of a line, by which those of other joints are the same
 _MIN_SHARED_KINDS = 2  # in which two joints err alike by more than chance
-_CORRECTED = "commands by 'compensate --problem extended.yaml'"
+_CORRECTED = "joint commands by 'compensate --problem extended.yaml'"
 _DERIVED_SIDES_NOTE = (
     "from which side each joint arrived is taken from the row before; if the arm went elsewhere in between, state it "
     "in columns JOINT.approach"
@@ -40,7 +41,7 @@ _CATALOGUE_SIZE_NOTE = (
     f"as large as gears and encoders in catalogues err: do not open, and keep this report to compare; {_CORRECTED} "
     "allow for it"
 )
-_NOT_CONFIRMED_NOTE = "the test file does not confirm this: measure again before anything is opened for it"
+_NOT_CONFIRMED_NOTE = "the test file does not confirm this: nothing is opened for it before other rows do"
 _IMPLAUSIBLE_NOTE = "an error that only looks like this, until shown otherwise: it would take {}"
 _ALIKE_NOTE = (
     "these repeat about as often, {} times per revolution, as drives of one type do: do not open, and keep this report "
@@ -60,6 +61,10 @@ _UNUSED_NOTE = (
 )
 _OUTSIDE_NOTE = "outside the joint ranges measured so far: approach slowly, and check line of sight and cables"
 _MEANWHILE_NOTE = f"nothing of this is a reason to stop the arm: let it work with {_CORRECTED}"
+_BY_HAND_NOTE = (
+    ", if motors drove it when it was measured; if it was moved by hand, lost motion ({}) has the other sign under its "
+    "motors"
+)
 _BENT_NOTE = (
     "compare with the maker's calibration in the controller, and with the file; if they do not explain it, look at that"
     f" link for damage and loose screws, and stop the arm if there is any; otherwise let it work with {_CORRECTED}"
@@ -254,7 +259,7 @@ def _of_one_size(one: Finding, other: Finding) -> bool:
 
 def _instrument_first(found: Diagnosis) -> list[_Row]:
     """That the instrument is checked before the arm is opened, where it could err as the arm is said to."""
-    return _noted(found, "Check first", _like_instrument(found), _INSTRUMENT_NOTE)
+    return _noted(found, "Before opening", _like_instrument(found), _INSTRUMENT_NOTE)
 
 
 def _like_instrument(found: Diagnosis) -> list[Finding]:
@@ -277,7 +282,8 @@ def _to_decide(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
         rivals = [rival for rival in finding.confounded_with if not isinstance(rival, UnnamedComponent)]
         if rivals:
             texts.setdefault(finding.cause.discrimination(rivals[0]), []).append(finding)
-    return [(f"To decide ({_numbers(found, those)})", text) for text, those in texts.items()][:_MAX_DECIDED]
+    still = "if that does not decide it: " if _unused_orientations(found) else ""
+    return [(f"To decide ({_numbers(found, those)})", f"{still}{text}") for text, those in texts.items()][:_MAX_DECIDED]
 
 
 def _next(found: Diagnosis) -> list[_Row]:
@@ -307,4 +313,6 @@ def _meanwhile(found: Diagnosis) -> list[_Row]:
     if found.scatter_change is not None:
         return [("Before it works on", _CHANGED_NOTE.format(found.scatter_change.line))]
     corrected = bool(found.delivery.kept) and any(f.determined and f.effect for f in found.effects)
-    return [("Meanwhile", _MEANWHILE_NOTE)] if corrected else []
+    reversed_ = [f for f in found.effects if f.determined and f.label.startswith(REVERSED)]
+    by_hand = _BY_HAND_NOTE.format(_numbers(found, reversed_)) if reversed_ else ""
+    return [("Meanwhile", f"{_MEANWHILE_NOTE}{by_hand}")] if corrected else []

@@ -12,24 +12,29 @@ from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.robot.robot import Robot
 
+REVERSED = "reversed"
+"""The first word of a label where the joint goes beyond its command."""
+
 
 class LostMotion(JointEffect):
     """``dq = −θ s φ``: s = +1 where the joint value was increasing on arrival, −1 where it was decreasing; φ ≥ 0.
 
     A positive size θ is lost motion: the joint stops short of its command, as play, elastic wind-up and friction make
-    it. A negative one goes beyond the command: what a controller that compensates friction by too much does, or one
-    that reads an encoder before the gear. Data show either, so both signs are searched. Where s is not known it is 0.
+    it. A negative one goes beyond the command: what a controller that compensates friction by too much does, and what
+    an encoder before the gear reads while the arm is moved by hand, as the link leads then. Data show either, so both
+    signs are searched. Where s is not known it is 0.
 
     Source: ISO 230-2:2014, 3.10 (reversal value): the difference between the means of both directions of approach.
     """
 
     beyond: ClassVar[str] = (
-        "{target} goes beyond its command, as with friction compensation or an encoder before the gear"
+        "{target} goes beyond its command, as with friction compensation, or an encoder before the gear of an arm that "
+        "is moved by hand"
     )
     """What is wrong where the size is negative, in one clause."""
     beyond_inspection: ClassVar[str] = (
-        "friction and backlash compensation of {target} in the controller; whether its encoder is before the gear, or "
-        "the arm was moved by hand; it is no play: tighten nothing for it"
+        "if motors drove {target}: its friction or backlash compensation in the controller, and nothing is tightened; "
+        "if it was moved by hand, and its encoder is before the gear: play or stretch of gear, belt or cable"
     )
     """What to look at where the size is negative."""
     needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
@@ -48,7 +53,7 @@ class LostMotion(JointEffect):
 
     def labelled(self, estimate: FittedSizes) -> str:
         """Kind and joint; reversed where it goes beyond its command: what is done about play would be wrong."""
-        return f"reversed {self.label}" if self._leads(estimate) else self.label
+        return f"{REVERSED} {self.label}" if self._leads(estimate) else self.label
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
         """What to look at, by the sign of its size."""
