@@ -72,12 +72,21 @@ def _states(problem: ProblemData, finding: Finding) -> bool:
 
 
 def causes_block(found: Diagnosis) -> Block:
-    """Every named cause with its size, its evidence, and what it explains.
+    """All causes in a table, with what to do about them: what a screen has of them."""
+    if not found.effects:
+        return Block("Causes", ("None is found.",), brief=())
+    last = ", open sizes" if not all(f.determined for f in found.effects) else ""
+    items: tuple[str | Facts | Table, ...] = (causes_table(found), *_columns_notes(found), *advice(found))
+    return Block(f"Causes, by what they explain{last}, geometry last", items, brief=items, stays=True)
+
+
+def each_cause_block(found: Diagnosis) -> tuple[Block, ...]:
+    """Every cause with its sizes, its evidence, and what it explains, one by one; nothing without any.
 
     The largest contribution comes first; causes of less gain than the first four are lines of a table.
     """
     if not found.effects:
-        return Block("Causes", ("None is found.",), brief=())
+        return ()
     items: list[str | Facts | Table] = []
     effects = [f for _, f in fitted_effects(found)]
     short = effects[_MAX_FULL_EFFECTS:] if len(effects) > _MAX_FULL_EFFECTS + 1 else []
@@ -89,10 +98,7 @@ def causes_block(found: Diagnosis) -> Block:
         items += [what, Facts(tuple(rows), view=view_key(found, finding))]
     if short:
         items += ["Lighter ones:", _lighter(found, short), *inspections(found, [f for f in short if f.determined])]
-    figure = "diagnosis_curves" if effects else ""
-    brief: tuple[str | Facts | Table, ...] = (causes_table(found), *_columns_notes(found), *advice(found))
-    last = ", open sizes" if not all(f.determined for f in found.effects) else ""
-    return Block(f"Causes, by what they explain{last}, geometry last", tuple(items), figure, brief, stays=True)
+    return (Block("Each cause", tuple(items), "diagnosis_curves" if effects else "", brief=()),)
 
 
 def _columns_notes(found: Diagnosis) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from posture_opt.report.measured_parts.diagnosis_causes import (
     causes_block,
     confusion_block,
     cyclic_block,
+    each_cause_block,
     finding_words,
 )
 from posture_opt.report.measured_parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
@@ -90,6 +91,7 @@ def diagnosis_report(
     names = MODELS if fitted_effects(found) else MODELS | {"extended": "extended"}
     blocks = (
         causes_block(found),
+        *each_cause_block(found),
         *cyclic_block(found),
         errors_block(found),
         *([test_block(found)] if found.test is not None else []),
