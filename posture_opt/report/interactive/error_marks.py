@@ -69,6 +69,6 @@ def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
     owner = next((name for name in named if name in owners), "")
     size = headline_of(finding)
     if owner:
-        return (Mark(owner, f"{cause.label}\n{size}" if size else cause.label),)
+        return (Mark(owner, f"{finding.label}\n{size}" if size else finding.label),)
     geometric = finding.effect is None and finding.noise is None
     return correction_marks(found.calibration, problem) if geometric else ()
