@@ -17,6 +17,7 @@ from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.model.effects import (
     Backlash,
+    BaseCompliance,
     Cause,
     CyclicError,
     GearEccentricity,
@@ -126,8 +127,10 @@ def test_an_instrument_that_could_err_as_the_arm_is_checked_first(found: po.Diag
         several = replace(found, effects=(doubtful, *found.effects[1:]))
         return " ".join(render(on_a_screen(diagnosis_report(several), 100, ()), 100).split())
 
-    assert "Before opening (1) the instrument, by a scale bar or from a second station" in text(InstrumentField())
-    assert "Before opening" not in text(GearEccentricity(joint="joint1"))
+    assert "Instrument first (1) check the instrument, by a scale bar or from a second station" in text(
+        InstrumentField()
+    )
+    assert "Instrument first" not in text(GearEccentricity(joint="joint1"))
 
 
 def test_what_is_looked_at_alike_on_several_joints_is_said_once(found: po.Diagnosis) -> None:
@@ -216,6 +219,13 @@ def test_an_arm_can_work_on_unless_something_gave_way(found: po.Diagnosis) -> No
     text = screen_of(found, wheel, slip)
     assert "Before it works on (2) look for what gave way at joint2: what slipped once can slip again" in text
     assert "Meanwhile" not in text
+    soft = Finding(JointCompliance(joint="joint1"), {"compliance": (1e-5, 1e-6, "rad/(N*m)")}, 1e-9, 0.3)
+    loose = replace(soft, confounded_with=(BaseCompliance(),))
+    assert "once the mounting bolts of its base are found tight (cause 2 could be a compliant base" in screen_of(
+        found, wheel, loose
+    )
+    base = Finding(BaseCompliance(), {"compliance": (1e-5, 1e-5, "rad/(N*m)")}, 1e-9, 0.3, determined=False)
+    assert "Before it works on (2) tighten the mounting bolts of the base" in screen_of(found, wheel, base)
     changed = replace(found)
     vars(changed)["scatter_change"] = ScatterChange(128, 1e-4, 3e-4, 1e-5)
     text = " ".join(render(on_a_screen(diagnosis_report(changed), 100, ()), 100).split())
@@ -314,4 +324,4 @@ def test_orientations_that_the_file_has_are_used_before_others_are_measured(foun
     turned = replace(found.request.data, rotation=np.tile([1.0, 0.0, 0.0, 0.0], (len(found.request.data), 1)))
     other = replace(found, request=replace(found.request, data=turned), effects=(rival, *found.effects[1:]))
     texts = [" ".join(render(on_a_screen(diagnosis_report(one), 100, ()), 100).split()) for one in (found, other)]
-    assert ["Use first the orientations in the file" in text for text in texts] == [False, True]
+    assert ["Use first (1) the orientations in the file" in text for text in texts] == [False, True]

@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.errors import enumerated
-from posture_opt.model.effects import CyclicError, InstrumentField
+from posture_opt.model.effects import BaseCompliance, CyclicError, InstrumentField
 from posture_opt.model.effects.base.joint_effect import CATALOGUE_AMPLITUDE, Harmonic
 from posture_opt.model.effects.base.lost_motion import REVERSED
 from posture_opt.report.measured_parts.cause_inspections import bent_link, inspections_by_text
@@ -52,18 +52,23 @@ _SHARED_NOTE = (
     "a differential, its cables or belts"
 )
 _INSTRUMENT_NOTE = (
-    "the instrument, by a scale bar or from a second station, before the arm is opened: errors that vary smoothly over "
-    "its volume look the same here"
+    "check the instrument, by a scale bar or from a second station, before anything is opened: errors that vary "
+    "smoothly over its volume look the same here"
 )
 _UNUSED_NOTE = (
     "the orientations in the file, left out as no σ is stated for them: state uncertainty: {measurement: {orientation: "
     "...}}, by the data sheet of the instrument, and diagnose again before measuring anything"
 )
-_OUTSIDE_NOTE = "outside the joint ranges measured so far: approach slowly, and check line of sight and cables"
+_OUTSIDE_NOTE = (
+    "outside the joint ranges measured so far: collisions with cell and target are not checked; approach slowly, and "
+    "check line of sight and cables"
+)
 _MEANWHILE_NOTE = f"nothing of this is a reason to stop the arm: let it work with {_CORRECTED}"
+_LOOSE_NOTE = "see that the mounting bolts of the base are tight: this could be a compliant base"
+_FIRM_NOTE = ", once the mounting bolts of its base are found tight (cause {} could be a compliant base)"
 _BY_HAND_NOTE = (
     ", if motors drove it when it was measured; if it was moved by hand, lost motion ({}) has the other sign under its "
-    "motors"
+    "motors: do not use these commands then"
 )
 _BENT_NOTE = (
     "compare with the maker's calibration in the controller, and with the file; if they do not explain it, look at that"
@@ -74,8 +79,9 @@ _OVERFITTED_NOTE = (
     "causes"
 )
 _CHANGED_NOTE = "look for what was moved, came loose or changed at line {}"
+_STAYS_NOTE = "compensate; opened only if it grew, or the joint is noisy, rough or loose:"
 _EDGE = 0.02  # rad or m beyond the measured range: nearer is at its edge
-_MAX_DECIDED = 2  # measurements that decide what a cause of an open size is
+_MAX_DECIDED = 3  # measurements that decide what a cause of an open size is
 
 _Row = tuple[str, str]
 
@@ -145,7 +151,8 @@ def _at_arm(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
     rows = _inspected(found, "Look at", causes.others)
     if len(rows) > _MAX_INSPECTED:
         rows = [*rows[:_MAX_INSPECTED], ("Look at", "for the others see --full")]
-    rows = [*_instrument_first(found), *rows, *_inspected(found, "If it stays", causes.elsewhere)]
+    rows = [*_instrument_first(found), *rows]
+    rows += [(label, f"{_STAYS_NOTE} {words}") for label, words in _inspected(found, "If it stays", causes.elsewhere)]
     rows += [
         (f"In common ({_numbers(found, shared)})", _SHARED_NOTE.format(enumerated(joints), enumerated(kinds)))
         for joints, kinds, shared in _shared(found)
@@ -259,7 +266,7 @@ def _of_one_size(one: Finding, other: Finding) -> bool:
 
 def _instrument_first(found: Diagnosis) -> list[_Row]:
     """That the instrument is checked before the arm is opened, where it could err as the arm is said to."""
-    return _noted(found, "Before opening", _like_instrument(found), _INSTRUMENT_NOTE)
+    return _noted(found, "Instrument first", _like_instrument(found), _INSTRUMENT_NOTE)
 
 
 def _like_instrument(found: Diagnosis) -> list[Finding]:
@@ -272,13 +279,13 @@ def _like_instrument(found: Diagnosis) -> list[Finding]:
 def _unused_orientations(found: Diagnosis) -> list[_Row]:
     """That the file has orientations which could decide between causes, but no σ for them."""
     unused = found.request.data.rotation is not None and not found.model.residuals.further
-    return [("Use first", _UNUSED_NOTE)] if unused and any(f.confounded_with for f in found.effects) else []
+    return _noted(found, "Use first", [f for f in found.effects if f.confounded_with] if unused else [], _UNUSED_NOTE)
 
 
 def _to_decide(found: Diagnosis, causes: SortedCauses) -> list[_Row]:
     """What to measure for causes of an open size, or that are looked at, which another one could be, each text once."""
     texts: dict[str, list[Finding]] = {}
-    for finding in (*(f for f in found.effects if not f.determined), *causes.elsewhere, *causes.others):
+    for finding in (*causes.elsewhere, *causes.others, *(f for f in found.effects if not f.determined)):
         rivals = [rival for rival in finding.confounded_with if not isinstance(rival, UnnamedComponent)]
         if rivals:
             texts.setdefault(finding.cause.discrimination(rivals[0]), []).append(finding)
@@ -291,7 +298,8 @@ def _next(found: Diagnosis) -> list[_Row]:
     plan = found.split
     if plan is None or not len(plan.rows):
         return []
-    which = f"{count(len(plan.rows), 'posture')} that refute the wrong cause ({FILE}, by --out DIR)"
+    often = "" if plan.rounds == 1 else f" in {plan.rounds} rounds"
+    which = f"{count(len(plan.rows), 'posture')}{often} that refute the wrong cause ({FILE}, by --out DIR)"
     low, high = found.request.data.q.min(axis=0), found.request.data.q.max(axis=0)
     outside = int(np.count_nonzero(np.any((plan.rows.q < low - _EDGE) | (plan.rows.q > high + _EDGE), axis=1)))
     if outside:
@@ -304,7 +312,7 @@ def _meanwhile(found: Diagnosis) -> list[_Row]:
 
     What slipped, stands loose or changed while it was measured is looked at before.
     """
-    urgent = [f for f in found.effects if f.determined and f.plausible and f.cause.urgent]
+    urgent = [f for f in found.effects if f.plausible and f.cause.urgent]
     if urgent:
         reasons = dict.fromkeys(f.cause.urgent.format(target=f.target) for f in urgent)
         return _noted(found, "Before it works on", urgent, enumerated(reasons))
@@ -314,5 +322,9 @@ def _meanwhile(found: Diagnosis) -> list[_Row]:
         return [("Before it works on", _CHANGED_NOTE.format(found.scatter_change.line))]
     corrected = bool(found.delivery.kept) and any(f.determined and f.effect for f in found.effects)
     reversed_ = [f for f in found.effects if f.determined and f.label.startswith(REVERSED)]
+    loose = [f for f in found.effects if any(isinstance(rival, BaseCompliance) for rival in f.confounded_with)]
+    if loose and not corrected:
+        return _noted(found, "Before it works on", loose, _LOOSE_NOTE)
+    firm = _FIRM_NOTE.format(_numbers(found, loose)) if loose else ""
     by_hand = _BY_HAND_NOTE.format(_numbers(found, reversed_)) if reversed_ else ""
-    return [("Meanwhile", f"{_MEANWHILE_NOTE}{by_hand}")] if corrected else []
+    return [("Meanwhile", f"{_MEANWHILE_NOTE}{firm}{by_hand}")] if corrected else []

@@ -15,6 +15,7 @@ import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals
+from posture_opt.measurements.measurements import rows_back_in_time
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
@@ -141,6 +142,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         first,
         *(() if overfitted(found) else bent_lead(found)),
         _improvement(found),
+        *clock_lead(found),
         *unexplained_lead(found),
         *outliers_lead(found),
         *(start_up_lead(found.start_up) or scatter_change_lead(found.scatter_change)),
@@ -196,10 +198,23 @@ def _improvement(found: Diagnosis) -> str:
     floor = noise_floor(found)
     if not floor.rms:
         return f"{text}."
-    if floor.rms > sizes["extended"] and not floor.repeated and found.scatter_change is None:
+    surely = found.errors["extended"].interval[1] < floor.rms
+    if surely and not floor.repeated and found.scatter_change is None:
         return f"{text}; {floor.words} would make {mm(floor.rms)} mm, so it errs by less than stated."
-    every = ", on average for all that is left" if floor.rms >= sizes["extended"] else ""
+    every = ", for about all that is left" if floor.rms >= sizes["extended"] else ""
     return f"{text}; {floor.clause}{every}."
+
+
+def clock_lead(found: Diagnosis) -> tuple[str, ...]:
+    """That the clock of the file started anew, where what happened in time is not seen as it was."""
+    data = found.request.data
+    if data.time is None or data.visit is not None or not len(back := rows_back_in_time(data.time, data.robot)):
+        return ()
+    lines = listed_lines([int(line) for line in data.line[back]])
+    return (
+        f"The time goes back at {lines}: a drift, or what slipped or was knocked at some moment, is not seen as it "
+        "was. Count the time from the first row on, or leave it out, and diagnose again.",
+    )
 
 
 def _spread_words(found: Diagnosis) -> str:
@@ -209,7 +224,7 @@ def _spread_words(found: Diagnosis) -> str:
     if best.max < _FAR_OFF * best.p95:
         return f"{text}, all within {mm(best.max)} mm"
     line = int(found.model.residuals.data.line[int(np.argmax(np.linalg.norm(held, axis=1)))])
-    return f"{text}; line {line} is off by {mm(best.max)} mm, the most"
+    return f"{text}; line {line} is off by {mm(best.max)} mm: measure it again"
 
 
 def outliers_lead(found: Diagnosis) -> tuple[str, ...]:

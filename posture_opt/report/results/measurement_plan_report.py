@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from posture_opt.errors import listed
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.measured_parts.plan_parts import is_listed, planned_block
@@ -202,9 +203,16 @@ def _travel(plan: MeasurementPlan) -> list[str]:
     text += f" (sum of the largest joint motion of each move; {angle(tour.unordered)} as selected)."
     text += f" {_sides(plan)}"
     if not tour.blocked:
-        return [f"{text} Straight joint moves between them are collision-free."]
+        return [f"{text} Straight joint moves between them keep clear of {_clear_of(plan)}."]
     legs = ", ".join(f"{k + 1} to {k + 2}" for k in tour.blocked)
     return [f"{text} Straight joint moves collide on the way from {legs}: add via points."]
+
+
+def _clear_of(plan: MeasurementPlan) -> str:
+    """What the moves of a plan were checked against, and that nobody knows what the arm stands on."""
+    scene = plan.workspace.scene
+    names = listed(["the arm itself", *(obstacle.name for obstacle in scene.obstacles)])
+    return names if plan.keeps_height else f"{names} only: what the arm stands on is not stated (cell: mounting)"
 
 
 def _sides(plan: MeasurementPlan) -> str:

@@ -61,13 +61,13 @@ def _answer(found: Recheck) -> tuple[str, ...]:
     if found.shared:
         return (*_one_of(found), errors, *_next(found), *_looked_at(found))
     if found.verdict == "changed":
-        changed = f"One thing changed: {sized(first)}; probability {percent(first.probability)}{_if_one(found)}."
+        changed = f"One thing changed: {sized(found, first)}; probability {percent(first.probability)}{_if_one(found)}."
         return (changed, errors, _rivals(found), *_looked_at(found))
     if found.verdict == "unclear":
         names = enumerated([short(change) for change in (first, *found.rivals)])
         return (f"Something changed, and these rows do not tell what: {names}.", errors, *_next(found))
     if found.named:
-        both = enumerated([sized(change) for change in found.named])
+        both = enumerated([sized(found, change) for change in found.named])
         return (f"More than one thing changed; likeliest: {both}.", errors, *_next(found))
     return ("The rows err in a way that neither one change nor two explain.", errors, *_next(found))
 
@@ -83,7 +83,7 @@ def _one_of(found: Recheck) -> tuple[str, str]:
     either = (found.changes[0], *found.shared)
     total = percent(sum(change.probability for change in either))
     names = " or ".join(f"the {short(change)}" for change in either)
-    sizes = ", or ".join(f"{sized(change)} ({percent(change.probability)})" for change in either)
+    sizes = ", or ".join(f"{sized(found, change)} ({percent(change.probability)})" for change in either)
     first = (
         f"One thing changed: {names}; these postures cannot tell which (probability together {total}{_if_one(found)})."
     )
@@ -92,7 +92,12 @@ def _one_of(found: Recheck) -> tuple[str, str]:
 
 def _looked_at(found: Recheck) -> tuple[str, ...]:
     """What to look at on the arm: of all that may be the one change."""
-    words = dict.fromkeys(inspection(found, change) for change in (found.changes[0], *found.shared))
+    every = (found.changes[0], *found.shared)
+    words = dict.fromkeys(inspection(found, change) for change in every)
+    loaded = any(change.possible.effect is not None and "payload" in change.possible.effect.asks for change in every)
+    if loaded and found.data.payload is None:
+        carried = found.problem.arm.inputs.payload
+        words[f"the payload: the rows state none, and the file has {carried:.6g} kg"] = None
     return tuple(_ended(f"{'Look at' if k == 0 else 'Or'}: {text}") for k, text in enumerate(words))
 
 
@@ -101,9 +106,13 @@ def _ended(text: str) -> str:
     return text if text.endswith("?") else f"{text}."
 
 
-def sized(change: LikelyChange) -> str:
-    """What changed and by how much, in one clause."""
-    if change.possible.effect is not None:
+def sized(found: Recheck, change: LikelyChange) -> str:
+    """What changed and by how much, in one clause; of what the file states already, from which size on."""
+    effect = change.possible.effect
+    stated = [e for e in found.problem.arm.effects if effect and (e.kind, e.target) == (effect.kind, effect.target)]
+    if stated:
+        return f"the {short(change)} changed by {size_words(change)}, from {stated[0].stated_size}"
+    if effect is not None:
         return f"{phrase(change)} ({size_words(change)})"
     return f"{phrase(change)} by {size_words(change)}"
 
