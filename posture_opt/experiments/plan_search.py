@@ -6,6 +6,7 @@ refined in shrinking neighbourhoods of the chosen postures, as the criterion is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +25,8 @@ _NEW_PER_POSTURE, _MAX_NEW_POSTURES = 24, 3000  # postures tried near each chose
 _NEIGHBOURHOODS = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
 _INFORMATION_TOLERANCE = 1e-10  # of the information of an average plan: with less in some direction something is open
 _LEG_POINTS = 9  # along each leg that are looked at
+_DENSE_STEP_RAD = np.radians(1.0)  # of the joint that moves most, along a leg that is taken
+_MAX_TOURS = 8  # that are sought without legs that are found to be blocked
 _BLOCKED_LEG_TURNS = 10.0  # turns that a leg through something counts for
 _MAX_PASSES = 60  # of reversing parts of the tour
 
@@ -142,6 +145,7 @@ class Tour:
         blocked: legs (counted from 0, leg k leads to the posture k + 1 of the tour) that a straight move in joint
             space leads through what is not allowed.
         sides: (n,) share of the legs on which each joint arrives with increasing values.
+        back: whether such a move from the last posture to the first is blocked, as of a further round.
     """
 
     order: Codes
@@ -149,6 +153,7 @@ class Tour:
     unordered: float
     blocked: tuple[int, ...]
     sides: Array
+    back: bool = False
 
 
 def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Tour:
@@ -175,21 +180,40 @@ def shortest_tour(q: Array, lengths: Array, allowed: Callable[[Array], Mask]) ->
     far = np.abs(q[:, None] - q[None]) / lengths
     distance = far.max(axis=2)
     through = _blocked_moves(q, allowed)
-    cost = distance + 2 * np.pi * _BLOCKED_LEG_TURNS * through
-    order = _two_opt(_nearest_neighbours(cost), cost)
-    a, b = order[:-1], order[1:]
+    for _ in range(_MAX_TOURS):  # legs that are taken are looked at again, densely
+        cost = distance + 2 * np.pi * _BLOCKED_LEG_TURNS * through
+        order = _two_opt(_nearest_neighbours(cost), cost)
+        a, b = order[:-1], order[1:]
+        missed = ~through[a, b] & _blocked_legs(q[a], q[b], lengths, allowed)
+        through[a, b] |= missed
+        through[b, a] |= missed
+        if not missed.any():
+            break
+    back = bool(_blocked_legs(q[order[-1:]], q[order[:1]], lengths, allowed)[0])
     moves = q[b] - q[a]
     with np.errstate(invalid="ignore"):
         sides = np.sum(moves > 0, axis=0) / np.sum(moves != 0, axis=0)
     blocked = tuple(int(k) for k in np.flatnonzero(through[a, b]))
     unordered = distance[np.arange(n - 1), np.arange(1, n)]
-    return Tour(order, float(distance[a, b].sum()), float(unordered.sum()), blocked, sides)
+    return Tour(order, float(distance[a, b].sum()), float(unordered.sum()), blocked, sides, back)
+
+
+def _blocked_legs(start: Array, end: Array, lengths: Array, allowed: Callable[[Array], Mask]) -> Mask:
+    """(N,) whether straight moves from postures to others (N, n) lead through what is not allowed.
+
+    Postures every `_DENSE_STEP_RAD` of the joint that moves most are looked at.
+    """
+    most = float((np.abs(end - start) / lengths).max(initial=0.0))
+    shares = np.linspace(0, 1, math.ceil(most / _DENSE_STEP_RAD) + 2)[1:-1]
+    every = start[:, None] + shares[:, None] * (end - start)[:, None]
+    return np.asarray(~allowed(every.reshape(-1, start.shape[1])).reshape(len(start), -1).all(axis=1))
 
 
 def _blocked_moves(q: Array, allowed: Callable[[Array], Mask]) -> Mask:
     """(N, N) whether the straight move between two postures leads through what is not allowed.
 
-    `_LEG_POINTS` postures between the two are looked at, evenly spaced in the joint values.
+    `_LEG_POINTS` postures between the two are looked at, evenly spaced in the joint values: enough to find a way, and
+    too few to be sure of it.
     """
     n = len(q)
     i, j = np.triu_indices(n, 1)

@@ -17,7 +17,9 @@ from posture_opt.problem.yaml_source import dump_texts
 
 _FULL_JOINT_SPEED = 1.0  # rad/s or m/s of the joint that moves most, at 100 % of the speed
 _MIN_INTERVAL_S = 0.1  # s between two points of a trajectory
-_FIRST_STOP_S = 5.0  # s to the first one, from wherever the arm is
+_FIRST_STOP_S = 5.0  # s to the first one, from wherever the arm is, at the usual speed or more
+_USUAL_SPEED = 10.0  # percent
+_POINTS_NOTE = "Between two points the joints are interpolated: the tool is on its line at the points only."
 
 
 class JointState(ProgramFormat):
@@ -38,7 +40,9 @@ class JointState(ProgramFormat):
     def files(self, program: RobotProgram) -> dict[str, str]:
         """``NAME.yaml``; labels of stops are comments."""
         names = dump_texts(program.robot.joint_names)
-        head = self.comments(*program.head)
+        near = f"The first stop has {_first_stop(program):g} s from wherever the arm is: see that it is near."
+        lines = (_POINTS_NOTE,) if program.has_lines else ()
+        head = self.comments(*program.head, *((near, *lines) if len(program) > 1 else ()))
         frame = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
         if len(program) == 1:
             state = [f"name: {names}", f"position: [{', '.join(program.si[0])}]", "velocity: []", "effort: []"]
@@ -54,12 +58,12 @@ class JointState(ProgramFormat):
     def _times(program: RobotProgram) -> list[tuple[float, ...]]:
         """When the arm is to arrive at each stop and, where it waits, when it leaves it [s]."""
         found: list[tuple[float, ...]] = []
-        clock = _FIRST_STOP_S
+        clock = _first_stop(program)
         steps = [float(np.abs(b - a).max()) for a, b in itertools.pairwise(program.q)]
         full, before = _FULL_JOINT_SPEED * program.speed / 100, None
         for step, move in zip([0.0, *steps], program.moves, strict=True):
             if move.length is not None:
-                clock += move.length / program.line_speed
+                clock += move.length / program.speed_of(move)
             elif found:
                 on_line = move.time is not None and before is not None and move.line
                 clock += move.time - before if on_line else max(step / full, _MIN_INTERVAL_S)  # type: ignore[operator]
@@ -68,6 +72,11 @@ class JointState(ProgramFormat):
             found.append((clock, clock + waits) if waits else (clock,))
             clock = found[-1][-1]
         return found
+
+
+def _first_stop(program: RobotProgram) -> float:
+    """Time [s] to the first stop, from wherever the arm is; longer at a lower speed."""
+    return _FIRST_STOP_S * max(1.0, _USUAL_SPEED / program.speed)
 
 
 def duration(time: float) -> str:

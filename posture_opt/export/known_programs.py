@@ -39,6 +39,7 @@ def measuring_program(plan: MeasurementPlan, speed: float = 10.0, wait: float = 
     program = program_through(
         plan.problem, "postures to measure", q, labels if plan.repeats > 1 else rounds, speed=speed, wait=wait
     )
-    legs = ", ".join(f"{k + 1} to {k + 2}" for k in plan.tour.blocked)
+    last = [f"{len(plan.q)} to 1"] if plan.tour.back and plan.repeats > 1 else []
+    legs = ", ".join([*(f"{k + 1} to {k + 2}" for k in plan.tour.blocked), *last])
     blocked = (f"A straight move of the joints does not keep clear from posture {legs}: add stops on the way.",)
     return replace(program, notes=(*(blocked if legs else ()), *program.notes))

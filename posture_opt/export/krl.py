@@ -13,7 +13,7 @@ import math
 from typing import ClassVar, Literal
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.export.program_format import ProgramFormat, seconds
+from posture_opt.export.program_format import ProgramFormat, axes_of, seconds
 from posture_opt.export.robot_program import RobotProgram
 from posture_opt.numerics import Array
 from posture_opt.robot.urdf_chain import xyz_rpy
@@ -64,11 +64,17 @@ class Krl(ProgramFormat):
         if program.has_lines:
             moves += [f"$TOOL={_frame(program.tool)}", "$BASE=$NULLFRAME", f"$VEL.CP={fixed(program.line_speed, 6)}"]
         stops = zip(program.degrees, program.labels, program.moves, strict=True)
+        own, external = axes_of(program.robot)
+        speed = program.line_speed
         for k, (values, label, move) in enumerate(stops, start=1):
-            axes = zip(_AXES, [*values, *["0"] * (6 - len(values))], strict=False)
+            robot = [*(values[j] for j in own), *["0"] * (6 - len(own))]
+            axes = zip(_AXES, [*robot, *(values[j] for j in external)], strict=False)
             data.append(f"DECL E6AXIS XP{k}={{{', '.join(f'{axis} {value}' for axis, value in axes)}}}")
             moves += self.comments(label)
             waits = bool(move.waits and program.wait)
+            if move.line and (wanted := program.speed_of(move)) != speed:
+                moves.append(f"$VEL.CP={fixed(wanted, 6)}")
+                speed = wanted
             moves += _line(f"XP{k}", 0.0 if waits else move.blend) if move.line else [f"PTP XP{k}"]
             moves += [f"WAIT SEC {seconds(program.wait)}"] if waits else []
         return {f"{name}.src": "\n".join([*moves, "END", ""]), f"{name}.dat": "\n".join([*data, "ENDDAT", ""])}

@@ -15,6 +15,8 @@ from posture_opt.robot.robot import Robot
 _TOOL_DATA = (
     "The tool data is that of the model, in its flange frame: check that the controller's flange frame is the same."
 )
+_ROBOT_AXES = 6
+"""Axes of a robot in the languages of controllers; more are external ones."""
 
 
 class ProgramFormat(ExportFormat):
@@ -44,7 +46,9 @@ class ProgramFormat(ExportFormat):
         if program.robot.n > self.most_joints:
             raise InputError(self._too_many(program.robot.n))
         tool = (_TOOL_DATA,) if program.has_lines and self.maker else ()
-        program = replace(program, notes=(*self._other_maker(program.robot), *tool, *program.notes))
+        names = [program.robot.joint_names[j] for j in axes_of(program.robot)[1]] if self.maker else []
+        external = (f"External axes, in this order: {', '.join(names)}.",) if names else ()
+        program = replace(program, notes=(*self._other_maker(program.robot), *external, *tool, *program.notes))
         return Exported(self.files(program), program.notes)
 
     def _other_maker(self, robot: Robot) -> tuple[str, ...]:
@@ -66,6 +70,21 @@ class ProgramFormat(ExportFormat):
         """The issue of an arm with more joints than the language can move."""
         message = f"the arm has {joints} joints, and a program of this kind moves {self.most_joints}"
         return Issue(message, ("--to",), self.summary.split(":")[0], "use --to jointstate")
+
+
+def axes_of(robot: Robot) -> tuple[list[int], list[int]]:
+    """Which joints are the six axes of the robot in the languages of controllers, and which its external ones.
+
+    A rail in front of six joints that turn is external, and so is what is behind the sixth axis.
+
+    >>> from posture_opt.robot.robot import load_preset
+    >>> axes_of(load_preset("panda"))
+    ([0, 1, 2, 3, 4, 5], [6])
+    """
+    every = list(range(robot.n))
+    rail = next((k for k in every if robot.joints[k].type == "revolute"), 0)
+    first = min(rail, max(robot.n - _ROBOT_AXES, 0))
+    return every[first : first + _ROBOT_AXES], [*every[:first], *every[first + _ROBOT_AXES :]]
 
 
 def seconds(value: float) -> str:

@@ -15,7 +15,7 @@ from typing import ClassVar, Literal
 from scipy.spatial.transform import Rotation
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.export.program_format import ProgramFormat, seconds
+from posture_opt.export.program_format import ProgramFormat, axes_of, seconds
 from posture_opt.export.robot_program import RobotProgram
 from posture_opt.units import fixed
 
@@ -55,16 +55,22 @@ class Rapid(ProgramFormat):
         if len(name) > _MAX_NAME_LENGTH - 4:
             raise InputError(Issue(f"RAPID has names of at most {_MAX_NAME_LENGTH} characters", ("--name",), name))
         data, moves = [], [f"    VelSet {program.speed:g}, 5000;"]
-        tool, percent = "tool0", program.speed
+        tool, percent, speed_names = "tool0", program.speed, dict[float, str]()
         if program.has_lines:
             tool = f"{name}_tool"
             data += [f"  PERS tooldata {tool} := {_tooldata(program)};"]
-            data += [f"  CONST speeddata {name}_v := [{program.line_speed * 1e3:.6g}, 500, 5000, 1000];"]
+            speeds = dict.fromkeys(program.speed_of(move) for move in program.moves if move.line)
+            speed_names = {speed: f"{name}_v{k or ''}" for k, speed in enumerate(speeds)}
+            data += [
+                f"  CONST speeddata {name} := [{speed * 1e3:.6g}, 500, 5000, 1000];"
+                for speed, name in speed_names.items()
+            ]
         stops = zip(program.degrees, program.labels, program.moves, strict=True)
+        own, external = axes_of(program.robot)
         for k, (values, label, move) in enumerate(stops, start=1):
-            robot = [*values, *["0"] * 6][: max(6, min(len(values), 6))]
-            external = [*values[6:], *[_ABSENT_AXIS] * 6][:6]
-            target = f"[[{', '.join(robot)}], [{', '.join(external)}]]"
+            robot = [*(values[j] for j in own), *["0"] * (6 - len(own))]
+            further = [*(values[j] for j in external), *[_ABSENT_AXIS] * 6][:6]
+            target = f"[[{', '.join(robot)}], [{', '.join(further)}]]"
             data.append(f"  CONST jointtarget {name}_p{k} := {target};")
             moves += [f"    {line}" for line in self.comments(label)]
             waits = bool(move.waits and program.wait)
@@ -72,8 +78,11 @@ class Rapid(ProgramFormat):
                 moves.append(f"    VelSet {wanted:g}, 5000;")
                 percent = wanted
             zone = _ZONES.get(0.0 if waits else move.blend, "fine")
-            line = f"    MoveL CalcRobT({name}_p{k}, {tool}), {name}_v, {zone}, {tool};"
-            moves.append(line if move.line else f"    MoveAbsJ {name}_p{k}\\NoEOffs, v1000, fine, {tool};")
+            moves.append(
+                f"    MoveL CalcRobT({name}_p{k}, {tool}), {speed_names[program.speed_of(move)]}, {zone}, {tool};"
+                if move.line
+                else f"    MoveAbsJ {name}_p{k}\\NoEOffs, v1000, fine, {tool};"
+            )
             moves += [f"    WaitTime\\InPos, {seconds(program.wait)};"] if waits else []
         moves += [] if percent == program.speed else [f"    VelSet {program.speed:g}, 5000;"]
         head = [f"  {line}" for line in self.comments(*program.head)]
@@ -87,5 +96,5 @@ def _tooldata(program: RobotProgram) -> str:
     x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
     at = ", ".join(fixed(float(1e3 * v), 6) for v in T[:3, 3])
     turn = ", ".join(fixed(float(v), 9) for v in (w, x, y, z))
-    mass = max(program.robot.payload, _LEAST_MASS_KG)
+    mass = max(program.payload, _LEAST_MASS_KG)
     return f"[TRUE, [[{at}], [{turn}]], [{mass:g}, [{at}], [1, 0, 0, 0], 0, 0, 0]]"

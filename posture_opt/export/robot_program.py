@@ -19,6 +19,7 @@ from posture_opt.robot.posture import joints_at_limits
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer, select_posture
+from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 
 CONVENTION = (
@@ -41,7 +42,8 @@ class RobotProgram:
         speed: percent of what the language takes for full; wait: at every stop [s].
         notes: sentences for the first lines of the program.
         given_moves: (N,) how each stop is reached; empty: joint by joint, with the wait at each.
-        line_speed: of the tool point on lines [m/s].
+        line_speed: of the tool point on lines [m/s]; to and from stops it is no faster than at ``speed``.
+        payload: mass at the tool point [kg].
     """
 
     title: str
@@ -55,6 +57,7 @@ class RobotProgram:
     notes: tuple[str, ...] = ()
     given_moves: tuple[Move, ...] = ()
     line_speed: float = REDUCED_SPEED
+    payload: float = 0.0
 
     def __len__(self) -> int:
         return len(self.q)
@@ -74,6 +77,10 @@ class RobotProgram:
     def has_lines(self) -> bool:
         """Whether the tool moves on a straight line anywhere."""
         return any(move.line for move in self.moves)
+
+    def speed_of(self, move: Move) -> float:
+        """Of the tool point on a line [m/s]: a tool plunges to a part and off it at the reduced speed at most."""
+        return self.line_speed if move.length is None else min(self.line_speed, REDUCED_SPEED * self.speed / 100)
 
     @property
     def tool(self) -> Array:
@@ -122,8 +129,8 @@ def answer_program(
         approach: distance [m] of a point in front of each stop, or of a path, and of one to retract to; None: 50 mm of
             a path, else none.
     """
-    what, stops = _stops(answer)
-    q, labels = np.array([q for q, _ in stops]), [label for _, label in stops]
+    what, answers, labels = _stops(answer)
+    q = np.array([one.q for one in answers])
     moves, line_speed = [Move()] * len(q), REDUCED_SPEED * speed / 100
     on_path = answer.followed is not None
     if on_path:
@@ -133,7 +140,8 @@ def answer_program(
     distance = (DEFAULT_APPROACH_M if on_path else 0.0) if approach is None else approach
     ways: list[str] = []
     if distance > 0:
-        q, labels, moves, ways = with_way(problem, q, labels, moves, distance, on_path)
+        backs = np.array([_way_back(one) for one in answers])
+        q, labels, moves, ways = with_way(problem, q, labels, moves, backs, distance, on_path)
     found = program_through(problem, what, q, labels, speed=speed, wait=wait)
     sides = arrival_notes(problem.arm, problem.robot.joint_names)
     return replace(found, notes=(*ways, *sides, *found.notes), given_moves=tuple(moves), line_speed=line_speed)
@@ -156,7 +164,10 @@ def program_through(
     at = joints_at_limits(problem.robot, rows) if len(rows) else []
     limits = [f"At a limit, where controllers seldom let a joint go: {listed(at)}."] if at else []
     notes = (*mounting, *bare, *limits, *way)
-    return RobotProgram(problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes)
+    carried = float(problem.arm.inputs.payload)
+    return RobotProgram(
+        problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes, payload=carried
+    )
 
 
 def arrival_notes(arm: Arm, joints: Collection[str], where: str = "") -> Iterator[str]:
@@ -171,13 +182,24 @@ def arrival_notes(arm: Arm, joints: Collection[str], where: str = "") -> Iterato
             yield f"{joint} must arrive{where} with {'increasing' if upwards else 'decreasing'} values."
 
 
-def _stops(answer: Answer) -> tuple[str, list[tuple[Array, str]]]:
+def _stops(answer: Answer) -> tuple[str, list[Answer], list[str]]:
+    """What the stops are, the answer at each of them, and their labels."""
     if answer.followed is not None:
-        return "along the path", [(q, f"point {k}") for k, q in enumerate(answer.postures, start=1)]
+        return "along the path", list(answer.points), [f"point {k}" for k in range(1, len(answer.points) + 1)]
     if not answer.points:
-        return "the best posture", [(answer.q, "")]
+        return "the best posture", [answer], [""]
     order = answer.order.order
-    return "the features, in the order of the least travel", [(answer.postures[k], answer.names[k]) for k in order]
+    names = [answer.names[k] for k in order]
+    return "the features, in the order of the least travel", [answer.points[k] for k in order], names
+
+
+def _way_back(station: Answer) -> Array:
+    """(3,) the way back from a stop, world: out of what the tool goes into, or off a path along the tool axis."""
+    task = station.problem.task
+    if not isinstance(task, PathTask):
+        return -station.target.direction
+    R = np.asarray(station.problem.arm.pose(station.q), dtype=float)[:3, :3]
+    return np.asarray(-(R @ np.array(task.tool_axis)))
 
 
 def plain(text: str) -> str:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
+from posture_opt.selection.answer.held_joints import held_joints
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.search_outcome import is_clear
 
@@ -63,24 +64,29 @@ def path_moves(positions: Array, lengths: Array, speed: float) -> list[Move]:
     return [Move(k > 0, blend, True, float(length) / speed) for k, (blend, length) in enumerate(rows)]
 
 
-def beside(problem: ProblemData, q: Array, distance: float) -> tuple[Array, float] | None:
+def beside(problem: ProblemData, q: Array, back: Array, distance: float) -> tuple[Array, float] | None:
     """A posture (n,) whose tool is back from its place at ``q`` (n,), and how far [m]; None where there is none.
 
-    Back is against the direction of the task, or against the z axis of the tool where the task has none. Half and a
-    quarter of the distance are tried where the arm cannot go farther, or is not clear of obstacles there.
+    Half and a quarter of the distance are tried where the arm cannot go farther, or is not clear of obstacles there.
+    Joints that the task holds stay where they are.
+
+    Args:
+        back: (3,) the way back, world.
     """
-    direction = getattr(problem.task, "direction", None)
     arm = problem.arm
-    back = -(np.asarray(arm.pose(q), dtype=float)[:3, 2] if direction is None else np.asarray(direction, dtype=float))
+    held = [] if problem.task is None else list(held_joints(problem.robot, problem.task))
+    free = np.setdiff1d(np.arange(problem.robot.n), held)
     for share in (1.0, 0.5, 0.25):
-        found = _shifted(arm, q, share * distance * back / np.linalg.norm(back))
+        found = _shifted(arm, q, share * distance * back / np.linalg.norm(back), free)
         if found is not None and bool(is_clear(problem.scene, found[None])[0]):
             return found, share * distance
     return None
 
 
-def _shifted(arm: Arm, q: Array, shift: Array) -> Array | None:
+def _shifted(arm: Arm, q: Array, shift: Array, free: Codes) -> Array | None:
     """The posture (n,) near ``q`` whose tool is moved by ``shift`` (3,) [m] and turned the same; None without one.
+
+    Only the ``free`` joints move.
 
     An arm with fewer than six joints keeps the turn as far as it can.
     """
@@ -92,11 +98,12 @@ def _shifted(arm: Arm, q: Array, shift: Array) -> Array | None:
             miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
             if np.linalg.norm(miss) < _REACHED:
                 break
-            q = q + np.linalg.lstsq(_slopes(arm, q), miss, rcond=1e-6)[0]
+            step = np.linalg.lstsq(_slopes(arm, q)[:, free], miss, rcond=1e-6)[0]
+            q = q + np.bincount(free, step, minlength=len(q))
     miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
     inside = np.all((np.array(arm.robot.lower) <= q) & (q <= np.array(arm.robot.upper)))
-    held = miss if arm.robot.n >= 6 else miss[:3]
-    return q if inside and np.linalg.norm(held) < 10 * _REACHED else None
+    wanted_of = miss if len(free) >= 6 else miss[:3]
+    return q if inside and np.linalg.norm(wanted_of) < 10 * _REACHED else None
 
 
 def _twist(T: Array, wanted: Array) -> Array:
@@ -114,9 +121,13 @@ def _slopes(arm: Arm, q: Array) -> Array:
 
 
 def with_way(
-    problem: ProblemData, q: Array, labels: Sequence[str], moves: Sequence[Move], distance: float, together: bool
-) -> tuple[Array, list[str], list[Move], list[str]]:
+    problem: ProblemData, q: Array, labels: Sequence[str], moves: Sequence[Move], backs: Array, distance: float,
+    together: bool,
+) -> tuple[Array, list[str], list[Move], list[str]]:  # fmt: skip
     """Stops with an approach point in front and a retract behind: of all together, as along a path, or of each.
+
+    Args:
+        backs: (N, 3) the way back from each stop, world.
 
     Returns:
         stops (M, n), their labels and moves, and notes on those that could not be had as asked.
@@ -126,7 +137,7 @@ def with_way(
     groups = [range(len(q))] if together else [range(k, k + 1) for k in range(len(q))]
     for group in groups:
         name = f" of {labels[group[0]]}" if labels[group[0]] and not together else ""
-        ways = [beside(problem, q[k], distance) for k in (group[0], group[-1])]
+        ways = [beside(problem, q[k], backs[k], distance) for k in (group[0], group[-1])]
         for word, way in zip(("approach", "retract"), ways, strict=True):
             if way is None:
                 notes.append(f"There is no {word} point{name}: the arm cannot stand clear {distance * 1e3:g} mm back.")

@@ -51,13 +51,14 @@ class UrScript(ProgramFormat):
         lines = [*self.comments(*program.head), f"def {self.stem}():"]
         lines += [f"  set_tcp({_tcp(program.tool)})"] if program.has_lines else []
         turning = f"a={_ACCELERATION * share:.4g}, v={_SPEED * share:.4g}"
-        straight = f"a={_LINE_ACCELERATION * share:.4g}, v={program.line_speed:.4g}"
         for values, label, move in zip(program.si, program.labels, program.moves, strict=True):
             lines += [f"  {line}" for line in self.comments(label)]
             joints_text, waits = ", ".join(values), move.waits and program.wait
             corner = f", r={move.blend:g}" if move.blend and not waits else ""
             lines += [
-                f"  movel([{joints_text}], {straight}{corner})" if move.line else f"  movej([{joints_text}], {turning})"
+                f"  movel([{joints_text}], a={_LINE_ACCELERATION:g}, v={program.speed_of(move):.4g}{corner})"
+                if move.line
+                else f"  movej([{joints_text}], {turning})"
             ]
             lines += [f"  sleep({seconds(program.wait)})"] if waits else []
         return {f"{self.stem}.script": "\n".join([*lines, "end", ""])}

@@ -202,9 +202,10 @@ def _travel(plan: MeasurementPlan) -> list[str]:
     text = f"Joint travel in this order: {angle(tour.travel)}"
     text += f" (sum of the largest joint motion of each move; {angle(tour.unordered)} as selected)."
     text += f" {_sides(plan)}"
-    if not tour.blocked:
+    last = [f"{len(plan.q)} to 1"] if tour.back and plan.repeats > 1 else []
+    if not tour.blocked and not last:
         return [f"{text} Straight joint moves between them keep clear of {_clear_of(plan)}."]
-    legs = ", ".join(f"{k + 1} to {k + 2}" for k in tour.blocked)
+    legs = ", ".join([*(f"{k + 1} to {k + 2}" for k in tour.blocked), *last])
     return [f"{text} Straight joint moves collide on the way from {legs}: add via points."]
 
 
