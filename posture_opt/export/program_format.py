@@ -77,8 +77,8 @@ def axes_of(robot: Robot) -> tuple[list[int], list[int]]:
 
     A rail in front of six joints that turn is external, and so is what is behind the sixth axis.
 
-    >>> from posture_opt.robot.robot import load_preset
-    >>> axes_of(load_preset("panda"))
+    >>> import posture_opt as po
+    >>> axes_of(po.load_problem("insert_panda").robot)
     ([0, 1, 2, 3, 4, 5], [6])
     """
     every = list(range(robot.n))
