@@ -169,3 +169,11 @@ def test_a_rest_as_small_as_the_instrument_is_said_to_be_so(low: float, alike: b
     assert like_noise(quiet) is alike  # 0.02 mm in two coordinates: 0.0283 mm, and some more for what is fitted
     assert ("about as large as noise" in _rest(quiet)) is alike
     assert ("about as large as the instrument as stated (0.0283 mm), but not random" in _pattern_words(quiet)) is alike
+
+
+def test_what_repeats_scatter_by_beyond_the_instrument_is_told() -> None:
+    assert NoiseFloor(1.1e-4, True, stated=5.2e-5).clause == (
+        "the scatter of repeated postures, of arm and instrument, accounts for 0.110 mm, and the instrument as stated "
+        "for 0.0520 mm of it"
+    )
+    assert "as stated" not in NoiseFloor(5.5e-5, True, stated=5.2e-5).clause

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.model.effects import NoiseEffect
 
+_CLEARLY_MORE = 1.25  # times the instrument as stated: what repeats scatter by is worth a word then
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
 
 
@@ -58,6 +59,7 @@ class NoiseFloor:
             arm itself scatters is not known.
         coordinate: σ of the instrument in one of the ``axes`` coordinates as stated [m], where that is the floor.
         source: what has that σ.
+        stated: the floor by the instrument as stated, beside that of repeats [m]; 0 where it is not known.
     """
 
     rms: float
@@ -65,6 +67,7 @@ class NoiseFloor:
     coordinate: float = 0.0
     axes: int = 1
     source: Literal["instrument", "touch"] = "instrument"
+    stated: float = 0.0
 
     @property
     def label(self) -> str:
@@ -74,7 +77,9 @@ class NoiseFloor:
     @property
     def clause(self) -> str:
         """What it accounts for, behind other errors."""
-        return f"{self.words} accounts for {mm(self.rms)} mm"
+        more = self.repeated and 0 < self.stated * _CLEARLY_MORE < self.rms
+        beside = f", and the {self.source} as stated for {mm(self.stated)} mm of it" if more else ""
+        return f"{self.words} accounts for {mm(self.rms)} mm{beside}"
 
     @property
     def words(self) -> str:
@@ -100,12 +105,13 @@ def noise_floor(found: Diagnosis) -> NoiseFloor:
     """
     residuals, contrasts = found.model.residuals, found.contrasts
     e = found.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
-    if len(contrasts) * e.shape[1] >= levels.MIN_REPEAT_FREEDOM:
-        differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
-        return NoiseFloor(rms_length(differences), True)
     sigma, axes = position_sigma(found.problem, residuals.data), e.shape[1]
     source: Literal["instrument", "touch"] = "touch" if residuals.data.touches else "instrument"
-    return NoiseFloor(sigma * float(np.sqrt(axes)), False, sigma, axes, source)
+    stated = sigma * float(np.sqrt(axes))
+    if len(contrasts) * axes >= levels.MIN_REPEAT_FREEDOM:
+        differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
+        return NoiseFloor(rms_length(differences), True, source=source, stated=stated)
+    return NoiseFloor(stated, False, sigma, axes, source)
 
 
 def held_out_noise(found: Diagnosis, floor: NoiseFloor) -> float:
