@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,7 +32,7 @@ from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
 from posture_opt.robot.robot import Robot
-from posture_opt.robot.shape import Capsule
+from posture_opt.robot.shape import TOOL, Capsule
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
@@ -269,6 +270,26 @@ class Scene:
         dropped = self.mounting is not None and self.mounting.dropped
         solids = (*self.obstacles, *([self.mounting.plane(self.robot)] if self.mounting and dropped else []))
         return {o.name for o in solids if float(o.smaller(_SURFACE_M).distance(p, p)[0, 0]) <= 0}
+
+    def pierced(self, Q: Array) -> tuple[str, ...]:
+        """The obstacles that the end of the tool passes through at Q (N, n), its point not being inside of them.
+
+        That end belongs to no capsule, as the tool has to touch with it: a hole is entered, but nothing in front of it.
+        """
+        tools = [k for k, capsule in enumerate(self.placed.capsules) if capsule.joint == TOOL]
+        free = [math.dist(self.placed.capsules[k].end, (0.0, 0.0, 0.0)) for k in tools]
+        if not tools or not self.obstacles or min(free) == 0:
+            return ()
+        last = tools[int(np.argmin(free))]
+        start, end = (side[:, last] for side in self.placed.segments(np.atleast_2d(Q)))
+        tip = end + min(free) * (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+        found = []
+        for obstacle in self.obstacles:
+            inner = obstacle.smaller(_SURFACE_M)
+            through = inner.distance(end[:, None], tip[:, None])[:, 0] <= 0
+            if np.any(through & (inner.distance(tip[:, None], tip[:, None])[:, 0] > 0)):
+                found.append(obstacle.name)
+        return tuple(found)
 
     def nearest(self, row: str, q: Array) -> float:
         """The exact distance [m] in the posture q (n,) of the pairs that a row of `rows` is of, by its name."""

@@ -120,3 +120,27 @@ def test_a_repeated_solve_in_a_cell_is_clear_by_coal_and_as_good_as_brute_force(
     assert solution.critical.sigma_max <= 1.001 * found
     assert brute_force.clearance(problem.scene, solution.q) >= problem.scene.margin - 1e-7
     assert solution.status == "optimal"
+
+
+@pytest.mark.parametrize(
+    ("height", "told"),
+    [
+        (120, True),
+        (0, False),
+        (95, False),
+    ],  # a plate in front of the target, the block that it is in, the face it is on
+)
+def test_what_the_free_end_of_a_tool_passes_through_is_told(height: int, told: bool) -> None:
+    """The last part of a tool touches its target and is not checked: what stands in front of that is not touched."""
+    thick = {120: 10, 0: 240, 95: 10}[height]
+    size = ["300 mm", "300 mm", f"{thick} mm"]
+    plate = {"name": "plate", "kind": "box", "size": size, "xyz": ["0.7 m", "0.2 m", f"{height} mm"]}
+    problem = problem_from_dict({
+        "robot": {"kind": "preset", "name": "ur10", "tool": {"xyz": ["0 m", "0 m", "300 mm"], "radius": "10 mm"}},
+        "cell": {"obstacles": [plate], "mounting": "none"}, "uncertainty": {"repeatability": "0.1 mm"},
+        "task": {"kind": "insert", "position": ["0.7 m", "0.2 m", "0.1 m"]},
+    })  # fmt: skip
+    q = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": {"mounting": "none"}})).q
+    assert (problem.scene.pierced(q) == ("plate",)) is told
+    lead = "The tool passes through plate just in front of its point"
+    assert (lead in " ".join(po.select_posture(problem).report().split())) is told

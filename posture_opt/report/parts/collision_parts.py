@@ -65,6 +65,21 @@ def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, .
     return ((note,), ()) if scene.mounting is not None and scene.mounting.dropped else ((), (note,))
 
 
+def pierced_lead(scene: Scene, Q: Array) -> tuple[str, ...]:
+    """That the end of the tool, which is not checked, passes through something in front of its point.
+
+    Args:
+        Q: (N, n) the postures of the answer [rad or m].
+    """
+    names = scene.pierced(Q)
+    if not names:
+        return ()
+    return (
+        f"The tool passes through {listed(names)} just in front of its point, where it is not checked, as it has to "
+        "touch there: see whether it can.",
+    )
+
+
 def workpiece_lead(found: Solution) -> tuple[str, ...]:
     """That the arm meets the workpiece where it was put, or comes nearer than it may; nothing where it does not."""
     problem = found.problem

@@ -11,7 +11,13 @@ import numpy as np
 
 from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead, unchecked_facts, workpiece_lead
+from posture_opt.report.parts.collision_parts import (
+    collision_facts,
+    mounting_lead,
+    pierced_lead,
+    unchecked_facts,
+    workpiece_lead,
+)
 from posture_opt.report.parts.improvement_parts import improvements_block, most_helpful
 from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import (
@@ -132,6 +138,7 @@ class SolutionPresenter(Presenter["Solution"]):
         )
         lead = path_lead if self.along_path else features_lead if self.of_features else _one_lead
         first, last = mounting_lead(self.problem.scene, found.postures)
+        first = (*first, *pierced_lead(self.problem.scene, found.postures))
         first = (*first, *beyond_lead(self.problem.arm, found.postures))
         last = (*workpiece_lead(found), *limit_lead(self.problem.robot, found.postures), *last)
         return Report(title, (*first, *lead(found), *last), tuple(block for block in blocks if block.items))
