@@ -275,7 +275,10 @@ class Scene:
         """The obstacles that the end of the tool passes through at Q (N, n), its point not being inside of them.
 
         That end belongs to no capsule, as the tool has to touch with it: a hole is entered, but nothing in front of it.
+        None of a tool whose shape is stated, which is checked as it is.
         """
+        if any(capsule.joint == TOOL for capsule in self.robot.shape):
+            return ()
         tools = [k for k, capsule in enumerate(self.placed.capsules) if capsule.joint == TOOL]
         free = [math.dist(self.placed.capsules[k].end, (0.0, 0.0, 0.0)) for k in tools]
         if not tools or not self.obstacles or min(free) == 0:

@@ -71,3 +71,9 @@ def arrivals_of(arm: Arm, rows: Targets, q: Array) -> Arrivals:
     task = [arm.inputs.side(j) if joint.name in arm.inputs.stated else 0.0 for j, joint in enumerate(arm.robot.joints)]
     side = np.where(move != 0, np.sign(move), np.array(task, dtype=float))
     return Arrivals(np.where(rows.side != 0, rows.side, side), np.where(move != 0, np.abs(move), _LONG_MOVE))
+
+
+def sided_joints(arm: Arm) -> Mask:
+    """Joints (n,) that have an effect which depends on the side of arrival."""
+    asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
+    return np.array([joint.name in asked for joint in arm.robot.joints])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of
+from posture_opt.compensation.arrival_sides import Arrivals, arrivals_of, sided_joints
 from posture_opt.compensation.compensation import Compensation, joint_column
 from posture_opt.compensation.expected_miss import expected_miss
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
@@ -90,7 +90,7 @@ def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
         problem, rows, wanted, start.near, q, digits, reached, refused, start.notes,
         before=expected_miss(arm, problem.sources, rows, wanted, start.near, arrivals_of(arm, rows, start.near)),
         after=expected_miss(arm, problem.sources, rows, wanted, q, came),
-        unsettled=_sided_joints(arm) & (came.side != solved_for.side),
+        unsettled=sided_joints(arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
         raise NoSolutionError(refusal_text(found), found)
@@ -168,9 +168,3 @@ def _rounded_joints(robot: Robot, rows: Targets, q: Array, digits: JointDigits) 
         _, factor = joint_column(rows, joint)
         columns.append(np.round(values / factor, digits.decimals(joint, factor)) * factor)
     return np.column_stack(columns)
-
-
-def _sided_joints(arm: Arm) -> Mask:
-    """Joints (n,) that have an effect which depends on the side of arrival."""
-    asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
-    return np.array([joint.name in asked for joint in arm.robot.joints])

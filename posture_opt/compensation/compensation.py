@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.collision.nearest import Clearance
+from posture_opt.compensation.arrival_sides import sided_joints
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
@@ -192,10 +193,10 @@ class Compensation(Result):
     def _other_sides(self) -> tuple[str, ...]:
         """Lines that state another side of arrival than the way from the row before them has."""
         moved = np.sign(np.diff(self.q, axis=0))
-        asked = {effect.target for effect in self.problem.arm.effects if "approach" in effect.needs}
-        sided = [name in asked for name in self.problem.robot.joint_names]
         stated = self.targets.side[1:]
-        lines = self.targets.line[1:][np.any(sided & (stated != 0) & (moved != stated), axis=1)]
+        lines = self.targets.line[1:][
+            np.any(sided_joints(self.problem.arm) & (stated != 0) & (moved != stated), axis=1)
+        ]
         if not len(lines):
             return ()
         shown = ", ".join(str(line) for line in lines[:_MAX_LISTED_LINES])

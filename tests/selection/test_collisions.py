@@ -138,3 +138,17 @@ def test_what_the_free_end_of_a_tool_passes_through_is_told(height: int, told: b
     assert (problem.scene.pierced(q) == ("plate",)) is told
     lead = "The tool passes through plate just in front of its point"
     assert (lead in " ".join(po.select_posture(problem).report().split())) is told
+
+
+@pytest.mark.parametrize("end", ["-250 mm", "-300 mm"])  # a finger, and a ball
+def test_a_tool_of_stated_shape_has_no_free_end(end: str) -> None:
+    """A finger beside the tool axis says nothing of where the tool point is: what it is checked against is known."""
+    finger = {"joint": "tool", "from": ["0 m", "0.1 m", "-300 mm"], "to": ["0 m", "0.1 m", end], "radius": "20 mm"}
+    plate = {"name": "plate", "kind": "box", "size": ["0.3 m", "0.3 m", "4 mm"], "xyz": ["0.7 m", "0.2 m", "0.106 m"]}
+    robot = {"kind": "preset", "name": "ur10", "tool": {"xyz": ["0 m", "0 m", "300 mm"]}, "shape": {"add": [finger]}}
+    problem = problem_from_dict({
+        "robot": robot, "cell": {"obstacles": [plate], "mounting": "none"}, "uncertainty": {"repeatability": "0.1 mm"},
+        "task": {"kind": "insert", "position": ["0.7 m", "0.2 m", "0.1 m"]},
+    })  # fmt: skip
+    q = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": {"mounting": "none"}})).q
+    assert problem.scene.pierced(q) == ()
