@@ -76,7 +76,7 @@ class Batch(Result):
         """(k,) of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``calibration.json`` of a batch: the type as a whole, and every robot under ``batch``."""
         first, worst = self.calibrations[0], min(self.calibrations, key=lambda c: c.identifiability.rank)
         gone = [int(rows[i]) for rows, c in zip(self.rows, self.calibrations, strict=True) for i in c.outliers]

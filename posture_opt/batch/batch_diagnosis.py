@@ -46,7 +46,7 @@ class BatchDiagnosis(Result):
         """``unexplained`` where errors are uneven and repeats do not show why."""
         return "unexplained" if self.uneven else "effects_found" if self.effects else "none_found"
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``diagnosis.json`` of a batch."""
         rms = {"nominal": self.batch.nominal.rms, "calibrated": self.batch.calibrated.rms}
         shares = {name: share for name, (share, _) in self.batch.coverage.items()}
@@ -67,7 +67,7 @@ class BatchDiagnosis(Result):
             ],
             "notes": list(self.batch.notes),
             **self.batch.thinned_json,
-            "batch": self.batch.to_json()["batch"],
+            "batch": self.batch.fields_json()["batch"],
         }
 
 

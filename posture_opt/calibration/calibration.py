@@ -267,7 +267,7 @@ class Calibration(Result):
         """The preset whose link lengths the data have in place of the file's; None where there is none."""
         return other_preset(self.residuals.take(self.kept_rows), self.x_nominal)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``calibration.json``: SI units and radians; what the calibration is held against included."""
         evaluated: dict[str, Json] = self.evaluation.to_json()
         return self.estimates_json() | evaluated

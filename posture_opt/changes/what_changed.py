@@ -158,7 +158,7 @@ class Recheck(Result):
             found[visible.kind] = max(found.get(visible.kind, 0.0), visible.shift)
         return found
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``recheck.json``: SI units and radians."""
         p = self.probabilities
         return {

@@ -267,12 +267,5 @@ def _diagnosed(
                 **session.most_rows,
             )  # fmt: skip
     except InsufficientDataError as error:
-        _report_insufficient_data(common, error)
+        error.answer = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
         raise
-
-
-def _report_insufficient_data(common: Common, error: InsufficientDataError) -> None:
-    """The verdict on data that do not suffice is an answer too: with ``--json`` it is a document."""
-    if common.json:
-        document = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
-        show(common, lambda: document, str)

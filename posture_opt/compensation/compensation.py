@@ -129,7 +129,7 @@ class Compensation(Result):
         """The header of column k of the targets as it was given."""
         return self.targets.headers[k].strip()
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``compensation.json``: SI units and radians."""
         rows = zip(self.targets.line, self.postures, self.reached, strict=True)
         return {

@@ -148,12 +148,12 @@ class Diagnosis(Result):
         """What each model would have chosen of the postures measured; None without a comparison, or without such."""
         return None if self.comparison is None else measured_goals(self.model.residuals.data, self.held, self.models)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
         if self.comparison is None:
             return self.findings_json()
         goals = {} if self.goals is None else {"goals": self.goals.to_json()}
-        return self.findings_json() | {"posture": goals | self.comparison.to_json()}
+        return self.findings_json() | {"posture": goals | self.comparison.fields_json()}
 
     def findings_json(self) -> dict[str, Json]:
         """The part of the document that the diagnosis itself knows.

@@ -177,7 +177,7 @@ class MeasurementPlan(Result):
         every = {name: (cells[k],) * count for name, cells in self.columns.items()} | by_row
         return [*zip(*every.values(), strict=True)] or [()]
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
         stages = {"before": self.before, "after": self.after, "random": self.random}
         return {

@@ -107,7 +107,7 @@ class PostureBatch(Result):
         """Those that have a solution."""
         return tuple(answer for answer in self.answers if not answer.code)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``answers.json``: SI units, finite numbers only."""
         return {
             "problems": len(self.answers),

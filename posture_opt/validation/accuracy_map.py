@@ -70,7 +70,7 @@ class AccuracyMap(Result):
         """(N,) length of the bias [m]."""
         return np.asarray(np.linalg.norm(self.bias, axis=1))
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
         joints = self.targets.optimisation_problem.robot.joint_names
         return {

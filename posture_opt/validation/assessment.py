@@ -94,7 +94,7 @@ class Assessment(Result):
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
         return {name: m.coordinate / self.instrument if self.instrument else np.inf for name, m in models.items()}
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The entry ``assessment`` of ``calibration.json``: SI units."""
         instrument: dict[str, Json] = {"sigma": self.instrument or None}
         if self.instrument:

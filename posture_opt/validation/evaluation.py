@@ -54,10 +54,10 @@ class Evaluation(DerivedAgain):
 
     def to_json(self) -> dict[str, Json]:
         """Its part of the document ``calibration.json``."""
-        plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
+        plan = {} if self.comparison is None else {"posture": self.comparison.fields_json()}
         return {
-            "assessment": self.assessment.to_json(),
+            "assessment": self.assessment.fields_json(),
             "coverage95": self.spread_check.coverage95,
-            "spread_check": self.spread_check.to_json(),
+            "spread_check": self.spread_check.fields_json(),
             **plan,
         }

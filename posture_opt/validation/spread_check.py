@@ -80,7 +80,7 @@ class SpreadCheck(Result):
         """The share of the rows inside the 95 % region that each model predicts."""
         return {name: found.share for name, found in self.coverage.items()}
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The entry ``spread_check`` of ``calibration.json``: SI units and radians."""
         return {
             "uncertainty_stated": self.stated,

@@ -24,6 +24,7 @@ ROOMS = [
     "numerics",
     "interrupts",
     "files",
+    "statements",
     "staging",
     "manifest",
     "output",

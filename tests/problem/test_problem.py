@@ -14,7 +14,7 @@ from posture_opt.errors import InputError
 from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict, problems_folder
 from posture_opt.problem.parts import parse_spec
 from posture_opt.problem.schema import json_schema
-from posture_opt.problem.yaml_source import Document, dump_yaml, parse_yaml
+from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, parse_yaml
 from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 
 DEG = math.pi / 180
@@ -64,7 +64,7 @@ def test_round_trip_keeps_every_key_and_unit(tmp_path: Path) -> None:
     path.write_text(problem.to_yaml(), encoding="utf-8")
     again = load_problem(path)
     assert again.to_yaml() == problem.to_yaml()
-    assert parse_spec(Document(again.to_dict())) == parse_spec(Document(problem.to_dict()))
+    assert parse_spec(ProblemDocument(again.to_dict())) == parse_spec(ProblemDocument(problem.to_dict()))
     assert (again.task, again.solver, again.effects) == (problem.task, problem.solver, problem.effects)
     assert again.robot == problem.robot
     np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
@@ -231,7 +231,7 @@ def test_every_problem_file_loads_and_comes_back(path: Path) -> None:
     assert problem.name != path.stem, "it says what it is"
     assert not problem.sources.empty
     again = problem_from_dict(parse_yaml(problem.to_yaml()).data, problem.folder)
-    assert parse_spec(Document(again.to_dict())) == parse_spec(Document(problem.to_dict()))
+    assert parse_spec(ProblemDocument(again.to_dict())) == parse_spec(ProblemDocument(problem.to_dict()))
     assert (again.task, again.solver, again.effects) == (problem.task, problem.solver, problem.effects)
     np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
 

@@ -20,7 +20,7 @@ from posture_opt.report.measured_parts.error_table import rows_words
 from posture_opt.report.results.diagnosis_report import _rest, diagnosis_report
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.text import render
-from posture_opt.report.text.units_text import percent
+from posture_opt.statements.notation import percent
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 

@@ -9,9 +9,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.report.parts.solution_checks import confirmation_words
-from posture_opt.report.text.units_text import percent
 from posture_opt.robot.preset import load_preset
 from posture_opt.selection.search.confirmed_posture import confirmed
+from posture_opt.statements.notation import percent
 from tests.helpers.variants import conformance
 
 TARGETS = {

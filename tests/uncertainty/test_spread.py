@@ -194,7 +194,7 @@ def test_the_budget_of_a_spread_is_that_of_its_longest_axis():
     assert len(document["budget_of_axes"]) == 2
 
 
-# Document and messages
+# ProblemDocument and messages
 
 KEYS = {
     *("posture", "tool", "covariance", "covariance_first_order", "bias"),

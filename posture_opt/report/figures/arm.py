@@ -16,7 +16,7 @@ from posture_opt.report.scene.arm_geometry import ArmGeometry
 from posture_opt.report.scene.arm_in_plane import draw_in_plane
 from posture_opt.report.scene.arm_in_space import draw_in_space
 from posture_opt.report.scene.arm_solids import ArmSolids, Solid
-from posture_opt.report.text.units_text import joint_unit
+from posture_opt.statements.notation import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from posture_opt.report.page.colours import BLUE
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import styled
-from posture_opt.report.text.units_text import length_unit
+from posture_opt.statements.notation import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ from posture_opt.numerics import rms_length
 from posture_opt.report.page.colours import BLUE, LIGHT, ORANGE
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_below, styled
-from posture_opt.report.text.units_text import length, length_unit
+from posture_opt.statements.notation import length, length_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,9 +18,9 @@ from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import WIDTH, Look, legend_below, styled
-from posture_opt.report.text.units_text import length_unit
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.robot.robot import Robot
+from posture_opt.statements.notation import length_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:

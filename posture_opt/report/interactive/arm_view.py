@@ -24,7 +24,7 @@ from posture_opt.report.scene.arm_geometry import (
     obstacles_near,
 )
 from posture_opt.report.scene.arm_solids import ArmSolids, Solid
-from posture_opt.report.text.units_text import joint_unit
+from posture_opt.statements.notation import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import angle_error, count, length, lengths, stated_length
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import angle_error, count, length, lengths, stated_length
 from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import MIN_INSTRUMENT_RATIO
 from posture_opt.validation.repeatability_tests import ISO_CYCLES

@@ -11,7 +11,7 @@ from posture_opt.report.measured_parts.error_table import ELSEWHERE, mm, reading
 from posture_opt.report.measured_parts.large_file_words import thinned_words
 from posture_opt.report.measured_parts.other_file_words import file_words
 from posture_opt.report.text.blocks import Block, Facts, Report
-from posture_opt.report.text.units_text import count
+from posture_opt.statements.notation import count
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration

@@ -16,7 +16,7 @@ from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_R
 from posture_opt.numerics import Json
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import count, decimals_of
+from posture_opt.statements.notation import count, decimals_of
 from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from posture_opt.report.measured_parts.cause_inspections import bent_link, inspe
 from posture_opt.report.measured_parts.causes_table import CERTAIN, number_of, rivals_of, unconfirmed
 from posture_opt.report.measured_parts.diagnosis_sizes import MODELS
 from posture_opt.report.text.blocks import Facts
-from posture_opt.report.text.units_text import count
+from posture_opt.statements.notation import count
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,7 +11,7 @@ from posture_opt.numerics import rms
 from posture_opt.report.measured_parts.diagnosis_sizes import headline_of, largest_scatter
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import count, percent
+from posture_opt.statements.notation import count, percent
 
 if TYPE_CHECKING:
     from posture_opt.calibration.estimation.parameters import Parameter

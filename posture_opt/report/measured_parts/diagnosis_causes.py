@@ -32,9 +32,9 @@ from posture_opt.report.measured_parts.diagnosis_sizes import (
 )
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import length, percent
 from posture_opt.report.text.words import p_value, p_words
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements.notation import length, percent
 from posture_opt.units import ERROR_UNITS, plus_minus
 
 if TYPE_CHECKING:

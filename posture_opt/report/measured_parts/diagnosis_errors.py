@@ -26,8 +26,8 @@ from posture_opt.report.measured_parts.error_table import (
 )
 from posture_opt.report.measured_parts.other_file_words import calibration_words, effects_words, file_words, range_items
 from posture_opt.report.text.blocks import Block, Item, Later, Table
-from posture_opt.report.text.units_text import count, listed_lines, percent
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import count, listed_lines, percent
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis

@@ -13,8 +13,8 @@ import numpy as np
 
 from posture_opt.report.measured_parts.diagnosis_sizes import MODELS
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import count, length, percent
 from posture_opt.report.text.words import PARTS
+from posture_opt.statements.notation import count, length, percent
 from posture_opt.units import number
 
 if TYPE_CHECKING:

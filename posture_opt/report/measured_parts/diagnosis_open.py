@@ -22,8 +22,8 @@ from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects, li
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import angle, count, joint_unit, percent
 from posture_opt.report.text.words import UNLIKELY, p_value, p_words
+from posture_opt.statements.notation import angle, count, joint_unit, percent
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:

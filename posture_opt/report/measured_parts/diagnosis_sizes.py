@@ -11,8 +11,8 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.diagnosis.scores import levels
 from posture_opt.numerics import rms_length
 from posture_opt.report.measured_parts.error_table import mm
-from posture_opt.report.text.units_text import stated_length
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import stated_length
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding

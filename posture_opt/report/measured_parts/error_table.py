@@ -12,7 +12,7 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import rms
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import angle_error, count, decimals_of, stated_length
+from posture_opt.statements.notation import angle_error, count, decimals_of, stated_length
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

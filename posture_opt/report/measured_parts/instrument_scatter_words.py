@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.calibration.sure_gain import LEAST_PROBABILITY
-from posture_opt.report.text.units_text import angle_error, stated_length
+from posture_opt.statements.notation import angle_error, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration

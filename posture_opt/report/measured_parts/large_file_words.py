@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.report.measured_parts.error_table import mm
-from posture_opt.report.text.units_text import count, percent
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import count, percent
 
 if TYPE_CHECKING:
     from posture_opt.calibration.large_file import LargeFile

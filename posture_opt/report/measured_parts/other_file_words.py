@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.measured_parts.error_table import mm
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import count
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import count
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

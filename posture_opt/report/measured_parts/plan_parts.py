@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from posture_opt.report.parts.collision_parts import clear_words
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts
-from posture_opt.report.text.units_text import angle_error, count, length, percent, stated_length
+from posture_opt.statements.notation import angle_error, count, length, percent, stated_length
 from posture_opt.units import number
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.text.blocks import Block
-from posture_opt.report.text.units_text import count, lengths, percent
 from posture_opt.report.text.words import REGIONS, line_words
+from posture_opt.statements.notation import count, lengths, percent
 
 if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment

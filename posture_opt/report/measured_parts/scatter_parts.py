@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import angle_error, length, stated_length
+from posture_opt.statements.notation import angle_error, length, stated_length
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:

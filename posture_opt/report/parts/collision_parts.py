@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from posture_opt.errors import listed
-from posture_opt.report.text.units_text import length, stated_length
 from posture_opt.robot.shape import TOOL
 from posture_opt.selection.tasks.workpiece import WORKPIECE
+from posture_opt.statements.notation import length, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.collision.nearest import Clearance

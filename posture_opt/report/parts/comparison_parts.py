@@ -14,8 +14,8 @@ from posture_opt.errors import enumerated
 from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.parts import input_facts, sentence
 from posture_opt.report.text.blocks import Block, Later, Table
-from posture_opt.report.text.units_text import joint_unit, joint_value, length, short_probability, stated_length
 from posture_opt.report.text.words import MODEL_NAMES, PARTS
+from posture_opt.statements.notation import joint_unit, joint_value, length, short_probability, stated_length
 from posture_opt.units import number
 
 if TYPE_CHECKING:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from posture_opt.model.arm import Arm
 from posture_opt.report.text.blocks import Block, Table
-from posture_opt.report.text.units_text import (
+from posture_opt.report.text.words import source_size
+from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
+from posture_opt.statements.notation import (
     length,
     length_unit,
     percent,
@@ -17,8 +19,6 @@ from posture_opt.report.text.units_text import (
     stated_angle,
     stated_length,
 )
-from posture_opt.report.text.words import source_size
-from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
 from posture_opt.units import number
 
 if TYPE_CHECKING:

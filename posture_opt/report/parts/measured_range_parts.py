@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.text.units_text import angle
+from posture_opt.statements.notation import angle
 from posture_opt.units import number
 
 if TYPE_CHECKING:

@@ -17,16 +17,6 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.report.parts.measured_range_parts import range_facts
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import (
-    joint_unit,
-    joint_value,
-    largest_of,
-    length,
-    lengths,
-    percent,
-    place,
-    shift,
-)
 from posture_opt.report.text.words import (
     METHODS,
     REGIONS,
@@ -37,6 +27,16 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
+from posture_opt.statements.notation import (
+    joint_unit,
+    joint_value,
+    largest_of,
+    length,
+    lengths,
+    percent,
+    place,
+    shift,
+)
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits
 from posture_opt.uncertainty.spread.spread import HasSources

@@ -14,7 +14,7 @@ from posture_opt.report.parts.parts import joint_values, sentence
 from posture_opt.report.parts.solution_checks import confirmation_words
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
-from posture_opt.report.text.units_text import angle, count, joint_unit, length, length_unit, percent, place
+from posture_opt.statements.notation import angle, count, joint_unit, length, length_unit, percent, place
 from posture_opt.units import fixed, joint_text, number
 
 if TYPE_CHECKING:

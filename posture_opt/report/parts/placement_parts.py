@@ -12,7 +12,10 @@ from posture_opt.report.parts.parts import sentence
 from posture_opt.report.parts.solution_checks import confirmation_words
 from posture_opt.report.parts.task_parts import critical_size
 from posture_opt.report.text.blocks import Block, Facts, Summary, Table
-from posture_opt.report.text.units_text import (
+from posture_opt.report.text.words import direction_words, part_words
+from posture_opt.selection.answer.placement import COORDINATES
+from posture_opt.selection.answer.shared_placement import PlacementFigure
+from posture_opt.statements.notation import (
     angle,
     count,
     joint_unit,
@@ -25,9 +28,6 @@ from posture_opt.report.text.units_text import (
     stated_angle,
     stated_length,
 )
-from posture_opt.report.text.words import direction_words, part_words
-from posture_opt.selection.answer.placement import COORDINATES
-from posture_opt.selection.answer.shared_placement import PlacementFigure
 from posture_opt.uncertainty.spread.joint_digits import readable_digits
 from posture_opt.units import fixed, number
 

@@ -26,9 +26,9 @@ from posture_opt.report.parts.parts import (
 from posture_opt.report.parts.solution_checks import gain_facts, ranking_sentence
 from posture_opt.report.parts.task_parts import critical_rows, orientation_rows
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import count, joint_unit, length_unit, percent, place, stated
 from posture_opt.report.text.words import part_words
 from posture_opt.robot.posture import joints_at_limits
+from posture_opt.statements.notation import count, joint_unit, length_unit, percent, place, stated
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.units import fixed, number
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.text.blocks import Block, Facts, Report, Table
-from posture_opt.report.text.units_text import count, length, percent, quantity
 from posture_opt.report.text.words import CRITERIA, part_words, source_words
 from posture_opt.selection.program.nlp import Values
 from posture_opt.selection.program.task_target import FREE, SIZES, TaskTarget
 from posture_opt.selection.search.confirmation import AGREEMENT
+from posture_opt.statements.notation import count, length, percent, quantity
 from posture_opt.units import UNKNOWN, number
 
 if TYPE_CHECKING:

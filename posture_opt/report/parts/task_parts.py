@@ -12,8 +12,8 @@ from posture_opt.report.page.presenter import problem_of
 from posture_opt.report.parts.budget_parts import budget_block
 from posture_opt.report.parts.parts import lean
 from posture_opt.report.text.blocks import Block, Facts
-from posture_opt.report.text.units_text import angle, length, lengths, percent, place, probability, stated_length
 from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words, part_words
+from posture_opt.statements.notation import angle, length, lengths, percent, place, probability, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.units import fixed, shown
 

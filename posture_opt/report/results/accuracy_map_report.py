@@ -26,8 +26,8 @@ from posture_opt.report.results.target_map_report import (
     served_sentence,
 )
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, length_unit, percent, place
 from posture_opt.report.text.words import direction_words
+from posture_opt.statements.notation import count, length, length_unit, percent, place
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -238,7 +238,7 @@ def columns(found: AccuracyMap) -> dict[str, list[float]]:
 class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     """Mean error and scatter over a grid of targets: report, two maps, the postures as a view, and ``map.csv``."""
 
-    document = "map"
+    stem = "map"
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
@@ -255,7 +255,7 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
         )
         return Summary(f"Map of accuracy: {found.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         return accuracy_map_report(self.result)
 
     def drawings(self) -> Drawings:

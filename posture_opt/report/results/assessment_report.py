@@ -20,8 +20,8 @@ from posture_opt.report.measured_parts.residual_parts import scatter_block, shap
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import length, percent, shift
 from posture_opt.report.text.words import MODEL_NAMES, direction_words
+from posture_opt.statements.notation import length, percent, shift
 from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import Assessment
 
@@ -222,7 +222,7 @@ def _answer(found: Assessment) -> str:
 class AssessmentPresenter(Presenter[Assessment]):
     """What a model gets wrong, and whether what remains is scatter: one line of answer, then a block for each rule."""
 
-    document = "assessment"
+    stem = "assessment"
 
     @property
     def problem(self) -> ProblemData:
@@ -241,7 +241,7 @@ class AssessmentPresenter(Presenter[Assessment]):
         facts = (("Rows", f"{found.rows} in {found.poses} poses"), *errors, *inside)
         return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         return Report(self.problem.name or "Assessment", (_answer(self.result),), assessment_blocks(self.result))
 
     def drawings(self) -> Drawings:

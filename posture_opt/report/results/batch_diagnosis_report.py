@@ -57,7 +57,7 @@ def _causes(problem: ProblemData, found: BatchDiagnosis) -> Block:
 class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     """What several robots of one type show together; ``uncertainty.yaml`` is the section for their problem file."""
 
-    document = "diagnosis"
+    stem = "diagnosis"
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     @property
@@ -71,7 +71,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
         facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
         return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         return batch_diagnosis_report(self.result)
 
     def drawings(self) -> Drawings:

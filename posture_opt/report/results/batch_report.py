@@ -20,8 +20,8 @@ from posture_opt.report.page.presenter import Columns, Drawings, Presenter, prob
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, decimals_of, percent
 from posture_opt.report.text.words import source_words
+from posture_opt.statements.notation import count, decimals_of, percent
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
@@ -241,14 +241,14 @@ def _varying(found: Batch) -> str:
 class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated; ``uncertainty.yaml`` holds how they differ."""
 
-    document = "calibration"
+    stem = "calibration"
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     def summary(self) -> Summary:
         """Robots, errors, determined parameters, correlations."""
         return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report, a block a question."""
         return batch_report(self.result)
 

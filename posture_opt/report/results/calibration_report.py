@@ -41,8 +41,8 @@ from posture_opt.report.results.assessment_report import assessment_blocks, asse
 from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings, spread_check_lead
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, length_unit
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import count, length, length_unit
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
@@ -183,7 +183,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
     ``calibrated.yaml`` is the problem file with the corrections and the covariance of the parameters.
     """
 
-    document = "calibration"
+    stem = "calibration"
     delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
@@ -211,7 +211,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
         )
         return Summary(f"Calibration: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report, a block a question."""
         return calibration_report(self)
 

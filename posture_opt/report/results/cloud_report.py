@@ -22,8 +22,8 @@ from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import validity_sentence
 from posture_opt.report.results.spread_report import arm_block, covariance_table, posture_block, spread_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import length_unit, lengths, stated_length
 from posture_opt.report.text.words import line_words, part_words
+from posture_opt.statements.notation import length_unit, lengths, stated_length
 from posture_opt.uncertainty.regions.regions import coverage_factor, deviation
 from posture_opt.uncertainty.simulation.sampling_errors import variance_intervals
 from posture_opt.units import fixed, number
@@ -205,7 +205,7 @@ def _summary(cloud: Cloud) -> Summary:
 class CloudPresenter(Presenter["Cloud"]):
     """A simulation next to the closed form; ``cloud.csv`` has the simulated tool points."""
 
-    document = "spread"
+    stem = "spread"
     delivers: ClassVar[tuple[str, ...]] = ("cloud.csv",)
 
     @property
@@ -216,7 +216,7 @@ class CloudPresenter(Presenter["Cloud"]):
     def summary(self) -> Summary:
         return _summary(self.result)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         return cloud_report(self.result)
 
     def drawings(self) -> Drawings:

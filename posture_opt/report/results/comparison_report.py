@@ -12,8 +12,8 @@ from posture_opt.report.parts.collision_parts import mounting_notes
 from posture_opt.report.parts.comparison_parts import FIRST, TITLE, comparison_blocks, comparison_lead, success_text
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import decimals_of, joint_unit, joint_value, length, length_unit, percent
 from posture_opt.report.text.words import MODEL_NAMES, PARTS
+from posture_opt.statements.notation import decimals_of, joint_unit, joint_value, length, length_unit, percent
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ _OTHER_ARM_RATIO = 100.0  # times its own error: another arm
 class ComparisonPresenter(Presenter["Comparison"]):
     """Several arms, or several models of one arm, at one task."""
 
-    document = "comparison"
+    stem = "comparison"
 
     def summary(self) -> Summary:
         found = self.result
@@ -47,7 +47,7 @@ class ComparisonPresenter(Presenter["Comparison"]):
         why = [("No posture", sentence(reason)) for reason in found.reasons[:_MAX_REASONS]]
         return Summary(f"{TITLE}: {self.problem.name}", (*facts, *why))
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         found = self.result
         if found.reference:
             return Report(self.problem.name or TITLE, comparison_lead(found), comparison_blocks(found))

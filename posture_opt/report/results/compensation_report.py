@@ -24,7 +24,7 @@ from posture_opt.report.parts.collision_parts import collision_facts, distance_f
 from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import angle, count, length, length_unit
+from posture_opt.statements.notation import angle, count, length, length_unit
 from posture_opt.units import ERROR_UNITS, number
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def rows_block(found: Compensation) -> Block:
 class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
-    document = "compensation"
+    stem = "compensation"
     delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
 
     def summary(self) -> Summary:
@@ -203,7 +203,7 @@ class CompensationPresenter(Presenter["Compensation"]):
         )
         return Summary(f"{count(len(found), 'compensated target')}: {found.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report."""
         return compensation_report(self.problem, self.result)
 

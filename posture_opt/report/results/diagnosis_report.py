@@ -61,7 +61,7 @@ from posture_opt.report.parts.comparison_parts import comparison_blocks, compari
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
-from posture_opt.report.text.units_text import count, listed_lines, percent
+from posture_opt.statements.notation import count, listed_lines, percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -285,7 +285,7 @@ def data_block(found: Diagnosis) -> Block:
 class DiagnosisPresenter(Presenter[Diagnosis]):
     """A diagnosis with the task planned again by the arm that was found; ``extended.yaml`` is that arm."""
 
-    document = "diagnosis"
+    stem = "diagnosis"
     delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
 
     def summary(self) -> Summary:
@@ -301,7 +301,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         )
         return Summary(f"Diagnosis: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report, a block a question."""
         return diagnosis_report(self.result, self.result.comparison, self.result.goals)
 

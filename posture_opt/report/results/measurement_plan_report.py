@@ -21,7 +21,7 @@ from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import mounting_lead
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import (
+from posture_opt.statements.notation import (
     angle,
     count,
     joint_unit,
@@ -236,7 +236,7 @@ def points_csv(plan: MeasurementPlan) -> str:
 class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
     """Which postures to measure next; ``plan.csv`` has their joint values and empty columns for the readings."""
 
-    document = "plan"
+    stem = "plan"
     delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
 
     def summary(self) -> Summary:
@@ -254,7 +254,7 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         )
         return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report."""
         return measurement_plan_report(self.result)
 

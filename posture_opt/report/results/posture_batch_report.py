@@ -17,7 +17,7 @@ from posture_opt.report.figures.posture_batch import plot_posture_batch
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files, page_name
 from posture_opt.report.text.blocks import Block, Linked, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, length_unit, short_probability
+from posture_opt.statements.notation import count, length, length_unit, short_probability
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _MAX_BRIEF_ROWS = 12  # rows on one screen
 class PostureBatchPresenter(Presenter["PostureBatch"]):
     """Many problems, one row each; ``answers.csv`` has all of them."""
 
-    document = "answers"
+    stem = "answers"
     delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
 
     @property
@@ -44,7 +44,7 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
             facts += [(which, f"{length(one.sigma_max)} (1 σ): {one.name}") for which, one in extremes(self.result)]
         return Summary(f"Postures for {count(len(self.result.answers), 'problem')}", tuple(facts))
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """First the problems without an answer with their reasons, then the table of answers.
 
         On one screen both are cut after the first dozen.

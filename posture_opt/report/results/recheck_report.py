@@ -19,7 +19,7 @@ from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.measurement_plan_report import postures_block
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, percent, stated_length
+from posture_opt.statements.notation import count, length, percent, stated_length
 from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus, shown
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ def measured_block(found: Recheck) -> Block:
 class RecheckPresenter(Presenter["Recheck"]):
     """What changed on a calibrated arm."""
 
-    document = "recheck"
+    stem = "recheck"
 
     def summary(self) -> Summary:
         """Verdict, the likeliest change, errors before and after."""
@@ -295,7 +295,7 @@ class RecheckPresenter(Presenter["Recheck"]):
         )
         return Summary(f"Recheck with {count(len(found.data), 'row')}: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report."""
         found = self.result
         further = (postures_block(found.plan),) if found.plan is not None else ()

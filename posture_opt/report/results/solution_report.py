@@ -78,7 +78,8 @@ from posture_opt.report.parts.task_parts import (
 from posture_opt.report.results.drawing_files import figures_of, views_of
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.text import render
-from posture_opt.report.text.units_text import (
+from posture_opt.report.text.words import CRITERIA, part_words
+from posture_opt.statements.notation import (
     joint_unit,
     length,
     length_unit,
@@ -87,7 +88,6 @@ from posture_opt.report.text.units_text import (
     probability,
     stated_length,
 )
-from posture_opt.report.text.words import CRITERIA, part_words
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ _STATUS = {"optimal": "Best posture", "feasible": "Best posture found", "infeasi
 class SolutionPresenter(Presenter["Solution"]):
     """A solution, or the nearest posture where there is none: what there is of stations, placement and path."""
 
-    document = "solution"
+    stem = "solution"
 
     @property
     def along_path(self) -> bool:
@@ -123,7 +123,7 @@ class SolutionPresenter(Presenter["Solution"]):
         found = self.result
         return path_summary(found) if self.along_path else features_summary(found) if self.of_features else _one(found)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         found = self.result
         title = self.problem.name or ("Postures along a path" if self.along_path else "Posture selection")
         if found.status == "infeasible":

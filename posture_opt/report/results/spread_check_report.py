@@ -17,8 +17,8 @@ from posture_opt.report.page.presenter import Columns, Drawings, Presenter, prob
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.results.assessment_report import p_value
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, percent
 from posture_opt.report.text.words import MODEL_NAMES, REGIONS
+from posture_opt.statements.notation import count, length, percent
 from posture_opt.units import number
 from posture_opt.validation.spread_check import SpreadCheck
 
@@ -213,7 +213,7 @@ def _more(test: ScatterTest) -> list[str]:
 class SpreadCheckPresenter(Presenter[SpreadCheck]):
     """Predicted spread against measured errors."""
 
-    document = "spread_check"
+    stem = "spread_check"
 
     @property
     def problem(self) -> ProblemData:
@@ -228,7 +228,7 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
         facts = (*shares, *repeats, ("Left by the calibration", f"{length(found.residual_rms)} a coordinate (RMS)"))
         return Summary(f"Check of the predicted spread: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """One line of answer and the blocks."""
         return Report(
             self.problem.name or "Spread", (spread_check_lead(self.result),), spread_check_blocks(self.result)

@@ -46,8 +46,8 @@ from posture_opt.report.parts.task_parts import (
 )
 from posture_opt.report.results.drawing_files import figures_of, views_of
 from posture_opt.report.text.blocks import Block, Facts, Item, Report, Summary, Table
-from posture_opt.report.text.units_text import length, length_unit, lengths, percent, place
 from posture_opt.report.text.words import line_words, part_words
+from posture_opt.statements.notation import length, length_unit, lengths, percent, place
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.units import number
 
@@ -211,13 +211,13 @@ def _critical_words(seen: TaskSpread) -> str:
 class SpreadPresenter(Presenter["Spread"]):
     """The spread at one posture in closed form."""
 
-    document = "spread"
+    stem = "spread"
 
     def summary(self) -> Summary:
         """Posture, tool point, standard deviations, largest contribution."""
         return Summary("Spread of the tool point at one posture", spread_facts(self.result))
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report."""
         return spread_report(self.result)
 

@@ -29,8 +29,8 @@ from posture_opt.report.parts.parts import (
 )
 from posture_opt.report.parts.solution_checks import confirmation_words
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, joint_unit, length, length_unit, percent, place
 from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words, part_words
+from posture_opt.statements.notation import count, joint_unit, length, length_unit, percent, place
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -238,7 +238,7 @@ def posture_columns(found: TargetMap) -> dict[str, list[float]]:
 class TargetMapPresenter(Presenter["TargetMap"]):
     """The best posture over a grid of targets; ``map.csv`` has a row a target."""
 
-    document = "map"
+    stem = "map"
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
@@ -254,7 +254,7 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         )
         return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Report:
         """The whole report."""
         return target_map_report(self.result)
 

@@ -12,8 +12,8 @@ from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import WIDTH, Look, legend_below
 from posture_opt.report.scene.arm_solids import Solid
-from posture_opt.report.text.units_text import stated_length
 from posture_opt.report.text.words import line_words
+from posture_opt.statements.notation import stated_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

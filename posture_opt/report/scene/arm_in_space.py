@@ -22,7 +22,7 @@ from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.scene.camera import Camera, best_camera
 from posture_opt.report.scene.label_placement import Label, PlacedLabel, placed
 from posture_opt.report.scene.scene_image import SceneImage, grid_step
-from posture_opt.report.text.units_text import stated_length
+from posture_opt.statements.notation import stated_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

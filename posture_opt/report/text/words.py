@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.model.arm import Arm
-from posture_opt.report.text.units_text import stated_sigma
 from posture_opt.selection.registered_tasks import direction_name
+from posture_opt.statements.notation import stated_sigma
 from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION
 from posture_opt.units import fixed, shown
 

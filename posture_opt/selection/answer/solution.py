@@ -407,7 +407,7 @@ class Solution(Result):
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only."""
         return {
             "name": self.problem.name,

@@ -131,7 +131,7 @@ class Comparison(Result):
         """Why there are answers missing, in sentences, each once."""
         return tuple(dict.fromkeys(reason for compared in self.answers.values() for reason in compared.reasons))
 
-    def to_json(self) -> dict[str, Any]:
+    def fields_json(self) -> dict[str, Any]:
         """The document ``comparison.json``, with a reference the part ``posture`` of others: SI units and radians."""
         if self.reference:
             judged = {name: compared.judged_json(self.reference) for name, compared in self.answers.items()}

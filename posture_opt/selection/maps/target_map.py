@@ -112,7 +112,7 @@ class TargetMap(Result):
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
         joints = self.optimisation_problem.robot.joint_names
         return {

@@ -19,7 +19,7 @@ from posture_opt.selection.answer.shared_placement import PlacementStatistics
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.change import Change, Quantity, rounded, with_changes
+from posture_opt.selection.search.change import Change, ChangedValue, rounded, with_changes
 from posture_opt.selection.search.multistart import multistart
 from posture_opt.selection.search.relaxation import Reason, Relaxation, shown
 from posture_opt.selection.stations.bench_map import PlacementOnBench
@@ -119,7 +119,7 @@ class FeaturesFailure:
                 found += [] if changes is None else [Relaxation(words_of(changes), (), {}, away, changes)]
         return found
 
-    def _placed(self, w: Sequence[Quantity]) -> tuple[Change, ...]:
+    def _placed(self, w: Sequence[ChangedValue]) -> tuple[Change, ...]:
         """The workpiece at one placement."""
         text: dict[str, Json] = {name: part.text for name, part in zip(COORDINATES, w, strict=True)}
         if self.task.workpiece is not None:
@@ -136,7 +136,7 @@ class FeaturesFailure:
         return (Change(("task", "workpiece"), Workpiece.model_validate(text), text, words),)
 
 
-def _written(w: Array, box: PlacementRange) -> Iterator[list[Quantity]]:
+def _written(w: Array, box: PlacementRange) -> Iterator[list[ChangedValue]]:
     """A placement (4,) with the digits that are printed: rounded to mm and degrees, a little farther, and finer."""
     edge = np.clip(w, box.lower, box.upper)
     for decimals, more in ((0, 0.0), (0, 0.02), (1, 0.005), (6, 0.0)):

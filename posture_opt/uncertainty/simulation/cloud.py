@@ -163,9 +163,9 @@ class Cloud(Result):
         varies = closed > RANK_TOLERANCE * closed[-1]
         return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
-        closed = self.spread.to_json()
+        closed = self.spread.fields_json()
         about = {key: value for key, value in closed.items() if key != "integration"}
         sampled = {
             "covariance": self.covariance.tolist(),

@@ -190,7 +190,7 @@ class Spread(Result):
         parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
         return Validity.of(parts.first, parts.curvature, parts.bias)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``spread.json``: SI units, finite numbers only."""
         return {
             "posture": self.posture,
