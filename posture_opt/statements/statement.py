@@ -60,7 +60,7 @@ class Statement:
         }
 
 
-def state(id: str, about: str = "", **values: Value) -> Statement:
+def state(id: str, about: str = "", /, **values: Value) -> Statement:
     """A statement of the severity that the catalogue has for its id.
 
     Args:

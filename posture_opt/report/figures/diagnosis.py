@@ -16,7 +16,7 @@ from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.measured_parts.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
+from posture_opt.report.measured_parts.diagnosis_tables import MODELS
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import MODEL_DASHES, legend_below, styled
@@ -50,7 +50,7 @@ def plot_errors(found: Diagnosis) -> Figure:
     """
     figure = new_figure(3.9)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
-    names = [name for name in MODELS if name != "extended" or fitted_effects(found)]
+    names = [name for name in MODELS if name != "extended" or found.fitted_effects]
     smallest = math.inf
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
@@ -64,7 +64,7 @@ def plot_errors(found: Diagnosis) -> Figure:
             color=MODEL_COLOURS[name], ls=MODEL_DASHES[name],
             label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
-    noise = noise_floor(found)
+    noise = found.noise_floor
     floor = 1e3 * noise.rms
     if floor:
         for axes in (over, below):
@@ -101,7 +101,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     search. A peak that is left above it in the second curve is not explained. In brackets stand lines of a size that
     the data leave open.
     """
-    joints = periodic_joints(found)[:_MAX_JOINTS]
+    joints = found.periodic_joints[:_MAX_JOINTS]
     linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     line = critical_log_p(found.search.null, CyclicError.family)

@@ -9,12 +9,12 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
+from posture_opt.diagnosis.diagnosis_statements import words as finding_words
+from posture_opt.diagnosis.open_statements import uneven_statements
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
-from posture_opt.report.measured_parts.diagnosis_causes import finding_words
-from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.results.batch_report import batch_facts, batch_report
@@ -37,7 +37,7 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
     lead = f"Causes beyond the model: {named}." if named else "The model explains the data of these robots."
     if found.uneven and not named:
         lead = "The errors of these robots are uneven; the cause is not identifiable from these data."
-    left = all_uneven_words(found.uneven)
+    left = [one.text for one in uneven_statements(found.uneven)]
     return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from posture_opt.calibration.calibration_statements import refuted_of_robots
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
-from posture_opt.report.measured_parts.contradictions import refuted_of_robots
 from posture_opt.report.measured_parts.error_table import error_table, mm
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
@@ -45,7 +45,7 @@ def batch_report(found: Batch) -> Report:
         _pairs_block(found),
         _section_block(),
     )
-    lead = (*refuted_of_robots(found.calibrations), _answer(problem, found), _errors(found))
+    lead = (*(one.text for one in refuted_of_robots(found.calibrations)), _answer(problem, found), _errors(found))
     return Report(problem.name or "Batch", lead, blocks)
 
 
@@ -219,7 +219,7 @@ def batch_brief(found: Batch) -> Report:
         ("Next", many if len(found.robots) < _MIN_ROBOTS else plan),
     ]  # fmt: skip
     problem = problem_of(found)
-    lead = (*refuted_of_robots(found.calibrations), _answer(problem, found), _errors(found))
+    lead = (*(one.text for one in refuted_of_robots(found.calibrations)), _answer(problem, found), _errors(found))
     return Report(problem.name or "Batch", lead, (Block("", (Facts(tuple(facts)),)),))
 
 

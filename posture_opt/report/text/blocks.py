@@ -179,7 +179,7 @@ class Document:
     @cached_property
     def whole(self) -> Document:
         """The document with every statement in its place."""
-        rest = [Block("Also", (Facts(lines_of(self._lead[1])),))] if self._lead[1] else []
+        rest = [Block("Also", (Facts(lines_of(self._lead[1])),), stays=True)] if self._lead[1] else []
         sections: dict[str, list[Statement]] = {}
         for one in self.statements:
             if one.severity in ("note", "detail"):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from posture_opt.statements import Statement, by_severity
+from posture_opt.statements import SEVERITIES, Statement, by_severity
 
 WIDTH = 100
 """Columns of a file, and where no terminal says how wide it is."""
 MAX_LINES, MAX_WORDS = 8, 90
 """Of a lead of `WIDTH` columns, its title not counted."""
-_FILLING_ORDER = ("danger", "result", "caution")  # what must not be done, the answer, then what limits it
 
 Line = tuple[str, str]
 """A label, mostly empty, and a sentence."""
@@ -21,18 +20,16 @@ def lead(statements: Sequence[Statement]) -> tuple[tuple[Statement, ...], tuple[
     """The statements of the first screen, and those of the same weight that it has no room for.
 
     The first result is the headline and comes first; then dangers, cautions and results in this order. Where there is
-    no room for all, results count for more than cautions, and earlier statements for more than later ones.
+    no room for all, they count in the order dangers, second result, cautions, further results.
 
     Args:
         statements: of a result; notes and details are in neither part.
     """
-    headline = next((one for one in statements if one.severity == "result"), None)
-    shown = [headline] if headline is not None else []
-    rest: list[Statement] = []
-    for severity in _FILLING_ORDER:
-        for one in statements:
-            if one.severity == severity and one is not headline:
-                (shown if fits(ordered([*shown, one], headline)) else rest).append(one)
+    of = {severity: [one for one in statements if one.severity == severity] for severity in SEVERITIES}
+    headline, results = next(iter(of["result"]), None), of["result"][1:]
+    shown, rest = of["result"][:1], list[Statement]()
+    for one in (*of["danger"], *results[:1], *of["caution"], *results[1:]):
+        (shown if fits(ordered([*shown, one], headline)) else rest).append(one)
     return ordered(shown, headline), by_severity(rest)
 
 
