@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
+from posture_opt.calibration.assumptions.frames import arm_and_data
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.error_statistics import groups_of
-from posture_opt.calibration.estimation.least_squares import find_outliers, least_squares
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.reading import read_measurements
-from tests.helpers.free_arms import BASE, SIX, TOOL, TWO, hidden_errors, problem_of, quaternion, rows, simulated_points
+from tests.helpers.free_arms import BASE, SIX, TOOL, TWO, hidden_errors, problem_of, rows, simulated_points
 from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.helpers.simulated_arm import shift, turn
 
@@ -65,58 +63,6 @@ def test_what_cannot_be_told_apart_is_said_in_words(six: Any) -> None:
     assert names["j2.a"]
     rank, count = result.identifiability.rank, len(result.parameters)
     assert rank + result.identifiability.null.shape[1] == count
-
-
-def test_the_jacobian_is_the_derivative_of_the_residuals() -> None:
-    rng = np.random.default_rng(2)
-    problem = problem_of(SIX, uncertainty={"measurement": {"position": "0.02 mm", "orientation": "0.1 mrad"}})
-    q = rng.uniform(-2, 2, (7, 6))
-    quaternions = rng.normal(size=(7, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-    more = {name: quaternions[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
-    data = rows(problem, q, rng.normal(size=(7, 3)), target=["A", "B"] * 3 + ["A"], **more)
-    residuals, _ = arm_and_data(problem, data)
-    x = rng.normal(0, 1e-3, len(residuals.parameters))
-    J = residuals.residuals_and_jacobian(x)[1]
-    step = 1e-6
-    numeric = np.array(
-        [(residuals.whitened(x + step * e) - residuals.whitened(x - step * e)) / (2 * step) for e in np.eye(len(x))]
-    ).T
-    position = (np.arange(len(J)) % 6) < 3
-    # Central differences lose half the digits; columns reach 1/σ = 5e4 per radian.
-    np.testing.assert_allclose(J[position], numeric[position], atol=1e-4 * 5e4)
-    assert np.abs(J[position]).max() > 1e4
-    # Rotations far from their measurement: the Jacobian is that of a small rotation vector, so test it there.
-    start = fit_frames(residuals)
-    assert start.shape == x.shape
-
-
-def test_orientation_residuals_differentiate_where_they_are_small() -> None:
-    rng = np.random.default_rng(3)
-    problem = problem_of(SIX, uncertainty={"measurement": {"position": "0.02 mm", "orientation": "0.1 mrad"}})
-    q = rng.uniform(-2, 2, (6, 6))
-    robot = [
-        np.linalg.multi_dot(
-            [
-                turn(2, a) @ shift(0, 0, d) @ shift(length, 0, 0) @ turn(0, al)
-                for (_, _, d, length, al), a in zip(SIX, row, strict=True)
-            ]
-        )
-        for row in q
-    ]
-    w = np.array([quaternion(T[:3, :3]) for T in robot])
-    more = {name: w[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
-    data = rows(problem, q, np.array([T[:3, 3] for T in robot]), **more)
-    residuals, _ = arm_and_data(problem, data)
-    zero = np.zeros(len(residuals.parameters))
-    # Quaternions of twelve digits: nothing but rounding is left, over σ = 1e-4 rad.
-    np.testing.assert_allclose(residuals.whitened(zero), 0.0, atol=1e-6)
-    J = residuals.residuals_and_jacobian(zero)[1]
-    step = 1e-6
-    numeric = np.array(
-        [(residuals.whitened(step * e) - residuals.whitened(-step * e)) / (2 * step) for e in np.eye(len(zero))]
-    ).T
-    np.testing.assert_allclose(J, numeric, atol=1e-4 * 5e4)
 
 
 def test_a_planar_arm_measured_in_its_plane() -> None:
@@ -196,56 +142,6 @@ def test_gross_outliers_are_named_and_good_rows_kept(six: Any) -> None:
     assert result.outliers == (3, 50, 99)
     fixed = result.fixed & clean.fixed
     assert np.abs((result.x - clean.x)[fixed] / clean.std[fixed]).max() < 1.5
-
-
-def test_postures_that_are_practically_equal_stay_on_one_side_of_a_fold() -> None:
-    rng = np.random.default_rng(11)
-    problem = problem_of(TWO, robot={"base": {"xyz": ["0 m"] * 3}, "tool": {"xyz": ["0 m"] * 3}})
-    q = rng.uniform(-2.5, 2.5, (40, 2))
-    again = np.concatenate([q, q + rng.uniform(-4e-4, 4e-4, q.shape)])  # revisits that are not marked as such
-    points = simulated_points(TWO, again, np.eye(4), np.eye(4), {})
-    groups = groups_of(rows(problem, again, points), "pose", 5)
-    assert len(np.unique(groups)) == 40
-    assert np.array_equal(groups[:40], groups[40:])
-
-
-def test_the_fitter_agrees_with_scipy() -> None:
-    from scipy.optimize import least_squares as reference
-
-    x = np.linspace(0, 4, 40)
-    y = 2 * np.exp(-0.7 * x) + 0.3 + np.random.default_rng(8).normal(0, 0.01, 40)
-
-    def residuals_and_jacobian(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        e = np.exp(-p[1] * x)
-        return p[0] * e + p[2] - y, np.stack([e, -p[0] * x * e, np.ones(40)], axis=1)
-
-    ours = least_squares(residuals_and_jacobian, np.array([1.0, 1.0, 0.0]))
-    theirs = reference(lambda p: residuals_and_jacobian(p)[0], [1.0, 1.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-7)
-
-
-@pytest.mark.parametrize("count", [0, 10, 200])
-def test_where_nothing_is_free_the_rest_is_all_there_is(count: int) -> None:
-    r, J = np.random.default_rng(3).normal(size=count), np.zeros((count, 0))
-    found = least_squares(lambda _: (r, J), np.zeros(0))
-    assert found.x.shape == (0,)
-    assert found.variance == pytest.approx(float(r @ r) / max(count, 1))
-    if count:
-        gross, studentised = find_outliers(r, J, 1)
-        assert not gross.any()
-        np.testing.assert_allclose(studentised / np.abs(r), studentised[0] / abs(r[0]), rtol=1e-6)
-
-
-def test_leverage_is_taken_into_account() -> None:
-    # One row alone determines a parameter: its residual is zero whatever happens, and it is no outlier.
-    rng = np.random.default_rng(9)
-    J = np.concatenate([rng.normal(size=(50, 2)), np.zeros((50, 1))], axis=1)
-    J[0] = [0.0, 0.0, 1.0]
-    r = rng.normal(size=50)
-    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
-    gross, studentised = find_outliers(r, J, 1)
-    assert not gross.any()
-    assert 0.5 < studentised[1:].std() < 2
 
 
 def test_too_few_poses_and_several_robots_are_refused(six: Any) -> None:

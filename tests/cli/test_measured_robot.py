@@ -152,15 +152,6 @@ def test_repeats_tell_the_noise_of_the_readings() -> None:
     assert repeated_readings(po.read_measurements(table(30, 1), problem), problem.robot) == (0.0, 0)
 
 
-def test_a_slip_between_repeats_is_no_noise() -> None:
-    cells = table(30, 4)
-    cells["x [m]"][2] += 5e-3
-    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}})
-    sigma, freedom = repeated_readings(po.read_measurements(cells, problem), problem.robot)
-    assert freedom == 29 * 3 * 2
-    assert sigma < 1.3 * NOISE
-
-
 @long_on_real_arms
 @pytest.mark.parametrize(
     ("data", "robot", "problem"),

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 import posture_opt as po
-from posture_opt.compensation.nearest_postures import NearestPostures, Poses, rotation_vectors
+from posture_opt.compensation.nearest_postures import rotation_vectors
 from posture_opt.errors import InputError, NoSolutionError
-from posture_opt.robot import load_preset
 from tests.helpers.command_line import invoke
 
 CORRECTIONS = {"shoulder_lift.a": "0.8 mm", "elbow.theta": "0.05 deg", "wrist_2.alpha": "0.03 deg"}
@@ -39,47 +37,6 @@ def postures(count: int, seed: int = 0) -> np.ndarray:
 
 def table(problem: Any, q: np.ndarray, **more: object) -> dict[str, object]:
     return {f"{name} [rad]": q[:, j] for j, name in enumerate(problem.robot.joint_names)} | more
-
-
-@pytest.mark.parametrize("oriented", [False, True], ids=["position", "pose"])
-def test_of_all_postures_the_nearest_one_is_taken(oriented: bool) -> None:
-    """A seven joint arm has many: held against a general optimiser (SLSQP)."""
-    robot = load_preset("panda")
-    arm, solver, rng = po.Arm(robot), NearestPostures(robot), np.random.default_rng(1)
-    low, high = np.array(robot.lower), np.array(robot.upper)
-    near = rng.uniform(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, (6, 7))
-    T = np.asarray(arm.pose(near + rng.normal(0, 0.02, near.shape)))
-    wanted = Poses(T[:, :3, 3], T[:, :3, :3] if oriented else None)
-    found = solver.solve(wanted, near)
-    assert solver.reached(found, wanted).all()
-    for k, start in enumerate(near):
-        one = wanted.take(np.arange(6) == k)
-
-        def off(q: np.ndarray, one: Poses = one) -> np.ndarray:
-            left = solver.misses(q[None], one)
-            return np.concatenate([left.position[0], left.rotation[0]])[: 6 if oriented else 3]
-
-        best = minimize(
-            lambda q, s=start: 100 * ((q - s) ** 2).sum(), start, constraints={"type": "eq", "fun": off},
-            bounds=list(zip(low, high, strict=True)), method="SLSQP", options={"ftol": 1e-14, "maxiter": 300},
-        )  # fmt: skip
-        assert ((found[k] - start) ** 2).sum() <= best.fun / 100 * (1 + 1e-4)
-
-
-def test_joints_stay_within_their_limits_and_others_make_up() -> None:
-    robot = load_preset("panda")
-    near = np.array([[0.3, 0.2, 0.1, -1.5, 0.2, 1.8, 0.5]])
-    point = np.asarray(po.Arm(robot).position(near)) + np.array([0.0, 0.0, 0.02])
-    free = NearestPostures(robot).solve(Poses(point, None), near)
-    assert abs(free[0, 3] - near[0, 3]) > 1e-3
-    joints = list(robot.joints)
-    side = np.sign(free[0, 3] - near[0, 3])
-    edges = {"upper": near[0, 3]} if side > 0 else {"lower": near[0, 3]}
-    joints[3] = replace(joints[3], **{key: float(value) for key, value in edges.items()})
-    solver = NearestPostures(replace(robot, joints=tuple(joints)))
-    held = solver.solve(Poses(point, None), near)
-    assert solver.reached(held, Poses(point, None)).all()
-    assert held[0, 3] == near[0, 3]
 
 
 def test_the_order_of_the_targets_decides_from_which_side_a_joint_arrives() -> None:

@@ -73,8 +73,7 @@ def test_a_document_agrees_with_itself(name: str) -> None:
         ("calibrate-planar", ("residual_rms", "calibrated"), 2e-7, 1e-5),
         ("diagnose-ur10", ("residual_rms", "extended"), 2e-7, 1e-5),
         ("diagnose-ur10", ("effects", 0, "gain"), 2e-7, 1e-5),
-        ("calibrate-ur10", ("singular_values", 0), 2e-7, 1e-5),
-        ("hidden-full-1", ("residual_rms", "extended"), 2e-7, 1e-5),
+        ("calibrate-planar", ("singular_values", 0), 2e-7, 1e-5),
     ],
 )
 def test_a_number_may_differ_by_rounding_and_not_more(name: str, place: Place, rounding: float, real: float) -> None:
@@ -132,8 +131,7 @@ def test_the_logarithm_of_a_p_value_is_compared() -> None:
         ("diagnose-ur10", ("effects", 0, "kind"), "backlash"),
         ("diagnose-ur10", ("effects", 1, "confounded_with"), [{"kind": "slip", "target": "base"}]),
         ("diagnose-ur10", ("effects", 1, "status"), "weak"),
-        ("hidden-full-1", ("verdict",), "unexplained"),
-        ("hidden-full-1", ("effects", 0, "target"), "base"),
+        ("diagnose-ur10", ("effects", 0, "target"), "base"),
         ("plan-planar", ("random_equivalent",), 12),
         ("map-panda", ("targets", 3, "status"), "optimal"),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import pickle
 import signal
@@ -88,13 +87,6 @@ def test_rows_agree_with_numpy(compiled: bool, n: int) -> None:
         np.testing.assert_allclose(result, expected, rtol=0, atol=2 * DIGITS)  # values up to 3, products up to 9
 
 
-@needs_compiler
-def test_compiled_keeps_the_digits_of_the_interpreter() -> None:
-    compiled, interpreted = (BatchFunction(planar(), compiled=way)(*rows(500)) for way in (True, False))
-    for fast, slow in zip(compiled, interpreted, strict=True):
-        np.testing.assert_allclose(fast, slow, rtol=0, atol=DIGITS)
-
-
 @both_ways
 def test_every_operation_is_rounded_on_its_own(compiled: bool) -> None:
     x, y, z = (casadi.SX.sym(name) for name in "xyz")
@@ -117,13 +109,6 @@ def test_inputs_broadcast(compiled: bool) -> None:
         for result, wanted in zip(batch(q, shared), expected, strict=True):
             np.testing.assert_array_equal(result, wanted)
     assert batch(q[0], a[0])[1].shape == (1, 2, 2)
-
-
-@both_ways
-def test_strided_and_integer_inputs_are_read_right(compiled: bool) -> None:
-    batch = BatchFunction(planar(), compiled=compiled)
-    wide = np.arange(40.0).reshape(10, 4)
-    np.testing.assert_array_equal(batch(wide[:, ::2], [1, 2])[0], batch(wide[:, ::2].copy(), [1.0, 2.0])[0])
 
 
 @both_ways
@@ -187,19 +172,6 @@ def test_memory_is_that_of_the_results(compiled: bool) -> None:
     tracemalloc.stop()
     # Nothing but the results grows with the rows; 200 kB for pointers, shapes and one chunk.
     assert peak < sum(result.nbytes for result in results) + 200_000
-
-
-@both_ways
-def test_batches_run_in_threads(compiled: bool) -> None:
-    batch = BatchFunction(planar(), compiled=compiled)
-    found: dict[int, np.ndarray] = {}
-    threads = [threading.Thread(target=lambda k=k: found.update({k: batch(*rows(2000, seed=k))[0]})) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for k in range(4):
-        np.testing.assert_array_equal(found[k], batch(*rows(2000, seed=k))[0])
 
 
 @both_ways
@@ -306,21 +278,6 @@ def test_cache_of_another_user_is_not_executed(cache: Path, compilations: list[t
     assert list(cache.iterdir()) == []
 
 
-@needs_compiler
-def test_damaged_library_is_compiled_again(cache: Path, compilations: list[tuple[str, ...]]) -> None:
-    code = "from tests.model.test_compiled import *; print(BatchFunction(planar()).compiled)"
-    for _ in range(2):  # in another process: this one must not have the library mapped when it is overwritten
-        result = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2]
-        )
-        assert result.stdout == "True\n", result.stderr
-        (library,) = cache.iterdir()
-        library.write_bytes(b"no library")
-        library.chmod(0o700)
-    assert BatchFunction(planar()).compiled
-    assert len(compilations) == 1
-
-
 @pytest.mark.long
 @needs_compiler
 def test_two_processes_share_an_empty_cache(cache: Path) -> None:
@@ -358,69 +315,10 @@ def test_cache_keeps_the_libraries_used_last(cache: Path, monkeypatch: pytest.Mo
     assert not libraries[1].exists()
 
 
-@needs_compiler
-def test_exported_c_compiles_strictly_and_gives_the_same_numbers(tmp_path: Path) -> None:
-    code, header = c_source(planar(), "two_links", {"q": "[rad] joint angles", "J": "[m/rad] Jacobian"})
-    (tmp_path / "two_links.c").write_text(code)
-    (tmp_path / "two_links.h").write_text(header)
-    (tmp_path / "main.c").write_text(
-        textwrap.dedent("""
-            #include <stdio.h>
-            #include "two_links.h"
-            int main(void) {
-              double q[2] = {0.3, -1.1}, a[2] = {1.0, 0.7}, x[2], J[4], d[1];
-              int status = two_links(q, a, x, J, d);
-              printf("%.17g %.17g %.17g %.17g %.17g %.17g %.17g", x[0], x[1], J[0], J[1], J[2], J[3], d[0]);
-              return status + two_links(q, a, 0, 0, d);
-            }
-        """)
-    )
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-pedantic"]
-    command = [*toolchain.find_compiler(), *strict, "main.c", "two_links.c", "-o", "main", "-lm"]
-    subprocess.run(command, cwd=tmp_path, check=True)
-    output = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
-    expected = planar_in_numpy(np.array([[0.3, -1.1]]), np.array([[1.0, 0.7]]))
-    np.testing.assert_allclose(
-        [float(word) for word in output.split()],
-        np.concatenate([np.ravel(part) for part in expected]),
-        rtol=0,
-        atol=DIGITS,
-    )
-    assert "q (2) [rad] joint angles" in header
-    assert "J (2 x 2) [m/rad] Jacobian" in header
-
-
-@needs_compiler
-def test_exported_c_links_into_c_plus_plus_by_its_plain_name(tmp_path: Path) -> None:
-    code, header = c_source(planar(), "two_links")
-    assert 'extern "C"' in header
-    (tmp_path / "code.c").write_text(code)
-    library = tmp_path / "code.so"
-    subprocess.run(
-        [*toolchain.find_compiler(), "-shared", "-fPIC", "code.c", "-o", library, "-lm"], cwd=tmp_path, check=True
-    )
-    assert ctypes.CDLL(str(library)).two_links
-
-
 @pytest.mark.parametrize("name", ["2links", "two links", "", "größe", "a-b", "int", "sin"])
 def test_names_that_are_not_free_in_c(name: str) -> None:
     with pytest.raises(InputError, match="C identifier"):
         c_source(planar(), name)
-
-
-@pytest.mark.parametrize("name", ["_x", "a__b", "jac", "null"])
-def test_names_that_are_free_in_c_need_not_be_free_in_casadi(name: str) -> None:
-    assert f"int {name}(" in "".join(c_source(planar(), name))
-
-
-@needs_compiler
-def test_exported_arguments_may_be_called_like_casadi_s_own(tmp_path: Path) -> None:
-    w, arg = casadi.SX.sym("w"), casadi.SX.sym("arg")
-    code, _ = c_source(casadi.Function("f", [w, arg], [w - arg], ["w", "arg"], ["res"]), "difference")
-    (tmp_path / "code.c").write_text(code)
-    subprocess.run([*toolchain.find_compiler(), "-Wall", "-Werror", "-c", "code.c"], cwd=tmp_path, check=True)
-    with pytest.raises(InputError, match="'double'"):
-        c_source(casadi.Function("f", [w], [w], ["double"], ["res"]), "same")
 
 
 CHECKED = (

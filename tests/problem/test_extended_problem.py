@@ -5,9 +5,7 @@ The true arm is the simulator's, which knows nothing of the package; what the pa
 
 from __future__ import annotations
 
-import ctypes
 import json
-import subprocess
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -21,14 +19,12 @@ import yaml
 import posture_opt as po
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.errors import InputError
-from posture_opt.model.toolchain import find_compiler
 from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
-from posture_opt.uncertainty.spread.spread_function import SpreadFunction
 from tests.helpers.command_line import invoke
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Plan, Session, draw_session
@@ -270,37 +266,6 @@ def test_a_planar_arm_keeps_its_plane(tmp_path: Path) -> None:
         C / np.outer(sigma, sigma), spread.covariance[:2, :2] / np.outer(sigma, sigma), atol=0.03
     )
     assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias)[:2] < 5 * sigma / np.sqrt(n) + 1e-7)
-
-
-@pytest.mark.conformance
-def test_compiled_exported_and_interpreted_covariances_agree(uncertain: dict[str, Problem], tmp_path: Path) -> None:
-    problem = uncertain["unknown"]
-    Q = np.random.default_rng(3).uniform(-2, 2, (7, 6))
-    plain = SpreadFunction(problem, compiled=False)
-    expected = np.array([po.propagate(problem, q).covariance for q in Q])
-    # Squares of 1e-4 m in double precision, through a few hundred operations.
-    np.testing.assert_allclose(plain(Q), expected, rtol=1e-9, atol=1e-18)
-    position = [po.propagate(problem, q).position for q in Q]
-    np.testing.assert_allclose(plain.position(Q), position, atol=1e-13)
-    compiler = find_compiler()
-    if not compiler:
-        pytest.skip("no C compiler")
-    (tmp_path / "problem").mkdir()
-    for name, content in problem.files("arm").items():
-        (tmp_path / "problem" / name).write_bytes(content)
-    result = invoke(
-        "export", "--to", "c", "--problem", str(tmp_path / "problem" / "arm.yaml"), "--out", str(tmp_path / "c")
-    )
-    assert result.exit_code == 0, result.output
-    source = next((tmp_path / "c").glob("*.c"))
-    library = tmp_path / "tool.so"
-    subprocess.run([*compiler, "-shared", "-fPIC", "-O1", "-o", str(library), str(source), "-lm"], check=True)
-    function = getattr(ctypes.CDLL(str(library)), source.stem)
-    double = ctypes.POINTER(ctypes.c_double)
-    for q, C in zip(Q, expected, strict=True):
-        point, full, first = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-        function(*(a.ctypes.data_as(double) for a in (np.ascontiguousarray(q), point, full, first)))
-        np.testing.assert_allclose(full, C, rtol=1e-9, atol=1e-18)
 
 
 # --- the true arm

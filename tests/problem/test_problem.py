@@ -15,7 +15,6 @@ from posture_opt.problem.load import builtin_names, builtin_problem, load_proble
 from posture_opt.problem.parts import parse_spec
 from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, parse_yaml
-from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 
 DEG = math.pi / 180
 
@@ -110,14 +109,6 @@ def test_plain_data_agree_with_pyyaml() -> None:
     assert parse_yaml(text).data == yaml.safe_load(text)
 
 
-def test_lines_are_those_of_the_keys() -> None:
-    text = "a: 1\nb:\n  c: 2\n  d:\n    - 3\n    - e: 4\n"
-    lines = parse_yaml(text).lines
-    assert lines[("b", "c")] == 3
-    assert lines[("b", "d", 1)] == 6
-    assert lines[("b", "d", 1, "e")] == 6
-
-
 def test_arrays_and_tuples_serve_as_lists() -> None:
     data = {**PLANAR, "task": {"kind": "insert", "direction": np.array([0.0, -1.0, 0.0]), "position": ("1 m",) * 3}}
     task = problem_from_dict(data).task
@@ -174,37 +165,6 @@ def test_no_uncertainty_and_no_data_sheet_is_empty() -> None:
 def test_an_empty_optional_section_counts_as_left_out() -> None:
     data = parse_yaml("robot: {kind: preset, name: planar_2r}\nuncertainty:\neffects:\ntask:\nsolver:\n").data
     assert problem_from_dict(data).task is None
-
-
-def test_psd_test_agrees_with_cholesky() -> None:
-    rng = np.random.default_rng(0)
-    names = ("a", "b", "c")
-    refused = 0
-    for _ in range(200):
-        correlation = np.eye(3)
-        correlation[np.triu_indices(3, 1)] = rng.uniform(-1, 1, 3)
-        correlation = np.triu(correlation) + np.triu(correlation, 1).T
-        scale = np.array([1e-6, 1.0, 1e3])  # a covariance of mixed units
-        try:
-            np.linalg.cholesky(correlation)
-            possible = True
-        except np.linalg.LinAlgError:
-            possible = False
-        refused += not possible
-        assert (not covariance_issues(names, correlation * np.outer(scale, scale))) == possible
-    assert 20 < refused < 180, "both kinds occurred"
-
-
-def test_perfect_correlation_is_allowed() -> None:
-    sigma = np.array([1e-3, 2.0])
-    assert covariance_issues(("a", "b"), np.outer(sigma, sigma)) == []
-
-
-def test_sources_join_as_independent_blocks() -> None:
-    joined = Sources.independent({"a": 1.0}).joined(Sources(("b", "c"), np.array([[4.0, 1.0], [1.0, 9.0]])))
-    np.testing.assert_array_equal(joined.covariance, [[1, 0, 0], [0, 4, 1], [0, 1, 9]])
-    with pytest.raises(InputError, match="the error of a is stated twice"):
-        joined.joined(Sources.independent({"a": 1.0}))
 
 
 def test_json_schema_serialises_and_knows_all_sections() -> None:

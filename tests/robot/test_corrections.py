@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -171,11 +169,3 @@ def test_scatter_is_read_where_the_robot_is_broken() -> None:
         problem_from_dict(parse_yaml(text).data)
     assert "scatter.joint1.theta" in str(caught.value)
     assert "scatter.joint1.a" in str(caught.value)
-
-
-def test_a_frame_that_is_free_is_no_prior() -> None:
-    robot = SimpleNamespace(base_free=True, tool_free=False)
-    sources = SimpleNamespace(names=("base.x",), constant=np.eye(1))
-    found = prior_covariance(SimpleNamespace(robot=robot, sources=sources), [Parameter("base.x", "base", "m", 0.0, 0)])  # type: ignore[arg-type]
-    assert found[0] == []
-    assert math.isfinite(found[1].sum())

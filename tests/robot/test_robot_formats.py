@@ -223,19 +223,6 @@ def test_urdf_parameters_are_the_errors_of_the_origin(tmp_path):
         np.testing.assert_allclose(pose(nominal, [0.3], {"j.theta": 0.01}), pose(nominal, [0.31]), atol=ROUNDING)
 
 
-@pytest.mark.parametrize("pitch", [0.0, 0.7, 1.47, math.pi / 2, -math.pi / 2, 1.65])
-def test_urdf_angles_turn_about_perpendicular_axes_at_every_pitch(tmp_path, pitch):
-    (tmp_path / "arm.urdf").write_text(urdf_text([("j", ORIGIN[0], (0.4, pitch, 0.6), (0, 1, 0), None)]))
-    robot, h = UrdfRobot(file="arm.urdf").build(tmp_path), 1e-6
-    axes = []
-    for name in ("roll", "pitch", "yaw"):
-        R, L = (pose(robot, [0.3], {f"j.{name}": sign * h})[:3, :3] for sign in (1, -1))
-        W = (R - L) @ pose(robot, [0.3])[:3, :3].T / (2 * h)  # the cross product with the axis
-        axes.append([W[2, 1], W[0, 2], W[1, 0]])
-    c, s = math.cos(0.6), math.sin(0.6)
-    np.testing.assert_allclose(axes, [[c, s, 0], [-s, c, 0], [0, 0, 1]], atol=1e-9)  # x and y turned by yaw, and z
-
-
 def test_a_sigma_of_urdf_angles_has_one_meaning_at_every_pitch(tmp_path):
     """The spread of a tool point that stands still while the pitch of a joint's origin is swept through 90°."""
     sigma = {"j.roll": 1e-3, "j.pitch": 2e-3, "j.yaw": 0.5e-3}

@@ -10,9 +10,7 @@ import pytest
 from posture_opt.errors import InputError
 from posture_opt.uncertainty.simulation.adaptive import (
     adaptive,
-    correlation_matrix,
     covariance_standard_error,
-    coverage_factors,
     numerical_tolerance,
     sample_covariance_standard_error,
 )
@@ -89,19 +87,6 @@ def test_it_says_so_when_it_had_to_stop():
     assert not found.reached.within(found.tolerances)
 
 
-def test_blocks_grow_with_the_probability():
-    found = adaptive(draw_additive, p=0.999, digits=1)
-    assert found.n == found.blocks * 100_000
-    assert found.kp == pytest.approx(math.sqrt(-2 * math.log(0.001)), rel=0.01)
-
-
-def test_the_seed_decides():
-    one, same, other = (adaptive(draw_additive, seed=seed) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(one.covariance, same.covariance)
-    assert one.kp == same.kp
-    assert (one.covariance != other.covariance).all()
-
-
 def test_quantities_that_do_not_vary():
     found = adaptive(lambda n, rng: np.column_stack([rng.standard_normal(n), np.full(n, 7.0)]))
     assert found.stable
@@ -127,21 +112,6 @@ def test_standard_errors_of_a_covariance(model):
     np.testing.assert_allclose(sampled, true, rtol=0.08)  # a deviation of 2000 runs is known to 1.6 %, tails add
     if model == "normal":
         np.testing.assert_allclose(covariance_standard_error([[2, 1], [1, 2]], n), true, rtol=0.08)
-
-
-def test_trials_for_a_variance():
-    for n, relative in ((20_000, 0.01), (2_000_000, 0.001)):
-        assert covariance_standard_error([[3.0]], n)[0, 0] / 3 == pytest.approx(relative, rel=1e-3)
-
-
-def test_coverage_factors_of_a_sample_far_from_the_origin():
-    y = additive(np.random.default_rng(4), 50_000)
-    # 1e-6 on 1: the offset leaves ten digits of the deviations.
-    np.testing.assert_allclose(coverage_factors(1 + 1e-6 * y), coverage_factors(y), rtol=1e-6)
-
-
-def test_correlation_matrix():
-    np.testing.assert_allclose(correlation_matrix([[4, 1], [1, 1]]), [[1, 0.5], [0.5, 1]])
 
 
 @pytest.mark.parametrize(

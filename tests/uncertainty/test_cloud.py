@@ -11,7 +11,6 @@ from scipy.stats import binomtest
 
 from posture_opt.errors import InputError
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.moments.pose_covariance import covariance_root
 from posture_opt.uncertainty.simulation import cloud as cloud_module
 from posture_opt.uncertainty.simulation.cloud import simulate
 from posture_opt.uncertainty.simulation.sampler import Sampler
@@ -19,7 +18,7 @@ from posture_opt.uncertainty.simulation.sampling_errors import wilson_interval
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import pose
-from tests.helpers.moments import correlated, errors_of, planar
+from tests.helpers.moments import errors_of, planar
 from tests.helpers.stated import stated
 
 BENT = np.radians((90, -135))
@@ -43,24 +42,6 @@ def test_every_sample_is_the_full_forward_model():
         turn = Rotation.from_matrix(T[:3, :3] @ pose(problem.robot, Q6)[:3, :3].T).as_rotvec()
         np.testing.assert_allclose(shift[row] + spread.position, T[:3, 3], atol=1e-14)
         np.testing.assert_allclose(rotation[row], turn, atol=1e-13)
-
-
-@pytest.mark.parametrize("sources", [
-    correlated(planar().sources),
-    correlated(planar().sources, dof=2),  # semidefinite: four sources from two causes
-    Sources(("joint1.theta", "joint1.a"), np.array([[1e-12, -1e-6], [-1e-6, 1.0]])),  # fully correlated, other units
-])  # fmt: skip
-def test_the_root_gives_the_covariance(sources):
-    root = covariance_root(sources.covariance)
-    scale = np.outer(sources.sigma, sources.sigma)
-    np.testing.assert_allclose(root @ root.T / scale, sources.covariance / scale, atol=1e-14)
-
-
-def test_the_same_seed_gives_the_same_cloud():
-    a, b, c = (simulate(planar(), BENT, n=20_011, seed=seed) for seed in (7, 7, 8))
-    np.testing.assert_array_equal(a.points, b.points)
-    assert a.to_json() == b.to_json()
-    assert not np.array_equal(a.points, c.points)
 
 
 def test_statistics_are_those_of_the_points():
@@ -135,15 +116,6 @@ def test_a_direction_without_variance_stays_without():
     json.dumps(cloud.to_json(), allow_nan=False)
 
 
-def test_small_scatter_keeps_its_digits():
-    robot = load_preset("planar_2r")
-    sigma = {"joint1.theta": 1e-9, "joint2.theta": 1e-9, "joint1.a": 1e-9, "joint2.a": 1e-9}
-    problem = stated(robot=robot, sources=Sources.independent(sigma))
-    cloud = simulate(problem, BENT, n=20_000)
-    np.testing.assert_allclose(cloud.ratio, 1, atol=5 * 0.005)
-    assert 0.94 < cloud.coverage95 < 0.96
-
-
 def test_points_are_kept_up_to_a_bound(monkeypatch):
     monkeypatch.setattr(cloud_module, "_MAX_KEPT_POINTS", 7000)
     cloud = simulate(planar(), BENT, n=20_000)
@@ -192,7 +164,3 @@ def test_the_document_is_that_of_the_spread_beside_the_closed_form():
 def test_what_cannot_be_drawn_is_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         simulate(planar(), BENT, **arguments)
-
-
-def test_two_samples_are_enough():
-    assert np.isfinite(simulate(planar(), BENT, n=2).covariance_interval).all()

@@ -159,13 +159,6 @@ def test_more_nodes_converge(case, sigma):
         tool_point.shared, tool_point.spans, 0).segments)  # fmt: skip
 
 
-def test_nodes_grow_with_sigma_and_small_errors_are_cheap():
-    nodes = [spread_of("equal", sigma, Q6).integration.nodes for sigma in (0.01, 1, 10, 30)]
-    assert nodes[0] <= 5
-    assert nodes == sorted(nodes)
-    assert nodes[-1] > 20
-
-
 @pytest.mark.parametrize("case", ["one pair", "equal", "one shaft", "dense", "lengths and angles", "a prismatic joint"])
 @pytest.mark.parametrize("sigma", [np.radians(0.01), 1e-9])
 def test_small_errors_keep_their_digits(case, sigma):
@@ -237,19 +230,6 @@ def test_full_correlation_is_one_error(sign):
         np.testing.assert_allclose(both.bias, alone.bias, atol=1e-9)
     else:
         np.testing.assert_allclose(both.covariance, 0, atol=1e-15)
-
-
-@pytest.mark.parametrize("case", ["one pair", "three pairs that overlap", "dense", "lengths and angles"])
-def test_few_nodes_are_complete_to_fourth_order(case):
-    robot, sources = CASES[case]
-    errors = []
-    for sigma in (0.04, 0.02):
-        tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), sigma))
-        plan = NodePlan.few(tool_point.shared, tool_point.indices, tool_point.robot.factors, most=20)
-        exact = tool_point.moments(list(Q6)).covariance
-        errors.append(np.abs(tool_point.moments(list(Q6), plan).covariance - exact).max())
-    assert errors[0] / errors[1] > 40  # sixth order: 64
-    assert errors[1] < 1e-6
 
 
 def test_the_covariance_of_symbols_has_derivatives():

@@ -48,17 +48,6 @@ def test_polynomials_are_exact_up_to_the_degree(name, r):
     moments_agree(nodes, degree, 1e-12)  # sums of some hundred terms of up to r²
 
 
-def test_degree_five_needs_few_nodes():
-    assert [degree_five(r).count for r in (1, 2, 3, 4)] == [3, 7, 15, 25]
-    assert degree_five(20).count < 6 * 20**2  # a product of three each would be 3e9
-
-
-def test_two_rules_of_a_degree_differ_beyond_it():
-    for r in (2, 3, 6):
-        sixth = [nodes.weights @ nodes.points[:, 0] ** 6 for nodes in (degree_five(r), degree_five(r, other=True))]
-        assert abs(sixth[0] - sixth[1]) > 0.1
-
-
 @pytest.mark.parametrize("counts", [(3,), (4, 2), (5, 3, 2)])
 def test_products_have_the_degree_of_each_axis(counts):
     nodes = product_rule(counts)
@@ -74,13 +63,3 @@ def test_rules_stand_side_by_side_in_the_order_of_their_variables():
     moments_agree(nodes, 3, 1e-14)
     assert nodes.weights @ nodes.points[:, 2] ** 4 == pytest.approx(3)  # of three nodes of Gauss and Hermite
     assert nodes.weights @ nodes.points[:, 1] ** 4 == pytest.approx(2)  # of degree 3 in two variables
-
-
-def test_quasi_random_nodes_are_better_than_random_ones():
-    def error(points):
-        return abs(np.mean(np.cos(points.sum(axis=1))) - math.exp(-3 / 2))
-
-    rng = np.random.default_rng(0)
-    ours = np.mean([error(quasi_random(3, 4000, rng).points) for _ in range(20)])
-    theirs = np.mean([error(rng.standard_normal((4000, 3))) for _ in range(20)])
-    assert ours < theirs / 3

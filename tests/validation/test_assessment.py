@@ -280,18 +280,6 @@ def test_what_remains_is_drawn_for_the_samples_there_are(assessed: Any) -> None:
     assert found.residual_scatter.inside == pytest.approx(0.95, abs=0.03)
 
 
-@pytest.mark.parametrize("d", [2, 3])
-def test_the_region_of_a_second_moment_holds_the_next_point(d: int) -> None:
-    from posture_opt.uncertainty.regions.regions import hotelling_factor
-
-    rng = np.random.default_rng(11)
-    hits = 0
-    for _ in range(2000):
-        samples, after = rng.normal(size=(10, d)), rng.normal(size=d)
-        hits += after @ np.linalg.solve(samples.T @ samples / 10, after) <= hotelling_factor(0.95, d, 10) ** 2
-    assert hits / 2000 == pytest.approx(0.95, abs=0.015)  # binomial: ± 0.5 %, three of them
-
-
 def test_the_instrument_is_set_against_what_it_judges(assessed: Any) -> None:
     _, _, calibration, found = assessed
     one = np.sqrt(np.mean(calibration.errors[:, :2] ** 2))
