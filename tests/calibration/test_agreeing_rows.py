@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.estimation.agreeing_targets import agreeing_targets
+from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
 
 SAG = np.array([0.0, 0.0, -2.0])
 
@@ -36,7 +36,7 @@ def test_three_reflectors_that_sag_together_are_kept() -> None:
     data, errors = session()
     errors[3:6] += SAG
     gross = np.linalg.norm(errors, axis=1) > 0.2
-    assert agreeing_targets(data, errors, gross).tolist() == gross.tolist()
+    assert agreeing_rows(data, errors, gross).tolist() == gross.tolist()
 
 
 def test_one_reflector_that_was_knocked_is_an_outlier() -> None:
@@ -44,17 +44,23 @@ def test_one_reflector_that_was_knocked_is_an_outlier() -> None:
     errors[3] += SAG
     errors[7] += SAG  # another posture
     gross = np.linalg.norm(errors, axis=1) > 0.2
-    assert not agreeing_targets(data, errors, gross).any()
+    assert not agreeing_rows(data, errors, gross).any()
 
 
 def test_errors_that_point_elsewhere_do_not_agree() -> None:
     data, errors = session()
     errors[3:6] += 2 * np.eye(3)
     gross = np.linalg.norm(errors, axis=1) > 0.2
-    assert not agreeing_targets(data, errors, gross).any()
+    assert not agreeing_rows(data, errors, gross).any()
 
 
-def test_a_single_target_has_nothing_to_agree_with() -> None:
+def test_repeats_that_agree_are_no_outliers_and_copies_say_nothing() -> None:
     data, errors = session(targets=1)
+    data.pose = np.arange(12) // 3
     errors[3:6] += SAG
-    assert not agreeing_targets(data, errors, np.linalg.norm(errors, axis=1) > 0.2).any()
+    gross = np.linalg.norm(errors, axis=1) > 0.2
+    assert agreeing_rows(data, errors, gross).tolist() == gross.tolist()
+    errors[4] = errors[5] = errors[3]
+    assert not agreeing_rows(data, errors, gross).any()
+    data.pose = np.arange(12)
+    assert not agreeing_rows(data, errors, gross).any()
