@@ -16,7 +16,7 @@ from posture_opt.calibration.estimation.prior import known_rows
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
-from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes
+from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, sided_joints
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
@@ -35,7 +35,7 @@ from posture_opt.diagnosis.search.outlier_reinclusion import (
 )
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
-from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 from posture_opt.validation.repeat_scatter import prismatic_joints
@@ -125,7 +125,7 @@ def _explain_residuals(
         deviations = choice_deviations(model, geometry, names.nested.each[0], names.size)
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     everything = linearised.baseline(found.chosen)
-    repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
+    repeated = repeats_of_one_kind(residuals.data, prismatic_joints(residuals), sided_joints(model))
     held = _held_by_prior(calibration, linearised, found)
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
     p_value = 0.0 if unnamed else left.p_value
