@@ -8,12 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import restated, reweighed
+from posture_opt.calibration.assumptions.weights import GravityReading, MassReading, better_gravity, refuted_masses
+from posture_opt.calibration.calibrate import of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.prior import known_rows
 from posture_opt.calibration.estimation.progress import Stages
+from posture_opt.diagnosis.causes.mass_errors import with_mass_errors
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
 from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, sided_joints
@@ -51,6 +53,8 @@ class Explained:
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
+        gravity: the direction of gravity where it is not the one that the file was taken to say.
+        masses: a further mass that the data ask for, so that those of the file count as unknown.
         unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
     """
 
@@ -65,11 +69,13 @@ class Explained:
     noise: Sequence[NoiseCause]
     uneven: Sequence[UnevenErrors]
     unrefuted: Mapping[int, tuple[Effect, ...]]
+    gravity: GravityReading | None = None
+    masses: MassReading | None = None
 
     @cached_property
     def model(self) -> Fit:
         """The calibrated arm with the effects that have a name."""
-        return with_choice_errors(self.predictive.fit, self.deviations)
+        return with_mass_errors(with_choice_errors(self.predictive.fit, self.deviations))
 
     @property
     def names(self) -> SearchResult:
@@ -95,6 +101,12 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
     a σ that is stated wrongly. So it is where effects hid outliers.
     """
+    gravity = better_gravity(calibration)
+    if gravity is not None:
+        calibration = of_problem(calibration, calibration.request.problem.replace(**gravity.changes()))
+    masses = refuted_masses(calibration)
+    if masses is not None:
+        calibration = of_problem(calibration, calibration.request.problem.without_masses())
     calibration = without_clear_outliers(calibration)
     found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
     for judge in (restated, reweighed):
@@ -105,7 +117,7 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     fewer = without_hidden_outliers(found.calibration, found.model)
     if fewer is not None:
         found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
-    return found
+    return replace(found, gravity=gravity, masses=masses)
 
 
 def _explain_residuals(

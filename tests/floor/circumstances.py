@@ -202,13 +202,15 @@ def other_nest(rng: np.random.Generator) -> Case:
 
 
 def hung(rng: np.random.Generator) -> Case:
-    """An arm on a ceiling or a wall, measured by a levelled tracker; nothing in the file says so."""
+    """An arm on a ceiling or a wall, which no file states; one time in two the tracker is not level."""
     shop = Shop.drawn(rng, payloads=(0.0, 5.0))
     turned = np.array([np.pi if rng.random() < 0.5 else np.pi / 2, 0.0])
     base = np.array([f.value for f in shop.arm.base])
     base[3:] = [base[3], *turned[::-1]]  # yaw, pitch, roll
     shop.arm = shop.arm.with_frames(base, np.array([*TOOL, 0.0, 0.0, 0.0]))
-    return Case(document(), shop.table(shop.points(*SOFT)), causes=SOFT_CAUSES, sizes=SOFT_SIZES)
+    axis = rng.normal(size=(1, 3))
+    seen = exponential(rng.choice([0.0, 1.0]) * axis)[0]
+    return Case(document(), shop.table(shop.points(*SOFT) @ seen.T), causes=SOFT_CAUSES, sizes=SOFT_SIZES)
 
 
 def leaning(rng: np.random.Generator) -> Case:

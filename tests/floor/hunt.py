@@ -37,10 +37,10 @@ def ask(case: Case) -> dict[str, Any]:
 
 
 def size(estimate: dict[str, Any]) -> dict[str, float] | None:
-    """The first parameter, or of a frame that turns the length of its turn."""
+    """The first parameter, or of a frame that turns the length of its turn; None of products with unknown masses."""
     turn = [estimate[name] for name in ("roll", "pitch", "yaw") if name in estimate]
     if not turn:
-        return next(iter(estimate.values()), None)
+        return next((value for name, value in estimate.items() if not name.startswith("mass at")), None)
     return {"value": float(np.linalg.norm([t["value"] for t in turn])), "std": max(t["std"] for t in turn)}
 
 
@@ -64,7 +64,7 @@ def score(case: Case, answer: dict[str, Any]) -> dict[str, Any]:
         "p": answer["unexplained"]["p_value"],
         "promise": None if fresh is None else round(fresh["extended"]["rms"] / promise, 2),
         "worse": None if fresh is None else round(fresh["extended"]["rms"] / fresh["nominal"]["rms"], 2),
-        "doubts": answer.get("doubts"), "gravity": answer.get("gravity"),
+        "doubts": answer.get("doubts"), "gravity": answer.get("gravity"), "masses": answer.get("masses"),
     }  # fmt: skip
 
 
