@@ -125,7 +125,7 @@ def test_tests_follow_the_rooms_and_take_nothing_from_each_other() -> None:
     """What several of them need stands in ``tests/helpers``."""
     tests = Path(__file__).parent
     folders = {path.parent.relative_to(tests).as_posix() for path in tests.glob("*/test_*.py")}
-    assert folders <= {*ROOMS, "corpus", "fuzz", "golden", "hidden"}
+    assert folders <= {*ROOMS, "corpus", "floor", "fuzz", "golden", "hidden"}
     known = modules_of(tests)
     assert [
         f"{module.name}:{found.line} imports {found.module}"

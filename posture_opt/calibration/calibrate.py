@@ -169,10 +169,15 @@ def restated(calibration: Calibration, model: Fit) -> Calibration | None:
     )
     if not refuted.names:
         return None
-    found, *_ = _calibration_of(replace(request, problem=problem), calibration.by, True, lambda: None)
+    found = of_problem(calibration, problem)
     beside = found.fit_effects(found.residuals.take(found.kept_rows), effects)
-    contradictions = (*calibration.contradictions, *refuted.contradictions(beside))
-    return replace(found, contradictions=contradictions, large=calibration.large)
+    return replace(found, contradictions=(*calibration.contradictions, *refuted.contradictions(beside)))
+
+
+def of_problem(calibration: Calibration, problem: ProblemData) -> Calibration:
+    """The same calibration of a problem that states something else of the same arm."""
+    found, *_ = _calibration_of(replace(calibration.request, problem=problem), calibration.by, True, lambda: None)
+    return replace(found, contradictions=calibration.contradictions, large=calibration.large)
 
 
 @dataclass(frozen=True)

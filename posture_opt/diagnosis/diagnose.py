@@ -245,6 +245,8 @@ def _assemble_diagnosis(
         unexplained=found.unnamed,
         adequacy=found.adequacy,
         uneven=tuple(found.uneven),
+        gravity=found.gravity,
+        masses=found.masses,
         by=calibration.by,
         groups=held.groups,
         rivals=found.names.confusable,

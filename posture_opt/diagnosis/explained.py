@@ -8,15 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import restated, reweighed
+from posture_opt.calibration.assumptions.weights import GravityReading, MassReading, better_gravity, refuted_masses
+from posture_opt.calibration.calibrate import of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.prior import known_rows
 from posture_opt.calibration.estimation.progress import Stages
+from posture_opt.diagnosis.causes.mass_errors import with_mass_errors
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors
-from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes
+from posture_opt.diagnosis.noise.noise_causes import joint_scatter, noise_causes, sided_joints
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, HeldResiduals, assess_adequacy, lack_of_fit, left_of
@@ -35,7 +37,7 @@ from posture_opt.diagnosis.search.outlier_reinclusion import (
 )
 from posture_opt.diagnosis.search.search import SearchResult, keep_named, remaining_unnamed, search_effects
 from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
-from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 from posture_opt.validation.repeat_scatter import prismatic_joints
@@ -51,6 +53,8 @@ class Explained:
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
+        gravity: the direction of gravity where it is not the one that the file was taken to say.
+        masses: a further mass that the data ask for, so that those of the file count as unknown.
         unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
     """
 
@@ -65,11 +69,13 @@ class Explained:
     noise: Sequence[NoiseCause]
     uneven: Sequence[UnevenErrors]
     unrefuted: Mapping[int, tuple[Effect, ...]]
+    gravity: GravityReading | None = None
+    masses: MassReading | None = None
 
     @cached_property
     def model(self) -> Fit:
         """The calibrated arm with the effects that have a name."""
-        return with_choice_errors(self.predictive.fit, self.deviations)
+        return with_mass_errors(with_choice_errors(self.predictive.fit, self.deviations))
 
     @property
     def names(self) -> SearchResult:
@@ -95,6 +101,12 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
     a σ that is stated wrongly. So it is where effects hid outliers.
     """
+    gravity = better_gravity(calibration)
+    if gravity is not None:
+        calibration = of_problem(calibration, calibration.request.problem.replace(**gravity.changes()))
+    masses = refuted_masses(calibration)
+    if masses is not None:
+        calibration = of_problem(calibration, calibration.request.problem.without_masses())
     calibration = without_clear_outliers(calibration)
     found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
     for judge in (restated, reweighed):
@@ -105,7 +117,7 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     fewer = without_hidden_outliers(found.calibration, found.model)
     if fewer is not None:
         found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
-    return found
+    return replace(found, gravity=gravity, masses=masses)
 
 
 def _explain_residuals(
@@ -125,7 +137,7 @@ def _explain_residuals(
         deviations = choice_deviations(model, geometry, names.nested.each[0], names.size)
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     everything = linearised.baseline(found.chosen)
-    repeated = repeat_groups(residuals.data, prismatic_joints(residuals))
+    repeated = repeats_of_one_kind(residuals.data, prismatic_joints(residuals), sided_joints(model))
     held = _held_by_prior(calibration, linearised, found)
     left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block, held)
     p_value = 0.0 if unnamed else left.p_value

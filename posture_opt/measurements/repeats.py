@@ -45,6 +45,18 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
 
 
+def repeats_of_one_kind(data: Measurements, slides: Mask, sided: Codes | None = None) -> Codes:
+    """(N,) the same as `repeat_groups`, of rows that carry the same payload and arrive from the same sides.
+
+    Args:
+        sided: indices of the joints whose stated side of approach matters; none by default.
+    """
+    alike: list[Array | Codes] = [repeat_groups(data, slides)]
+    alike += [] if data.payload is None else [data.payload]
+    alike += [data.approach[:, joint] for joint in (() if sided is None or not data.approach_given else sided)]
+    return np.asarray(np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel(), dtype=np.intp)
+
+
 def _linked_cells(posture: Array) -> Codes:
     """(N,) the same of many rows (N, d), with rows of one cell of side 1 by their mean.
 
@@ -113,18 +125,8 @@ class Contrasts:
 
     @classmethod
     def of(cls, data: Measurements, slides: Mask, sided: Codes | None = None) -> Contrasts:
-        """All contrasts of measurements; none of touched points, whose place is not known.
-
-        Args:
-            data: the measurements.
-            slides: (n,) which joints are prismatic.
-            sided: indices of the joints whose stated side of approach matters; none by default.
-        """
-        n = len(data)
-        alike: list[Array | Codes] = [np.arange(n) if data.position is None else repeat_groups(data, slides)]
-        alike += [] if data.payload is None else [data.payload]
-        alike += [data.approach[:, joint] for joint in (() if sided is None or not data.approach_given else sided)]
-        groups = np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel()
+        """All contrasts of measurements, as `repeats_of_one_kind`; none of touched points, whose place is not known."""
+        groups = np.arange(len(data)) if data.position is None else repeats_of_one_kind(data, slides, sided)
         pairs, cell = np.unique(np.column_stack([groups, repeat_of_row(data)]), axis=0, return_inverse=True)
         group, repeat = pairs.T
         first = np.searchsorted(group, group)

@@ -195,6 +195,12 @@ class Robot:
         """
         return replace(self, base_free=self.base_free or "base" in frames, tool_free=self.tool_free or "tool" in frames)
 
+    @property
+    def without_masses(self) -> Robot:
+        """The same robot of whose links no mass is known."""
+        unknown = (math.nan,) * 3
+        return replace(self, joints=tuple(replace(joint, mass=math.nan, com=unknown) for joint in self.joints))
+
     @cached_property
     def factors(self) -> tuple[Factor, ...]:
         """All elementary transforms from the world to the tool point, in the order of their product."""

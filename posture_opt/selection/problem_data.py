@@ -108,6 +108,11 @@ class ProblemData(Summarised, ABC):
         """The same problem without the mounting plane that was assumed."""
         return replace(self, without_mounting=True)
 
+    def without_masses(self) -> Self:
+        """The same problem with an arm of whose links no mass is known."""
+        bare, nominal = self.robot.without_masses, self.nominal.without_masses
+        return replace(self, arm=replace(self.arm, robot=bare), nominal=nominal)
+
     @property
     def corrections(self) -> dict[str, float]:
         """What is added to the nominal values of parameters, where it is not zero [rad or m]."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.calibration.estimation.agreeing_targets import agreeing_targets
+from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
 from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance
 from posture_opt.calibration.estimation.least_squares import (
     Minimum,
@@ -220,7 +220,7 @@ def estimate_parameters(
 
     Args:
         x0: (k,) [rad, m]; directions: D (k, r), the steps that are fitted.
-        robust: whether gross outliers are left out, `find_outliers`, unless several targets of a posture agree.
+        robust: whether gross outliers are left out, `find_outliers`, unless targets or repeats of a posture agree.
         tolerance: relative offset at which a fit ends.
     """
     n = len(residuals.data)
@@ -241,7 +241,7 @@ def estimate_parameters(
         rows = n * residuals.block
         known = known_rows(prior, weight, directions)
         gross, studentised = find_outliers(r[:rows], reduced_jacobian(J[:rows], directions), residuals.block, known)
-        gross &= ~agreeing_targets(residuals.data, _positions(r[:rows], residuals), gross)
+        gross &= ~agreeing_rows(residuals.data, position_parts(r[:rows], residuals), gross)
         gross = gross if robust else np.zeros(n, dtype=bool)
         variance = variance_of(found, known)
         # A prior that was weighed with the variance of a fit to outliers would have many times too much weight.
@@ -259,7 +259,7 @@ def estimate_parameters(
     )  # fmt: skip
 
 
-def _positions(r: Array, residuals: Residuals) -> Array:
+def position_parts(r: Array, residuals: Residuals) -> Array:
     """The errors (N, axes) of measured coordinates among whitened residuals (m,)."""
     return np.asarray(r.reshape(-1, residuals.block)[:, : len(residuals.axes)])
 

@@ -17,6 +17,7 @@ from posture_opt.diagnosis.causes.determined_sizes import (
     places_of_parts,
     stated_parts,
 )
+from posture_opt.diagnosis.causes.mass_errors import with_mass_errors
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.model.effects import Effect
@@ -113,7 +114,8 @@ def deliver_arm(
     if errors.rms >= held["calibrated"].rms:
         fit, errors, kept = calibration.fit, held["nominal" if nominal else "calibrated"], []
     if kept:
-        fit = with_choice_errors(fit, _of_kept(model, deviations, fit, {i: sure[i] for i in kept}))
+        own = _of_kept(model, deviations, fit, {i: sure[i] for i in kept})
+        fit = with_mass_errors(with_choice_errors(fit, own))
     together = tuple(i for k, i in enumerate(kept) if len(stated_parts(fit, k)) < len(fit.effects[k].size_parts))
     dropped = tuple(i for i in stays if i not in kept)
     return Delivery(fit, errors, tuple(kept), session, vague, dropped, together, nominal)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.linear_model import LinearModel
 from posture_opt.calibration.second_file import OtherFile, errors_on, predict_other_file
 from posture_opt.diagnosis.causes.delivered_effects import Delivery
 from posture_opt.measurements.measurements import Measurements
@@ -58,7 +57,7 @@ class SecondSession:
     Args:
         file: the errors of the arm before calibration, ``calibrated``, and delivered, here ``extended``.
         gain: of the effects over the calibrated arm.
-        gains: of each effect of the model over the arm without it; None for one that is not delivered.
+        gains: of each effect of the model over the arm fitted without it; None for one that is not delivered.
         effects: of the model; ``worse`` the places of those that make rows outside the measured joint ranges worse.
         unstated: what the file does not say of itself though an effect depends on it, in sentences.
     """
@@ -108,10 +107,9 @@ def second_session(
     own, out, poses = file.errors["extended"], file.outside, file.data.pose
     gains: list[Gain | None] = [None] * len(model.effects)
     worse: list[int] = []
-    about = LinearModel.of(extended)
+    rows = calibration.residuals.take(calibration.kept_rows)
     for place, i in enumerate(delivery.kept):
-        rest = [k for k in range(len(delivery.kept)) if k != place]
-        fit = replace(extended, x=extended.x + about.refitted(place)).keeping(rest)
+        fit = calibration.fit_effects(rows, [effect for k, effect in enumerate(extended.effects) if k != place])
         without = errors_on((fit.residuals, fit.x), file.data, refit_frames)
         gains[i] = Gain.of(own, without, poses)
         if out.any() and Gain.of(own[out], without[out], poses[out]).high < 0:

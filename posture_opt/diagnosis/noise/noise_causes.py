@@ -29,7 +29,7 @@ from posture_opt.measurements.repeats import Contrasts, apart, repeat_of_row
 from posture_opt.model.effects import JointNoise, Outliers, Rows, StatedSigma
 from posture_opt.numerics import Array, Codes, Mask, rms
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.prediction import joint_errors
+from posture_opt.validation.prediction import joint_errors, scatter_of_effects
 from posture_opt.validation.repeat_scatter import prismatic_joints
 from posture_opt.validation.scatter_model import whitened_repeats
 
@@ -67,23 +67,37 @@ def noise_causes(
     found += [] if adequacy < levels.LACK_OF_FIT_LEVEL else _outlier_causes(calibration, model, other)
     if not position_sigma(problem, model.residuals.data) or found:
         return found, uneven
-    repeated, residuals = samples.repeated, model.residuals
-    quantities = _quantities(problem, residuals)
-    if repeated is not None:
-        for quantity in quantities:
-            e = quantity.of(repeated.e)
-            wrong = quantity.wrong_sigma(e, e.size)
-            found += [] if wrong is None else [NoiseCause(wrong.named(), wrong.estimate, wrong.p_value)]
-    elif not uneven and adequacy >= levels.LACK_OF_FIT_LEVEL:
-        left = model.whitened.reshape(-1, residuals.block)
-        if residuals.data.part is not None:
-            return found, [*uneven, *_wrong_instruments(problem, model)]
-        for quantity in quantities:
-            e = quantity.of(left)
-            wrong = quantity.wrong_sigma(e, max(e.size - len(model.minimum.x) * e.shape[1] // left.shape[1], 1))
-            if wrong is not None and wrong.size > 1:
-                uneven.append(UnevenErrors(wrong.named(), wrong.p_value, False, np.zeros(0)))
+    quantities, repeated = _quantities(problem, model.residuals), samples.repeated
+    for quantity in quantities:
+        e = np.zeros((0, 1)) if repeated is None else quantity.of(repeated.e)
+        wrong = quantity.wrong_sigma(e, e.size) if e.size else None
+        found += [] if wrong is None else [NoiseCause(wrong.named(), wrong.estimate, wrong.p_value)]
+    if not uneven and adequacy >= levels.LACK_OF_FIT_LEVEL and samples.repeats.e.size < levels.MIN_REPEAT_FREEDOM:
+        mixed = model.residuals.data.part is not None
+        uneven += _wrong_instruments(problem, model) if mixed else _excess_errors(problem, model, quantities, repeated)
     return found, uneven
+
+
+def _excess_errors(
+    problem: ProblemData, model: Fit, quantities: Sequence[_Quantity], read: NoiseSample | None
+) -> list[UnevenErrors]:
+    """Errors larger than instrument and joints as stated allow, or than readings show where these scatter by more.
+
+    Where no posture was left and met again, nothing else says what an arm that is right would leave. A data sheet's
+    repeatability, which may be of another arm, is allowed too.
+    """
+    left = model.whitened.reshape(-1, model.residuals.block)
+    left = in_stated_units(problem, model.residuals, left, _joint_columns(model), assumed=True)[0]
+    found = list[UnevenErrors]()
+    for quantity in quantities:
+        e, seen = quantity.of(left), np.zeros(0) if read is None else quantity.of(read.e)
+        free = max(e.size - len(model.minimum.x) * e.shape[1] // left.shape[1], 1)
+        shown = float(np.mean(seen**2)) if seen.size else 0.0
+        yardstick = quantity if shown <= 1 else replace(quantity, estimated=seen.size)
+        wrong = yardstick.wrong_sigma(e / np.sqrt(max(shown, 1.0)), free)
+        if wrong is not None and wrong.size > 1:
+            found.append(UnevenErrors(wrong.named(), wrong.p_value, False, np.zeros(0)))
+    return found
 
 
 def _wrong_instruments(problem: ProblemData, model: Fit) -> list[UnevenErrors]:
@@ -269,7 +283,7 @@ def _instrument_ranges(residuals: Residuals) -> Array | None:
 
 
 def in_stated_units(
-    problem: ProblemData, residuals: Residuals, e: Array, columns: Array
+    problem: ProblemData, residuals: Residuals, e: Array, columns: Array, *, assumed: bool = False
 ) -> tuple[Array, Array]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 
@@ -278,11 +292,15 @@ def in_stated_units(
 
     ``L⁻¹ e`` with ``L Lᵀ = D + J diag(σ²) Jᵀ`` of all rows of a repeat, D the instrument's variances: the null
     distribution then knows the scatter that is stated.
+
+    Args:
+        assumed: take the repeatability of the data sheet where the file states none; else it counts as unknown.
     """
     sources, own = problem.sources, relative_sigma(problem, residuals.data)
-    at = {name: i for i, name in enumerate(sources.names)}
-    variance = np.diag(sources.scatter)
-    sigma = np.array([np.sqrt(variance[at[name]]) if name in at else 0.0 for name in joint_errors(problem.robot)])
+    scatter = dict(zip(sources.names, np.sqrt(np.diag(sources.scatter)).tolist(), strict=True))
+    if sources.assumed and not assumed:
+        scatter = scatter_of_effects(problem.robot, problem.effects)
+    sigma = np.array([scatter.get(name, 0.0) for name in joint_errors(problem.robot)])
     if not sigma.any() and np.all(own == 1.0):
         return e, columns
     S = np.moveaxis(columns, 0, 2) * sigma

@@ -8,8 +8,9 @@ import numpy as np
 
 from posture_opt.calibration.calibrate import recount_rows
 from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.estimation.agreeing_rows import agreeing_rows
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
-from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.fit import Fit, position_parts
 from posture_opt.calibration.estimation.least_squares import OUTLIER_MARGIN, find_outliers, outlier_limit
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.scores import levels
@@ -65,8 +66,9 @@ def without_hidden_outliers(calibration: Calibration, model: Fit) -> Calibration
         model: the arm with its effects, fitted to the rows that count.
     """
     m = model.residuals.measured
-    columns, block = (model.jacobian @ model.directions)[:m], model.residuals.block
-    return _without_few(calibration, model.residuals, _gross_rows(model.whitened[:m], columns, block, _CLEAR_MARGIN))
+    columns = (model.jacobian @ model.directions)[:m]
+    gross = _gross_rows(model.whitened[:m], columns, model.residuals, _CLEAR_MARGIN)
+    return _without_few(calibration, model.residuals, gross)
 
 
 def without_clear_outliers(calibration: Calibration) -> Calibration:
@@ -85,7 +87,7 @@ def without_clear_outliers(calibration: Calibration) -> Calibration:
     lasting = Dictionary(linearised, tuple(c for c in candidates_of(linearised) if c.persistent))
     taken = pursue_candidates(lasting, levels.MAX_EFFECTS).chosen
     columns = np.concatenate([linearised.G, *(candidate.Z for candidate in taken)], axis=1)
-    gross = _gross_rows(linearised.r[:m], columns[:m], block, _CLEAR_MARGIN)
+    gross = _gross_rows(linearised.r[:m], columns[:m], residuals, _CLEAR_MARGIN)
     return _without_few(calibration, residuals, gross) or calibration
 
 
@@ -118,7 +120,7 @@ def _left_out(calibration: Calibration, explanations: Sequence[Sequence[Effect]]
     left = before = ~calibration.fit.kept
     for effects in filter(None, explanations):
         Z = [tangents.columns(effect)[:m] for effect in effects]
-        gross = _gross_rows(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
+        gross = _gross_rows(r, np.concatenate([G, *Z], axis=1), tangents.residuals)
         left = min(left, before & gross, key=np.count_nonzero)
     return left
 
@@ -153,7 +155,7 @@ def _slips_at_ends(calibration: Calibration) -> list[Slip]:
     return [slip.model_copy(update={"moment": moment}) for slip in slips.values() for moment in likely]
 
 
-def _gross_rows(r: Array, A: Array, block: int, margin: float = OUTLIER_MARGIN) -> Mask:
+def _gross_rows(r: Array, A: Array, residuals: Residuals, margin: float = OUTLIER_MARGIN) -> Mask:
     """(N,) which rows stay gross errors given the columns A (m, k), with such rows left out of the fit.
 
     ``margin`` is that of `find_outliers`.
@@ -161,12 +163,13 @@ def _gross_rows(r: Array, A: Array, block: int, margin: float = OUTLIER_MARGIN) 
     Rows are left out and judged again until the set repeats, `_MAX_OUTLIER_ROUNDS` times at the most.
     """
     scale = np.linalg.norm(A, axis=0)
-    A = A / np.where(scale > 0, scale, 1.0)
+    A, block = A / np.where(scale > 0, scale, 1.0), residuals.block
     gone = np.zeros(len(r) // block, dtype=bool)
     for _ in range(_MAX_OUTLIER_ROUNDS):
         rows = np.repeat(~gone, block)
         rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
         again = find_outliers(rest, A, block, margin=margin)[0]
+        again &= ~agreeing_rows(residuals.data, position_parts(rest, residuals), again)
         if np.array_equal(again, gone):
             break
         gone = again

@@ -1,4 +1,4 @@
-"""Drift of the measured point with time, the same in all postures."""
+"""Drift with time: of the measured point, the same in all postures, or of the base, which turns too."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, exp
+from posture_opt.model.chain import Scalar, exp
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.frame_motion import ANGLES, WORLD_AXES, foot, frame_motion
 from posture_opt.units import Time, plus_minus, shown
 
 _SETTLING_TIME_CONSTANTS = 3.0  # time constants after which 5 % are left
@@ -24,11 +25,13 @@ class Drift(Effect):
     """``dp = v (1 − exp(−t / τ))`` (exponential), ``v exp(−t / τ)`` (settling) or ``v t / t_end`` (linear).
 
     v (3,) [m], world axes; t [s] since the first measurement, or the number of the row where no times are logged.
+    A base that drifts turns too, about the foot of the first joint, ``dp = s(t) (v + w × r)``, w (3,) [rad]; the stand
+    of an instrument that turns so shows alike.
     An exponential drift leaves the place of the first row, one that is settling comes to where the file says: where the
     base is free, both are the same.
     """
 
-    summary: ClassVar[str] = "the measured point drifts with time, the same in all postures"
+    summary: ClassVar[str] = "the measured point drifts with time, alike in all postures; or the base, which turns too"
     phrase: ClassVar[str] = "the measured point drifts with time ({target})"
     measurement: ClassVar[str] = "return to a reference target every few postures, and take the others in random order"
     inspection: ClassVar[str] = (
@@ -46,12 +49,18 @@ class Drift(Effect):
 
     kind: Literal["drift"] = "drift"
     course: Literal["exponential", "linear", "settling"] = Field("linear", description="of the shift over time")
+    of: Literal["point", "base"] = Field("point", description="what drifts: the measured point, or the base, and turns")
     constant: Time = Field(gt=0, description="τ of an exponential or settling drift, duration of a linear one")
 
     @property
     def target(self) -> str:
-        """The course: ``exponential``, ``linear`` or ``settling``."""
-        return self.course
+        """The course, ``exponential``, ``linear`` or ``settling``; ``base`` where that drifts."""
+        return self.course if self.of == "point" else self.of
+
+    @property
+    def dimensions(self) -> tuple[tuple[str, str], ...]:
+        """The shift; of a base its turn too."""
+        return self.parameters if self.of == "point" else (*self.parameters, *((name, "angle") for name in ANGLES))
 
     @property
     def exclusive(self) -> tuple[object, ...]:
@@ -63,7 +72,7 @@ class Drift(Effect):
         """The cause in one clause; of a settling drift, that the first rows are off."""
         if self.course == "settling":
             return "the measured point is off at first, and settles with time"
-        return super().words
+        return "the base, or the stand of the instrument, turns with time" if self.of == "base" else super().words
 
     @property
     def less_likely(self) -> bool:
@@ -75,9 +84,13 @@ class Drift(Effect):
         if self.course == "linear":
             return self.words
         what = (
-            "the first rows are off, and the measured point settles"
-            if self.course == "settling"
-            else "the measured point drifts, and settles"
+            "the base, or the stand of the instrument, turns, and settles"
+            if self.of == "base"
+            else (
+                "the first rows are off, and the measured point settles"
+                if self.course == "settling"
+                else "the measured point drifts, and settles"
+            )
         )
         return f"{what} within {_settling(estimate)}"
 
@@ -91,21 +104,24 @@ class Drift(Effect):
         return over_time(state, timed)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
-        """Length of the shift [µm] with its standard error; when a drift that ends has done so."""
+        """Angle of the turn, length of the shift [µm]; when a drift that ends has done so."""
         shift, std = _vector_length([estimate.entry(axis) for axis in "xyz"])
         linear = self.course == "linear"
         between = " from the first row to the last" if linear else " from the first row to where it settles"
-        sizes = (Size("shift", plus_minus(shift, std, 1e6, "µm"), between),)
+        sizes: tuple[Size, ...] = (Size("shift", plus_minus(shift, std, 1e6, "µm"), between),)
+        if self.of == "base":
+            turn, error = _vector_length([estimate.entry(angle) for angle in ANGLES])
+            sizes = (Size("turn", shown(turn, "angle", error), between), *sizes)
         if linear:
             return sizes
         untimed = "" if estimate.timed else ", as no times are logged"
         return (*sizes, Size("settled within", f"{_settling(estimate)} to 5 %", untimed))
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
-        """A shift (3,) along each world axis, times ``1 − exp(−t/τ)``, ``exp(−t/τ)`` or ``t/t_end``."""
+        """Each parameter along or about its world axis, times ``1 − exp(−t/τ)``, ``exp(−t/τ)`` or ``t/t_end``."""
         t = state.inputs.time / self.constant
         size: Scalar = t if self.course == "linear" else exp(-t) if self.course == "settling" else 1 - exp(-t)
-        return tuple(Sensitivity(twist=(_axis_vector(axis, size), ZERO)) for axis in range(3))
+        return frame_motion(state, [name for name, _ in self.dimensions], WORLD_AXES, foot(state), size)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
@@ -115,7 +131,9 @@ class Drift(Effect):
         courses = ("exponential",) if case.robot.base_free else ("exponential", "settling")
         constants = [_seconds_text(share * case.duration) for share in _CONSTANT_SHARES]
         curves = [cls(course=course, constant=constant) for course in courses for constant in constants]
-        return [cls(course="linear", constant=_seconds_text(case.duration)), *curves]
+        lines = [cls(course="linear", of=of, constant=_seconds_text(case.duration)) for of in ("point", "base")]
+        turning = [cls(course="exponential", of="base", constant=constant) for constant in constants]
+        return [*lines, *curves, *turning]
 
 
 def _settling(estimate: FittedSizes) -> str:
@@ -133,10 +151,3 @@ def _vector_length(parts: list[tuple[float, float]]) -> tuple[float, float]:
     """Length of a vector and its standard error, from components (value, standard error) taken as independent."""
     size = math.hypot(*(value for value, _ in parts))
     return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
-
-
-def _axis_vector(axis: int, size: Scalar) -> Scalar:
-    """(3,) a world axis times a size."""
-    vector: list[Scalar] = [0.0, 0.0, 0.0]
-    vector[axis] = size
-    return tuple(vector)

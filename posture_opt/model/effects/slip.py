@@ -11,10 +11,11 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import ZERO, Scalar, Vector, at_least, cross, scale, subtract
+from posture_opt.model.chain import Scalar, Vector, at_least
 from posture_opt.model.effects.base.catalogue_entry import Input
 from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.frame_motion import ANGLES, WORLD_AXES, foot, frame_motion
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number, shown
@@ -26,7 +27,6 @@ _MIN_ROWS_EACH_SIDE = 10
 """Rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm was."""
 _MIN_ROWS_DIVISOR = 4
 """One part in so many of the rows is enough where they are few."""
-_WORLD_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _BASE, _TOOL = "base", "tool"
 _FRAME_PARAMETERS: dict[_Way, tuple[str, ...]] = {
     "shift": ("x", "y", "z"),
@@ -41,8 +41,6 @@ _INSPECTIONS = {
     _TOOL: "clamping of tool and reflector; whether one of them was knocked",
 }
 """What to look at where no joint slipped."""
-_ANGLES = ("roll", "pitch", "yaw")
-"""Parameters about the x, y and z axis [rad]: the world's of the base, its own of the tool."""
 _FRAME_WORDS = {
     _BASE: "the base slipped during the measurements",
     _TOOL: "the tool or its reflector was knocked out of place during the measurements",
@@ -99,7 +97,7 @@ class Slip(Effect):
         """``step`` [rad] of a joint; of base and tool the coordinates and angles of its way."""
         if not self._of_frame:
             return (("step", "angle"),)
-        return tuple((name, "angle" if name in _ANGLES else "length") for name in _FRAME_PARAMETERS[self.way])
+        return tuple((name, "angle" if name in ANGLES else "length") for name in _FRAME_PARAMETERS[self.way])
 
     @property
     def name(self) -> str:
@@ -161,16 +159,12 @@ class Slip(Effect):
         after = at_least(state.inputs.time, self.moment)
         if not self._of_frame:
             return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
-        vectors: list[Vector] = [scale(after, axis) for axis in self._axes(state)]
-        foot = state.frames[-1].origin if self.of == _TOOL else state.walk.screws[len(state.robot.base)].origin
-        lever = subtract(state.tool, foot)
-        units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
-        units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_ANGLES, vectors, strict=True)}
-        return tuple(units[name] for name in _FRAME_PARAMETERS[self.way])
+        about = state.frames[-1].origin if self.of == _TOOL else foot(state)
+        return frame_motion(state, _FRAME_PARAMETERS[self.way], self._axes(state), about, after)
 
     def _axes(self, state: ArmState) -> tuple[Vector, ...]:
         """The axes (3,) of its shifts and turns, world: the world's own of the base, those of the tool of the tool."""
-        return state.walk.columns if self.of == _TOOL else _WORLD_AXES
+        return state.walk.columns if self.of == _TOOL else WORLD_AXES
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -92,9 +92,8 @@ class Sources:
         """The sources but for some names, with their covariance and scatter."""
         kept = [k for k, name in enumerate(self.names) if name not in names]
         at = np.ix_(kept, kept)
-        return Sources(
-            tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.scatter[at], self.details
-        )
+        names = tuple(self.names[k] for k in kept)
+        return replace(self, names=names, covariance=self.covariance[at], scatter=self.scatter[at])
 
     def joined(self, other: Sources) -> Sources:
         """Both sets of sources, the two independent of each other.
@@ -115,7 +114,8 @@ class Sources:
             at = np.ix_(*[[names.index(name) for name in part.names]] * 2)
             covariance[at] += part.covariance
             scatter[at] += part.scatter
-        return Sources(names, covariance, (*self.notes, *other.notes), scatter, (*self.details, *other.details))
+        notes, details = (*self.notes, *other.notes), (*self.details, *other.details)
+        return Sources(names, covariance, notes, scatter, details, self.assumed or other.assumed)
 
 
 def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:

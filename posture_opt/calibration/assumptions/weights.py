@@ -1,0 +1,228 @@
+"""Gravity's direction and the masses of an arm as assumptions: what the sag of its joints says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.estimation.residuals import gravity_of
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import factor_values, walk
+from posture_opt.numerics import Array, Json
+
+_SAME_DIRECTION = np.cos(np.radians(10.0))
+"""Cosine within which two directions pull alike, and a base is upright."""
+_ROUNDED = np.cos(np.radians(3.0))
+"""Cosine within which a direction is that of an axis of the base."""
+_MIN_EVIDENCE = 20.0
+"""Evidence of another direction or mass, as of other statements that are set aside: probability of e²⁰."""
+_LARGEST_SHARE, _MASSES_TRIED = 0.5, 26
+"""Of the mass of all links, the most that one place carries beside what is stated; and how many masses are tried."""
+
+
+@dataclass(frozen=True)
+class GravityReading:
+    """Gravity in another direction than the file is taken to say.
+
+    Args:
+        vector: (3,) [m/s²], in the axes of the base as found; ``world`` in those of the data.
+        reading: ``instrument`` where its frame is level and the arm is not, ``base`` where it is the other way round,
+            ``mounting`` where the arm stands neither upright nor in a level frame.
+        evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
+        base: ``xyz`` [m] and ``rpy`` [rad] of the base as found.
+    """
+
+    vector: tuple[float, float, float]
+    world: tuple[float, float, float]
+    reading: str
+    evidence: float
+    base: Mapping[str, tuple[float, ...]]
+
+    @property
+    def line(self) -> str:
+        """What to write into the section ``robot`` of the problem file."""
+        return f"gravity: [{', '.join(f'{v:.3g}' for v in self.vector)}]"
+
+    def to_json(self) -> dict[str, Json]:
+        """The part ``gravity`` of ``diagnosis.json``."""
+        return {"vector": list(self.vector), "reading": self.reading, "evidence": self.evidence, "line": self.line}
+
+    def changes(self) -> dict[str, object]:
+        """The keys of the problem file that state it, with the base as found: its axes then are those of the data."""
+        base = {"xyz": [f"{v!r} m" for v in self.base["xyz"]], "rpy": [f"{v!r} rad" for v in self.base["rpy"]]}
+        return {"robot__gravity": list(self.world), "robot__base": {**base, "free": True}}
+
+
+def better_gravity(calibration: Calibration) -> GravityReading | None:
+    """The direction of gravity by which joints that give way explain clearly more; None where it is the one taken.
+
+    ``r = G x + Σ_j c_j τ_j(g) + noise`` with c_j ≥ 0 for every direction g: turned over, the torques ask for joints
+    that push against their load. Frame of the instrument and base compete; where the file states no gravity, so do the
+    axes of the base, as of an arm on a wall or a ceiling.
+    """
+    sag = _Sag.of(calibration)
+    robot = calibration.residuals.robot
+    if not robot.base_free or not any(robot.gravity) or not sag.state.weighed:
+        return None
+    taken = np.array(gravity_of(robot, calibration.residuals.frames(calibration.x)))
+    readings = {"taken": taken} | _other_directions(calibration, taken)
+    left = {name: sag.left(_pulled(sag.state, g)) for name, g in readings.items()}
+    best = min(left, key=lambda name: left[name])
+    evidence = sag.evidence(left["taken"], left[best])
+    return _reading(calibration, best.partition(" ")[0], readings[best], evidence) if evidence > _MIN_EVIDENCE else None
+
+
+@dataclass(frozen=True)
+class MassReading:
+    """A mass that the arm carries and the file does not state, or states and the arm does not carry.
+
+    Args:
+        place: joint behind which it is, or ``tool``.
+        mass: beyond what is stated [kg], with its standard error ``std``.
+        evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
+    """
+
+    place: str
+    mass: float
+    std: float
+    evidence: float
+
+    def to_json(self) -> dict[str, Json]:
+        """The part ``masses`` of ``diagnosis.json``."""
+        return {"place": self.place, "mass": self.mass, "std": self.std, "evidence": self.evidence}
+
+
+def refuted_masses(calibration: Calibration) -> MassReading | None:
+    """The further mass that explains clearly more of the sag than the masses of the file; None without such.
+
+    One mass at one place at a time, ``τ_j + m τ_j(place)`` in every joint, at the m that leaves least.
+    """
+    sag = _Sag.of(calibration)
+    relied_on = any("masses" in effect.asks for effect in calibration.residuals.arm.effects)
+    if relied_on or not sag.state.weighed or not any(sag.state.robot.gravity):
+        return None
+    total, names = sum(joint.mass for joint in sag.state.robot.joints if joint.mass > 0), sag.state.robot.joint_names
+    tried = np.linspace(-0.1, 1.0, _MASSES_TRIED) * _LARGEST_SHARE * total
+    found, stated = list[MassReading](), sag.left(sag.state)
+    for k, place in enumerate((*names[1:-1], "tool"), 1):
+        left = np.array([sag.left(_heavier(sag.state, k if place != "tool" else None, float(m))) for m in tried])
+        best = int(np.argmin(left))
+        bend = np.polyfit(tried, np.log(left) * sag.rows / 2, 2)[0]
+        std = 1 / float(np.sqrt(2 * max(bend, 1e-300)))
+        found.append(MassReading(place, float(tried[best]), std, sag.evidence(stated, left[best])))
+    best_one = max(found, key=lambda one: one.evidence)
+    return best_one if best_one.evidence > _MIN_EVIDENCE else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Sag:
+    """What a calibration leaves that joints which give way could explain.
+
+    Args:
+        sensitivities: of the rows that count; r: (m,) their residuals and Q (m, k) an orthonormal basis of the
+            geometry.
+    """
+
+    sensitivities: EffectSensitivities
+    r: Array
+    Q: Array
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> _Sag:
+        """Of the rows that are no outliers."""
+        residuals = calibration.residuals.take(calibration.kept_rows)
+        r, J = residuals.residuals_and_jacobian(calibration.x)
+        Q = np.linalg.qr(J @ calibration.identifiability.directions)[0]
+        return cls(EffectSensitivities(residuals, calibration.x), r - Q @ (Q.T @ r), Q)
+
+    @property
+    def state(self) -> ArmState:
+        """The arm at all rows, its loads as stated."""
+        return self.sensitivities.state
+
+    @property
+    def rows(self) -> int:
+        """How many residuals."""
+        return len(self.r)
+
+    def left(self, state: ArmState) -> float:
+        """The least ``|r + Σ_j c_j τ_j|²`` for compliances c_j ≥ 0 of the turning joints under the loads of a state."""
+        from scipy.optimize import nnls
+
+        turning = [i for i, joint in enumerate(state.robot.joints) if joint.type == "revolute"]
+        shape = (len(self.sensitivities.residuals.data), 1)
+        torques = [np.broadcast_to(np.reshape(state.torque(i), (-1, 1)), shape) for i in turning]
+        columns = [self.sensitivities.of_joint(i, torque) for i, torque in zip(turning, torques, strict=True)]
+        Z = np.concatenate(columns, axis=1)
+        Z = Z - self.Q @ (self.Q.T @ Z)
+        scale = np.linalg.norm(Z, axis=0)
+        return float(nnls(Z / np.where(scale > 0, scale, 1.0), -self.r)[1] ** 2)
+
+    def evidence(self, stated: float, other: float) -> float:
+        """Logarithm of the likelihood ratio of what two states leave."""
+        return self.rows / 2 * float(np.log(stated / max(other, 1e-300)))
+
+
+def _pulled(state: ArmState, gravity: Array) -> ArmState:
+    """The same arm under a gravity (3,)."""
+    x, y, z = map(float, gravity)
+    robot = replace(state.robot, gravity=(x, y, z))
+    return ArmState(robot, state.q, state.inputs, state.p, state.carried)
+
+
+def _heavier(state: ArmState, behind: int | None, mass: float) -> ArmState:
+    """The same arm with a further mass [kg] in the frame behind a joint; None: at the tool point."""
+    if behind is None:
+        inputs = replace(state.inputs, payload=np.asarray(state.inputs.payload) + mass)
+        return ArmState(state.robot, state.q, inputs, state.p, state.carried)
+    joint = state.robot.joints[behind]
+    m = joint.mass + mass  # its centre moves towards the origin of the frame
+    x, y, z = (v * joint.mass / m if m > 0 else 0.0 for v in joint.com)
+    joints = tuple(replace(j, mass=m, com=(x, y, z)) if i == behind else j for i, j in enumerate(state.robot.joints))
+    return ArmState(replace(state.robot, joints=joints), state.q, state.inputs, state.p, state.carried)
+
+
+def _other_directions(calibration: Calibration, taken: Array) -> dict[str, Array]:
+    """Directions (3,) that gravity may have otherwise, by their reading, world."""
+    robot = calibration.residuals.robot
+    turn, g = _turn(calibration), np.array(robot.gravity)
+    every = {"instrument": g, "base": turn @ g}
+    if "gravity" not in calibration.request.problem.to_dict()["robot"]:
+        axes = _rotation(calibration, found=True).T
+        every |= {f"mounting {i}": sign * np.linalg.norm(g) * axes[i // 2] for i, sign in enumerate([1, -1] * 3)}
+    found, size = dict[str, Array](), float(g @ g)
+    for name, one in every.items():
+        if all(float(one @ other) < _SAME_DIRECTION * size for other in (taken, *found.values())):
+            found[name] = one
+    return found
+
+
+def _rotation(calibration: Calibration, *, found: bool) -> Array:
+    """(3, 3) of the base in the world, as found or as the file places it."""
+    base = calibration.residuals.robot.base
+    frames = calibration.residuals.frames(calibration.x) if found else {}
+    return np.array(walk(base, factor_values(base, [], frames)).columns, dtype=float).T
+
+
+def _turn(calibration: Calibration) -> Array:
+    """(3, 3) turn of the base from where the file places it."""
+    return np.asarray(_rotation(calibration, found=True) @ _rotation(calibration, found=False).T)
+
+
+def _reading(calibration: Calibration, name: str, world: Array, evidence: float) -> GravityReading:
+    """A direction (3,) of the world, rounded to an axis of the base where it is one."""
+    vector = _turn(calibration).T @ world
+    axis = int(np.argmax(np.abs(vector)))
+    if abs(vector[axis]) > _ROUNDED * np.linalg.norm(vector):
+        vector = np.sign(vector[axis]) * np.linalg.norm(vector) * np.eye(3)[axis]
+    off = calibration.residuals.frames(calibration.x)
+    at = {f.parameter: f.nominal + off.get(f.parameter, 0.0) for f in calibration.residuals.robot.base}
+    axes = {"xyz": ("x", "y", "z"), "rpy": ("roll", "pitch", "yaw")}
+    base = {key: tuple(at[f"base.{axis}"] for axis in names) for key, names in axes.items()}
+    x, y, z = (float(v) + 0.0 for v in vector)  # no -0
+    u, v, w = map(float, world)
+    return GravityReading((x, y, z), (u, v, w), name, evidence, base)

@@ -1,0 +1,1 @@
+"""What happens on shop floors and in no textbook, simulated without a line of the package."""
