@@ -39,8 +39,8 @@ from posture_opt.report.parts.comparison_parts import comparison_blocks, compari
 from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
 from posture_opt.report.results.assessment_report import assessment_blocks, assessment_drawings
 from posture_opt.report.results.comparison_report import comparison_drawings
-from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings, spread_check_lead
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings
+from posture_opt.report.text.blocks import Block, Document, Facts, Report, Summary, Table
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements.notation import count, length, length_unit
 
@@ -60,12 +60,12 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
     The blocks of the assessment, of the check of the spread and of the re-planned posture are among them; the test
     file has a block where there is one.
     """
-    found = shown.result
+    found, assessment, check = shown.result, shown.evaluation.assessment, shown.evaluation.spread_check
     blocks = (
         data_block(shown.problem, found),
         errors_block(shown.problem, found),
-        *assessment_blocks(shown.evaluation.assessment),
-        *spread_check_blocks(shown.evaluation.spread_check),
+        *Document("", assessment.statements[1:], assessment_blocks(assessment)).whole.blocks,
+        *Document("", check.statements[1:], spread_check_blocks(check)).whole.blocks,
         parameters_block(found),
         *places_blocks(found),
         undetermined_block(found),
@@ -103,7 +103,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
         *doubts[:_MAX_LEAD_NOTES],
         *more,
         *comparison_lead(shown.evaluation.comparison),
-        spread_check_lead(shown.evaluation.spread_check),
+        shown.evaluation.spread_check.statements[0].text,
     )
 
 
