@@ -6,9 +6,11 @@ Noise of a joint is common to the type too; the residuals of all robots together
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-from posture_opt.batch.batch_calibration import Batch, calibrate_batch
+from posture_opt.batch.batch_calibration import Batch, batch_findings, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.estimation.error_statistics import By
 from posture_opt.diagnosis.causes.causes import Finding, noise_finding
@@ -23,6 +25,7 @@ from posture_opt.model.effects import CorrelatedLengths
 from posture_opt.numerics import Json, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,6 +43,15 @@ class BatchDiagnosis(Result):
     effects: tuple[Finding, ...]
     by: By
     uneven: tuple[UnevenErrors, ...] = ()
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """The causes; errors that only look like noise; what the batch itself has to say."""
+        if self.effects:
+            first = state("batch.causes", causes=[f.cause.label for f in self.effects])
+        else:
+            first = state("batch.unidentified") if self.uneven else state("batch.explained")
+        return (first, *_uneven(self.uneven), *batch_findings(self.batch), state("batch.from-several-robots"))
 
     @property
     def verdict(self) -> Outcome:
@@ -69,6 +81,17 @@ class BatchDiagnosis(Result):
             **self.batch.thinned_json,
             "batch": self.batch.fields_json()["batch"],
         }
+
+
+def _uneven(uneven: Sequence[UnevenErrors]) -> Iterator[Statement]:
+    """Errors that look like noise, those of which repeats say alike together; the least certain p-value of them."""
+    kinds: dict[str, list[UnevenErrors]] = {}
+    for one in uneven:
+        repeats = "partly" if one.scatters else "refuted" if one.refuted else "still" if one.still else "unrepeated"
+        kinds.setdefault(repeats, []).append(one)
+    for repeats, ones in kinds.items():
+        p = Quantity(max(one.p_value for one in ones), "p")
+        yield state(f"batch.uneven-{repeats}", causes=[one.effect.label for one in ones], p=p)
 
 
 @interruptible()
