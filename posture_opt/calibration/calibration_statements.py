@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -115,15 +114,6 @@ def _distances(found: Calibration) -> list[Statement]:
         about = f"{names[a]} to {names[b]}"
         said.append(state("calibration.distance-doubted", about, **values, side=side, sigmas=f"{away:.1f}"))
     return said
-
-
-def refuted_of_robots(found: Sequence[Calibration]) -> list[Statement]:
-    """What the data of several robots of one type refute, with how many robots."""
-    counts = Counter(one.cause for calibration in found for one in calibration.contradictions)
-    return [
-        state("calibration.refuted-for-robots", cause.target, count=count, of=len(found), what=cause.words)
-        for cause, count in counts.items()
-    ]
 
 
 def instrument(found: Calibration, nominal: bool) -> list[Statement]:

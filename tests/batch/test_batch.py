@@ -14,10 +14,11 @@ from scipy.optimize import minimize
 
 import posture_opt as po
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
-from posture_opt.batch.batch_covariance import covariance_between_robots
+from posture_opt.batch.batch_covariance import covariance_between_robots, deviation_interval
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.reading import read_measurements
+from posture_opt.model.effects import JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers import batch_planar_2r as shop
@@ -117,6 +118,49 @@ def test_the_section_can_be_pasted_and_loaded(batch: tuple[Batch, np.ndarray], p
     assert po.select_posture(again).status == "optimal"
 
 
+def test_effects_and_the_section_say_nothing_twice(batch: tuple[Batch, np.ndarray], problem: Any) -> None:
+    found, _ = batch
+    known = [
+        {"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.a"], "rho": 0.2},
+        {"kind": "joint_noise", "joint": "joint1", "sigma": "0.03 mrad"},
+    ]
+    with_effects = po.problem_from_dict({**problem.to_dict(), "effects": known})
+    noises = [JointNoise(joint=joint, sigma="0.04 mrad") for joint in ("joint1", "joint2")]
+    pasted = yaml.safe_load(batch_yaml(with_effects, found, noises))
+    assert [entry["kind"] for entry in pasted["effects"]] == ["joint_noise", "joint_noise"]
+    again = po.problem_from_dict({**with_effects.to_dict(), **pasted})
+    names, visit = again.sources.names, np.diag(again.sources.scatter)
+    stated = np.diag(problem.sources.scatter)[problem.sources.names.index("joint1.theta")]
+    # What the file states, what its effect states, and what was named: 0.03² + 0.04² = 0.05².
+    assert visit[names.index("joint1.theta")] == pytest.approx(stated + 25e-10, rel=1e-6)
+    i, j = names.index("joint1.a"), names.index("joint2.a")
+    C = again.sources.constant
+    assert C[i, j] / math.sqrt(C[i, i] * C[j, j]) == pytest.approx(found.pairs[0].correlation, abs=1e-3)
+    assert "effects" not in yaml.safe_load(batch_yaml(problem, found))
+
+
+def test_a_mean_robot_off_the_file_is_determined(problem: Any) -> None:
+    rng = np.random.default_rng(2)
+    found = calibrate_batch(problem, read_measurements(table(rng, lengths(rng, 6) + np.array([3e-3, 0])), problem))
+    text = batch_yaml(problem, found)
+    assert "# The mean robot is not the one of the file" in text
+    assert "joint1.a:" in text.split("corrections")[1].splitlines()[0]
+
+
+def test_a_repeatability_becomes_scatter_beside_zeros_that_vary(problem: Any) -> None:
+    document = problem.to_dict()
+    document["uncertainty"] = {"repeatability": "0.2 mm", "measurement": {"position": "0.02 mm"}}
+    sheet, rng = po.problem_from_dict(document), np.random.default_rng(10)
+    columns = table(rng, lengths(rng, 6))
+    zeros = np.repeat(2e-3 * rng.normal(size=6), POSES)  # of the second joint's encoder, robot by robot
+    columns["joint2 [rad]"] = columns["joint2 [rad]"] - zeros
+    section = batch_uncertainty(sheet, calibrate_batch(sheet, read_measurements(columns, sheet)))
+    assert "joint2.theta" in section["sigma"]
+    assert "repeatability" not in section
+    again = po.problem_from_dict({**document, "uncertainty": section}).sources
+    assert np.trace(again.scatter) == pytest.approx(np.trace(sheet.sources.scatter), rel=1e-3)
+
+
 @pytest.mark.campaign
 def test_intervals_hold_correlation_and_sigma_in_95_percent_of_300_batches() -> None:
     rng = np.random.default_rng(3)
@@ -169,6 +213,17 @@ def test_the_covariance_has_the_largest_restricted_likelihood() -> None:
     L = 1e-3 * np.array([[best.x[0], 0], [best.x[1], best.x[2]]])
     # EM stops at 1e-6 of a variance a step; here the correlation is nearly one, where it goes slowest.
     np.testing.assert_allclose(covariance_between_robots(x, S).covariance, L @ L.T, rtol=5e-3)
+
+
+def test_an_interval_without_errors_is_that_of_chi_square() -> None:
+    from scipy.stats import chi2
+
+    x = np.random.default_rng(6).normal(size=25)
+    low, high = deviation_interval(x, np.zeros(25))
+    nu, s = 24, float(np.std(x, ddof=1))
+    # The profile likelihood and equal tails differ by the skewness, which is small at 24 degrees of freedom.
+    assert low == pytest.approx(s * math.sqrt(nu / chi2.ppf(0.975, nu)), rel=0.05)
+    assert high == pytest.approx(s * math.sqrt(nu / chi2.ppf(0.025, nu)), rel=0.05)
 
 
 def test_too_few_robots_are_refused_with_what_to_measure(problem: Any) -> None:
@@ -226,3 +281,28 @@ def test_one_robot_does_not_tell_what_varies_together() -> None:
     data = read_measurements(columns, stated)
     found = po.check_spread(stated, data, calibrate(stated, data))
     assert any("cannot be known from one robot" in note for note in found.notes)
+
+
+@pytest.mark.long
+def test_the_command_answers_on_one_screen_and_tells_the_rest_in_full() -> None:
+    data = problems_folder() / "planar_2r_batch.csv"
+    words = ["calibrate", data, "--problem", "insert_planar_2r_measured", "--no-plots"]
+    brief, whole = invoke(*words).stdout, invoke(*words, "--full").stdout
+    assert len(brief.splitlines()) <= 45 < len(whole.splitlines())
+    assert "joint1.a 0.364 mm and joint2.a 0.371 mm (σ from robot to robot)" in brief
+    assert brief.splitlines()[:4] == whole.splitlines()[:4]
+    assert "Correlations between parameters" in whole
+
+
+def test_a_batch_whose_postures_are_measured_once_does_not_tell_which_joint_scatters() -> None:
+    example = load_builtin("insert_planar_2r_measured")
+    found = po.diagnose_batch(example, read_measurements(problems_folder() / "planar_2r_batch.csv", example))
+    document = found.to_json()
+    assert [e["kind"] for e in document["effects"]] == ["correlated_lengths"]
+    assert document["verdict"] == "unexplained"
+    assert set(document["unexplained"]["place"]) == {"joint1", "joint2"}
+    assert document["unexplained"]["p_value"] < 0.002
+    (uneven,) = (one for one in found.statements if one.label == "Uneven")
+    assert (uneven.id, uneven.severity) == ("batch.uneven-unrepeated", "caution")
+    assert len(uneven.values["causes"]) == 2
+    assert found.statements[0].id == "batch.causes"

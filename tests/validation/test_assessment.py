@@ -106,7 +106,7 @@ def test_a_direction_that_was_not_measured_is_left_out_and_said() -> None:
         data = measured(problem, q, points)
         found = po.assess(problem, data, po.calibrate(problem, data))
         assert [d.name for d in found.nominal.deviations] == names
-        assert any("not all of the task's direction was measured" in note for note in found.notes)
+        assert "validation.direction-unmeasured" in [one.id for one in found.statements]
     problem = planar(())
     data = measured(problem, q, points)
     found = po.assess(problem, data, po.calibrate(problem, data))

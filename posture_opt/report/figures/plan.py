@@ -9,7 +9,6 @@ import numpy as np
 
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
-from posture_opt.report.measured_parts.plan_parts import is_listed
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, LIMIT_COLOUR, ORANGE
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, legend_beside, styled
@@ -75,10 +74,7 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     logarithmic: of these some may come out worse than with random postures, as the plan is chosen for all of them
     together. Hollow squares: before; hollow diamonds: random postures; dots: the plan.
     """
-    rows = {
-        unit: [i for i, p in enumerate(plan.parameters) if is_listed(plan, i) and p.unit == unit]
-        for unit in ("rad", "m")
-    }
+    rows = {unit: [i for i in plan.listed if plan.parameters[i].unit == unit] for unit in ("rad", "m")}
     drawn = [unit for unit in rows if rows[unit]]
     merits = _merits(plan)
     most = max((len(r) for r in rows.values()), default=1)

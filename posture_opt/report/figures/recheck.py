@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,14 +21,10 @@ _MAX_BARS = 8
 
 
 @styled
-def plot_recheck_changes(found: Recheck, names: Sequence[str]) -> Figure:
-    """Probability [%] that nothing changed, and of the likeliest changes, from the top.
-
-    Args:
-        names: of all changes, as the table has them.
-    """
+def plot_recheck_changes(found: Recheck) -> Figure:
+    """Probability [%] that nothing changed, and of the likeliest changes, from the top."""
     changes = found.changes[:_MAX_BARS]
-    labels = ["unchanged", *names[:_MAX_BARS]]
+    labels = ["unchanged", *(change.name for change in changes)]
     values = np.array([found.unchanged, *(c.probability for c in changes)])
     figure = new_figure(0.35 * len(labels) + 1.2)
     axes = figure.add_subplot()
