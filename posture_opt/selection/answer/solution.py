@@ -259,7 +259,7 @@ class Solution(Result):
 
     @cached_property
     def ranked(self) -> Array:
-        """(k, n) at most eight of the local optima, best first: the best of each configuration, then the best others."""
+        """(k, n) at most eight of the local optima, best first: those of each configuration, then others."""
         named = configurations(self.problem.robot, self.ended)
         again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
         kept = sorted(range(len(self.ended)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
