@@ -15,8 +15,6 @@ from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import Array, Progress
-from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import (
     Does,
@@ -44,7 +42,6 @@ from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
-_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
 _ONE_POSTURE_NOTE = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
@@ -308,7 +305,7 @@ class PostureSelector:
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
         """The solution of a search, or the error with the reasons.
 
-        Alternatives are the distinct optima that a search ended at, at most eight, each configuration among them.
+        Alternatives are among the distinct optima that the search ended at.
 
         Args:
             confirm: whether the solver of the problem is started at the best of them.
@@ -327,7 +324,6 @@ class PostureSelector:
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
 
-        ranked = _configurations_first(self._problem.robot, np.array([c.q for c in optima]))
         notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
         if not by_starts and not by_sweep:
             notes = (*notes, _ONE_POSTURE_NOTE)
@@ -335,7 +331,7 @@ class PostureSelector:
         status: Status = "optimal" if best.optimal else "feasible"
         seen = np.vstack([best.q, found.sampled.Q])
         return Solution(
-            self._problem, problem, found.target, status, best.q, statistics, ranked, notes,
+            self._problem, problem, found.target, status, best.q, statistics, np.array([c.q for c in optima]), notes,
             feasible=seen, engine=outcome.engine,
         )  # fmt: skip
 
@@ -465,11 +461,3 @@ def sources_of(problem: ProblemData) -> Sources:
             Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.task_sources
-
-
-def _configurations_first(robot: Robot, Q: Array) -> Array:
-    """At most eight of the optima Q (k, n) in their order: the best of each configuration, then the best of others."""
-    named = configurations(robot, Q)
-    again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
-    kept = sorted(range(len(Q)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
-    return np.asarray(Q[sorted(kept)])

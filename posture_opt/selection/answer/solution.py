@@ -44,6 +44,7 @@ from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_js
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
+_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
 _MAX_COMPARED_STATIONS = 100  # neighbouring points of a longer path are alike
 Status = Literal["optimal", "feasible", "infeasible"]
 
@@ -100,7 +101,7 @@ class Solution(Result):
         q: (n,) the posture [rad or m], at the first station.
         reasons: why there is no solution; empty where there is one.
         relaxations: changes that would each make one possible, cheapest first.
-        ranked: (k, n) distinct local optima, best first; the alternatives.
+        ended: (k, n) distinct local optima of the search, best first.
         feasible: (N, n) postures of the search that do the task, none where they are not kept.
         engine: the functions that found it; None where they are not kept.
         points: the answers at each of K stations, listed and added; empty where there is one target.
@@ -115,7 +116,7 @@ class Solution(Result):
     status: Status
     q: Array
     statistics: SearchStatistics
-    ranked: Array
+    ended: Array
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
@@ -255,6 +256,14 @@ class Solution(Result):
     def ellipse(self) -> Ellipsoid:
         """Ellipse of a planar arm, else ellipsoid, of the tool point at the worst station."""
         return self.spread.ellipse
+
+    @cached_property
+    def ranked(self) -> Array:
+        """(k, n) at most eight of the local optima, best first: those of each configuration, then others."""
+        named = configurations(self.problem.robot, self.ended)
+        again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
+        kept = sorted(range(len(self.ended)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
+        return np.asarray(self.ended[sorted(kept)])
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:

@@ -28,5 +28,5 @@ def _confirmed(solution: Solution) -> Solution:
     statistics = replace(solution.statistics, confirmation=said)
     if said is None or not said.taken:
         return replace(solution, statistics=statistics)
-    ranked = np.vstack([best.q, solution.ranked[1:]])
-    return replace(solution, q=best.q, ranked=ranked, statistics=statistics)
+    ended = np.vstack([best.q, solution.ended[1:]])
+    return replace(solution, q=best.q, ended=ended, statistics=statistics)
