@@ -71,7 +71,7 @@ class Mounting:
         """
         if stated is not None:
             return None if stated.below is None else cls(stated.below)
-        if not robot.links_have_shape or any(_carries(robot, obstacle) for obstacle in obstacles):
+        if not robot.links_have_shape or any(carries(robot, obstacle) for obstacle in obstacles):
             return None
         return cls(robot.mounting_below, assumed=True)
 
@@ -136,7 +136,7 @@ def below_base_note(placed: PlacedCapsules, Q: Array) -> str:
     )
 
 
-def _carries(robot: Robot, obstacle: Obstacle) -> bool:
+def carries(robot: Robot, obstacle: Obstacle) -> bool:
     """Whether an obstacle is the floor or the table that the arm stands on: below its foot, and level or near."""
     origin, normal = base_frame(robot)
     foot = origin - robot.mounting_below * normal

@@ -13,7 +13,7 @@ import numpy as np
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.contacts import Apart, Contacts
-from posture_opt.collision.mounting import Mounting, below_base_note
+from posture_opt.collision.mounting import MOUNTING_PLANE, Mounting, below_base_note, carries
 from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
@@ -100,8 +100,8 @@ class Scene:
 
     @classmethod
     def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False, without_mounting: bool = False) -> Scene:
-        """An arm of known shape is checked against itself, all obstacles and the surface that it stands on; one of
-        unknown shape against obstacles and a surface that is stated.
+        """Links of known shape are checked against each other, all obstacles and the surface that the arm stands on;
+        those of unknown shape against obstacles and a surface that is stated.
 
         The tool is part of the arm, but for its end near the target, where it has to touch. Nothing is checked where
         the cell says so.
@@ -127,12 +127,15 @@ class Scene:
         capsules = stand_ins + robot.shape
         capsules += tool_capsule(robot, free_end) if capsules else ()
         placed = PlacedCapsules(robot, capsules)
-        pairs = () if assumed and not guessed else apart_pairs(placed)
+        known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
+        pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
         # The first link turns on what the arm stands on, so the mounting plane is none of its.
         exposed = [moving_capsules(placed, int(standing and k == len(asked.obstacles))) for k in range(len(obstacles))]
         own = checked_own(placed, pairs, asked.clearance)
         others = [
-            checked_against(placed, obstacle, chosen, asked.clearance)
+            checked_against(
+                placed, obstacle, chosen, asked.clearance, obstacle.name == MOUNTING_PLANE or carries(robot, obstacle)
+            )
             for obstacle, chosen in zip(obstacles, exposed, strict=True)
         ]
         return cls(
@@ -207,7 +210,7 @@ class Scene:
             for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
             if joint.name not in shaped and any(f.kind == "translate" and f.nominal for f in link)
         ]
-        return () if self.assumed else self.robot.unshaped or tuple(empty)
+        return self.robot.unshaped or (() if self.assumed else tuple(empty))
 
     def distances(self, Q: Array) -> Array:
         """(N, k) exact distance of every pair at the postures Q (N, n) [m].
@@ -294,12 +297,21 @@ class Scene:
                 found.append(obstacle.name)
         return tuple(found)
 
-    def nearest(self, row: str, q: Array) -> float:
-        """The exact distance [m] in the posture q (n,) of the pairs that a row of `rows` is of, by its name."""
-        own = row == SELF_CLEARANCE_ROW
+    def closest(self, row: str, q: Array) -> tuple[tuple[str, str], float, float]:
+        """Of the pairs that a row of `rows` is of, by its name, the one that lacks most of what it is to keep.
+
+        Args:
+            q: (n,) posture [rad or m].
+
+        Returns:
+            its names, its distance there and the distance that it is to keep [m].
+        """
+        mine = [
+            k < len(self.own) if row == SELF_CLEARANCE_ROW else row_name(p[1]) == row for k, p in enumerate(self.pairs)
+        ]
         distances = self.distances(q)[0]
-        mine = [k < len(self.own) if own else row_name(pair[1]) == row for k, pair in enumerate(self.pairs)]
-        return float(distances[mine].min(initial=np.inf))
+        k = int(np.argmin(np.where(mine, distances - np.array(self.required), np.inf)))
+        return self.pairs[k], float(distances[k]), self.required[k]
 
     def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
         """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.collision.scene import SELF_CLEARANCE_ROW, SEPARATION_M
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, SEPARATION_M, Scene
 from posture_opt.collision.smooth_bounds import BOUND_SLACK_M, SOFT_MINIMUM_WIDTH_M
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.problem.load import problem_from_dict
@@ -129,6 +131,18 @@ def test_the_clearance_is_that_of_coal(preset: str) -> None:
         assert scene.clearance(q).distance == pytest.approx(brute_force.clearance(scene, q), abs=2e-8)
     least = scene.clearance(np.array(apart))
     assert least.distance == min(scene.clearance(q).distance for q in apart)
+
+
+def test_links_of_known_shape_are_checked_against_each_other_whatever_is_known_of_others() -> None:
+    """Of a URDF with a link without collision geometry: it alone is named, and stands in against the cell."""
+    scene = problem_in_cell("panda", TABLE).scene
+    robot = replace(scene.robot, bare_joints=("panda_joint5",), unshaped=("panda_link5",),
+                    shape=tuple(c for c in scene.robot.shape if c.joint != "panda_joint5"))  # fmt: skip
+    partly = Scene.of(robot, problem_in_cell("panda", TABLE).cell)
+    assert ("panda_joint5", "table") in partly.pairs
+    own = {pair for pair in scene.pairs[: len(scene.own)] if "panda_joint5" not in pair}
+    assert {*partly.pairs[: len(partly.own)]} == own
+    assert partly.unchecked == ("panda_link5",)
 
 
 def test_an_arm_with_a_base_alone_is_checked_with_assumed_links() -> None:

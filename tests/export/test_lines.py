@@ -26,7 +26,7 @@ SPEED = 0.02
 @cache
 def seam() -> tuple[Any, Any]:
     """A seam of 200 mm and its answer."""
-    task = {"kind": "weld", "points": POINTS, "direction": [0, 0, -1], "speed": "20 mm/s"}
+    task = {"kind": "weld", "points": POINTS, "direction": [0, 0, -1], "speed": "20 mm/s", "spacing": "9 m"}
     problem = po.problem_from_dict({
         "robot": {"kind": "preset", "name": "ur10e", "tool": TOOL, "payload": "2 kg"},
         "uncertainty": {"repeatability": "0.05 mm"}, "task": task, "solver": {"starts": 1, "seed": 0},

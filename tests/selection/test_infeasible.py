@@ -285,6 +285,66 @@ def test_links_that_touch_are_the_reason_and_not_the_joint_that_is_held() -> Non
     assert_all_do(data, solution)
 
 
+@pytest.mark.parametrize(("robot", "task"), [
+    ("ur10e", {"tilt": "2 deg", "held": {"wrist_2": "-30 deg"}}),
+    pytest.param("iiwa7", {"kind": "drill", "held": {"joint_a1": "31 deg", "joint_a2": "27 deg"}},
+                 marks=pytest.mark.long),
+])  # fmt: skip
+def test_a_held_joint_does_not_free_the_tool_axis(robot: str, task: dict[str, Any]) -> None:
+    held = task.pop("held")
+    data = asked(robot, POINTS["panda"], **task, subject_to=[{"kind": "fixed_joints", "values": held}])
+    data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "120 mm"]}
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(po.problem_from_dict(data))
+    assert {reason.requirement for reason in caught.value.solution.reasons} <= {f"fixed_joints of {j}" for j in held}
+
+
+@pytest.mark.parametrize("side", [0.205, 0.3])
+def test_an_obstacle_about_the_arm_is_the_reason(side: float) -> None:
+    """The shoulder is 141 mm inside of a box about it, whatever the posture."""
+    data = asked("ur10e", [0.6, 0.2, 0.2], clearance="0.3 mm")
+    cabinet = {"name": "cabinet", "kind": "box", "size": [f"{side} m"] * 3, "xyz": ["0 m", "0 m", "0.25 m"]}
+    data["cell"] = {"clearance": "15 mm", "obstacles": [cabinet]}
+    solution = refused(data)
+    assert [reason.requirement for reason in solution.reasons] == ["clearance to cabinet"]
+    assert {r.change.partition(" by ")[0] for r in solution.relaxations} == {"remove obstacle cabinet",
+                                                                            "move obstacle cabinet"}  # fmt: skip
+    assert side != 0.205 or "is -141.4 mm at most" in solution.reasons[0].message
+    table = {**cabinet, "xyz": ["0 m", "0 m", f"{-side / 2} m"]}  # what the arm stands on may touch its first link
+    data["cell"]["obstacles"] = [table]
+    assert po.select_posture(po.problem_from_dict(data)).status == "optimal"
+
+
+@pytest.mark.long
+def test_the_reason_is_what_helps_where_it_gives() -> None:
+    data = asked("panda", [-0.4236, 0.4601, 0.1656], kind="drill")
+    data["robot"]["tool"] = {"xyz": ["0 m", "0 m", "0.1327 m"]}
+    place = ["-0.3018 m", "0.2763 m", "0.5 m"]
+    post = {"name": "post", "kind": "cylinder", "radius": "50 mm", "length": "1 m", "xyz": place}
+    data["cell"] = {"clearance": "195 mm", "obstacles": [post]}
+    first = refused(data).reasons[0].message
+    assert first.startswith("clearance to post is 30.19 mm at most, and at least 195 mm is required")
+
+
+def test_a_pair_that_keeps_less_lacks_what_it_overlaps() -> None:
+    """A fore-arm that is stated so thick that a tool overlaps it as soon as the wrist bends."""
+    data = asked("irb1200", [0.66, 0.1, 0.16])
+    arm = {
+        "joint": "joint_4",
+        "from": ["4 mm", "-28 mm", "-1 mm"],
+        "to": ["4 mm", "-128 mm", "-1 mm"],
+        "radius": "88 mm",
+    }
+    data["robot"] |= {"tool": {"xyz": ["0 m", "0 m", "150 mm"], "radius": "20 mm"}, "shape": {"add": [arm]}}
+    data["cell"] = {"clearance": "10 mm", "obstacles": []}
+    solution = refused(data)
+    scene, (reason,) = solution.problem.scene, solution.reasons
+    assert reason.message.endswith("mm at most, and at least 0 mm is required, between joint_4 and tool")
+    pairs = zip(brute_force.distances(scene, solution.q), scene.pairs, strict=True)
+    depth = min(distance for distance, pair in pairs if pair == ("joint_4", "tool"))
+    assert float(reason.message.split()[7]) == pytest.approx(1e3 * depth, abs=0.1)
+
+
 def test_what_does_not_do_is_not_offered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(po.PostureSelector, "can_be_done", lambda *args: False)
     with pytest.raises(NoSolutionError) as caught:

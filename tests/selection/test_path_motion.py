@@ -24,9 +24,8 @@ def problem(points, robot=None, **task):
     robot = links() if robot is None else robot
     sigma = {f"joint{k + 1}.theta": f"{0.1 * (k + 1)} deg" for k in range(len(robot["joints"]))}
     listed = [[f"{v:.9f} m" for v in point] for point in points]
-    return po.problem_from_dict(
-        {"robot": robot, "uncertainty": {"sigma": sigma}, "task": {"kind": "trace", "points": listed, **task}}
-    )
+    task = {"kind": "trace", "points": listed, "spacing": "9 m", **task}  # at these points alone
+    return po.problem_from_dict({"robot": robot, "uncertainty": {"sigma": sigma}, "task": task})
 
 
 def tool(Q):
@@ -176,7 +175,7 @@ def test_spatial_motions_keep_speed_and_close():
     found = po.select_posture(
         po.problem_from_dict({
             "robot": {"kind": "preset", "name": "ur10"}, "cell": "none",
-            "task": {"kind": "weld", "points": listed, "closed": True, "speed": "highest"},
+            "task": {"kind": "weld", "points": listed, "spacing": "9 m", "closed": True, "speed": "highest"},
         })
     )  # fmt: skip
     document = found.to_json()

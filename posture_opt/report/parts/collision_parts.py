@@ -132,8 +132,9 @@ def collision_facts(scene: Scene) -> list[Fact]:
     facts = []
     if scene.assumed:
         radius = length(float(scene.placed.radii[0]))
-        facts.append(f"the arm is checked against {names}, not against itself: its shape is unknown, and capsules of "
-                     f"radius {radius} along its links are used (robot: shape)")  # fmt: skip
+        own = "links of known shape against each other" if scene.own else "not against itself"
+        facts.append(f"the arm is checked against {names}, {own}: capsules of radius {radius} along its other links "
+                     "are used (robot: shape)")  # fmt: skip
     elif scene.obstacles:
         facts.append(f"the arm is checked against {names}{' and against itself' if scene.own else ''}")
     else:

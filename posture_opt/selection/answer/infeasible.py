@@ -185,14 +185,14 @@ class Infeasibility:
 
     def _explained(self, ways: Sequence[Way]) -> Explanation:
         """The reasons of the most particular way, and what helps of all of them, cheapest first."""
-        own = [way for way in ways if not {*way[0]} & {CLEARANCE, *self.elastic.cell.movable}] or list(ways)
-        names, nearest = max(own, key=lambda way: (specific(way[0]), -way[1].cost))
+        beside = {CLEARANCE, *self.elastic.cell.movable}  # of rows that are named where they suffice alone
+        names, nearest = max(ways, key=lambda way: (specific(way[0]), not {*way[0]} & beside, -way[1].cost))
         reasons = self.reasons(names, nearest)
         offered: list[Relaxation] = []
         does = limited(self.does)
         for names, way in sorted(ways, key=lambda way: way[1].cost):
             if len(offered) < MAX_OFFERED:
-                found = self.relaxation(names, way, own, does)
+                found = self.relaxation(names, way, ways, does)
                 offered += [] if found is None else [found]
         changes = {one.reasons: one.change for one in reversed(offered)}
         reasons_said = tuple(
@@ -211,7 +211,7 @@ class Infeasibility:
             rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
-    def relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way], does: Does) -> Relaxation | None:
+    def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
         """The change that a way shows, with the first digits that do; None where none does."""
         assert self.asked is not None
         assert self.asked.task is not None
@@ -219,7 +219,7 @@ class Infeasibility:
         given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
         if TARGET in given and self._in_solid(way):
             return None  # nobody puts a workpiece there
-        reasons = self._reasons_of(given, way, own)
+        reasons = self._reasons_of(given, way, ways)
         posture = Posture(self.problem.robot, way.q)
         written = (
             Changes(self.problem, task, self.elastic, self.target, way, attempt).of(given) for attempt in ATTEMPTS
@@ -227,11 +227,11 @@ class Infeasibility:
         changes = first_that_does(written, does)
         return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
-    def _reasons_of(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> tuple[Reason, ...]:
+    def _reasons_of(self, names: Sequence[str], way: Compromise, ways: Sequence[Way]) -> tuple[Reason, ...]:
         """The reasons of a way; of an obstacle that moves those of its row."""
         movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
         of_row = {(rows[movable[name]],) for name in names if name in movable}
-        moved = next(((row, other) for row, other in own if row in of_row), None)
+        moved = next(((row, other) for row, other in ways if row in of_row), None)
         return self.reasons(names, way) if moved is None else self.reasons(*moved)
 
     def _onto_plane(self, q: Array, outside: Reason) -> Explanation:

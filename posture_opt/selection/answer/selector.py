@@ -90,7 +90,7 @@ class PostureSelector:
         self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
-        self._aligner = Aligner(arm, self.task, self.reach, compiled)
+        self._aligner = Aligner(arm, self.task, self.reach, compiled, problem.arm)
         self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
         self._exact_engines: dict[tuple[str, Alignment, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)

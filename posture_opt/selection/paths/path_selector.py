@@ -45,6 +45,7 @@ from posture_opt.workers import Workers, opened
 _MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
 _MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
 _MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
+_SPACING_SHARE = 0.05  # of the length of the arm, where none is stated: joints that move evenly stay near a line then
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,8 @@ class PathSelector(DerivedAgain):
             hint = f"add robot: velocity: {{{name}: 120 deg/s}}, or state a speed in mm/s"
             raise InputError(Issue("no largest speed of a joint is known", ("task", "speed"), HIGHEST, hint))
         one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
+        spacing = task.spacing or _SPACING_SHARE * problem.robot.length or None
+        task = task.model_copy(update={"spacing": spacing})
         placement = PlacementRange.of(task.workpiece)
         # Many placements or points, and rows that keep the arm clear, are worth the seconds that compiling takes.
         many = len(TaskPath.of(task).points) > _MIN_COMPILED_POINTS

@@ -178,13 +178,14 @@ class Reasons:
     def _too_near(self, name: str, missing: float) -> Reason:
         """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it.
 
-        Where it is not, it is the exact one, which may be more than the lower bound that is missed.
+        Where nothing overlaps it is the exact one, which may be more than the lower bound that is missed.
         """
-        margin = self.elastic.cell.scene.margin
-        nearest = self.elastic.cell.scene.nearest(name, self.way.q)
-        bound = margin - missing
-        reached, needed = shown_apart(nearest if bound < nearest < margin else bound, margin, "m")
-        message = f"{name} is {reached} at most, and at least {needed} is required"
+        between, nearest, required = self.elastic.cell.scene.closest(name, self.way.q)
+        bound = required - missing
+        exact = bound < nearest < required and (nearest >= 0 or name == SELF_CLEARANCE_ROW)
+        reached, needed = shown_apart(nearest if exact else bound, required, "m")
+        pair = f", between {' and '.join(between)}" if name == SELF_CLEARANCE_ROW else ""
+        message = f"{name} is {reached} at most, and at least {needed} is required{pair}"
         return Reason(name, message, missing, "m")
 
 
