@@ -19,6 +19,7 @@ from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, Un
 from posture_opt.diagnosis.open_statements import uneven_statements
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
 from posture_opt.numerics import Json, Progress
@@ -82,6 +83,7 @@ class BatchDiagnosis(Result):
         }
 
 
+@interruptible()
 def diagnose_batch(
     problem: ProblemData,
     data: Measurements,

@@ -220,8 +220,8 @@ class Engine(DerivedAgain):
         """
         counts, words = np.ones(len(found.q), dtype=int) if count is None else count, ("not converged", "converged")
         ends = [
-            CandidatePosture(q, *values, yes, words[yes], n)
-            for (q, values), yes, n in zip(
+            CandidatePosture(q, cost, violation, sigma, yes, words[yes], n)
+            for (q, (cost, violation, sigma)), yes, n in zip(
                 self._tidy(found.q, target), found.optimal.tolist(), counts.tolist(), strict=True
             )
         ]
@@ -264,8 +264,8 @@ class Engine(DerivedAgain):
             return []
         tidy = self._tidy(np.array([candidate.q for candidate in candidates]), target)
         return [
-            CandidatePosture(q, *values, given.optimal, given.message, given.count)
-            for (q, values), given in zip(tidy, candidates, strict=True)
+            CandidatePosture(q, cost, violation, sigma, given.optimal, given.message, given.count)
+            for (q, (cost, violation, sigma)), given in zip(tidy, candidates, strict=True)
         ]
 
     def _tidy(self, Q: Array, target: TaskTarget) -> Iterator[tuple[Array, list[float]]]:
