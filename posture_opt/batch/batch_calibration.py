@@ -179,9 +179,9 @@ def _answer(found: Batch) -> Statement:
 def batch_findings(found: Batch) -> Iterator[Statement]:
     """What the data of the robots refute; their errors, what varies, what is open, what to do next."""
     robots = len(found.robots)
-    refuted = Counter(contradiction.cause for c in found.calibrations for contradiction in c.contradictions)
-    for cause, count in refuted.items():
-        yield state("batch.refuted", cause.target, robots=count, all=robots, what=cause.words)
+    causes = (contradiction.cause for c in found.calibrations for contradiction in c.contradictions)
+    for (target, what), count in Counter((cause.target, cause.words) for cause in causes).items():
+        yield state("batch.refuted", target, robots=count, all=robots, what=what)
     yield state("batch.errors", before=Quantity(found.nominal.rms), after=Quantity(found.calibrated.rms))
     largest = Quantity(found.calibrations[found.worst].calibrated.rms)
     yield state("batch.worst-robot", found.robots[found.worst], error=largest)
@@ -198,7 +198,6 @@ def batch_findings(found: Batch) -> Iterator[Statement]:
     significant = sum(pair.significant for pair in found.pairs)
     pairs = state("batch.significant-pairs", significant=significant, pairs=len(found.pairs))
     yield pairs if found.pairs else state("batch.one-parameter")
-    yield state("batch.uncertainty-file")
 
 
 def _first(names: Sequence[str]) -> list[str]:

@@ -51,7 +51,7 @@ class BatchDiagnosis(Result):
             first = state("batch.causes", causes=[f.cause.label for f in self.effects])
         else:
             first = state("batch.unidentified") if self.uneven else state("batch.explained")
-        return (first, *uneven_statements(self.uneven), *batch_findings(self.batch), state("batch.from-several-robots"))
+        return (first, *uneven_statements(self.uneven), *batch_findings(self.batch))
 
     @property
     def verdict(self) -> Outcome:

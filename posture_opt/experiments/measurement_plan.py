@@ -322,5 +322,3 @@ def _open(plan: MeasurementPlan) -> Iterator[Statement]:
     yield state("experiments.run-slowly")
     for what in plan.undetermined:
         yield state("experiments.inseparable", what=what)
-    if plan.purpose == "task":
-        yield state("experiments.by-product")

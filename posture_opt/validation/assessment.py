@@ -322,9 +322,8 @@ def _scatter_statements(found: Assessment) -> Iterator[Statement]:
         yield state("validation.poses-few-for-region" if found.calibrated.coordinate else "validation.residuals-zero")
     elif not found.calibrated.zero:
         yield state("validation.scatter-systematic")
-    frequent = "-frequent" * found.frequent_large_errors
-    share, normal = Quantity(found.calibrated.beyond3, "share"), Quantity(NORMAL_TAIL, "share")
-    yield state(f"validation.outer-coordinates{frequent}", share=share, normal=normal)
+    if found.frequent_large_errors:
+        yield state("validation.large-errors-frequent")
 
 
 def _instrument(found: Assessment) -> Iterator[Statement]:
@@ -335,9 +334,8 @@ def _instrument(found: Assessment) -> Iterator[Statement]:
         return
     sigma = Quantity(found.instrument, "stated length")
     for name, when in (("nominal", "before"), ("calibrated", "after")):
-        ratio, error = found.ratios[name], Quantity(getattr(found, name).coordinate)
-        id = "validation.instrument-accurate" if ratio >= MIN_INSTRUMENT_RATIO else "validation.instrument-inaccurate"
-        yield state(id, name, model=when, error=error, coordinate=kind.number_words, ratio=ratio, sigma=sigma)
+        if (ratio := found.ratios[name]) < MIN_INSTRUMENT_RATIO:
+            yield state("validation.instrument-inaccurate", name, model=when, ratio=ratio, sigma=sigma)
 
 
 def _repeat_statements(found: Assessment) -> Iterator[Statement]:

@@ -258,9 +258,6 @@ def _joint_statements(found: SpreadCheck) -> Iterator[Statement]:
     verdict = {None: "alike", True: "better", False: "worse"}[best.better]
     gain = plus_minus(best.gain, best.gain_std)
     yield state(f"validation.joints-predict-{verdict}", model=_JOINT_MODELS[best.model], gain=gain)
-    if "stated" in by:
-        gained = best.log_likelihood - by["stated"].log_likelihood
-        yield state("validation.joints-gain-over-stated", gain=gained)
 
 
 def _correlated_pairs(problem: ProblemData) -> tuple[str, ...]:

@@ -274,7 +274,7 @@ def test_nothing_uncertain_is_refused_with_the_hint():
 
 def test_limits_are_noted_not_enforced():
     spread = propagate(planar(), np.radians((190, -180)))
-    assert spread.notes == ("joint1 is 10 deg above its upper limit of 180 deg",)
+    assert spread.notes == ("joint1 is 10 deg above its upper limit of 180 deg.",)
     scara = stated(robot=load_preset("scara"), sources=Sources.independent({"joint1.theta": 1e-4}))
     lower = scara.robot.joints[2].lower
     (note,) = propagate(scara, (0, 0, lower - 0.002, 0)).notes

@@ -15,8 +15,8 @@ from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Tabl
 from posture_opt.report.text.words import MODEL_NAMES, direction_words, line_words
 from posture_opt.statements import p_value
 from posture_opt.statements.notation import angle_error, count, length, lengths, percent, shift
-from posture_opt.units import fixed
-from posture_opt.validation.assessment import Assessment
+from posture_opt.units import fixed, number
+from posture_opt.validation.assessment import NORMAL_TAIL, Assessment
 
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
@@ -36,8 +36,7 @@ def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
         mean_block(found),
         Block("Errors over time and other inputs", (), "residual_inputs"),
         scatter_block(found),
-        Block("Distribution of the residuals", (), "residual_shape"),
-        Block("The instrument", ()),
+        *measures_blocks(found),
         repeats_block(found),
     )
 
@@ -126,6 +125,18 @@ def scatter_block(found: Assessment) -> Block:
         ("Inside", f"{percent(left.inside)} of the rows"),
     )
     return Block("Residual scatter", (Facts(facts),), "residual_region" if len(found.axes) > 1 else "")
+
+
+def measures_blocks(found: Assessment) -> tuple[Block, Block]:
+    """How many coordinates are far off, next to a normal distribution; errors in units of the instrument's σ."""
+    share = f"{percent(found.calibrated.beyond3)} of the coordinates ({percent(NORMAL_TAIL)} of a normal distribution)"
+    shape = Block("Distribution of the residuals", (Facts((("Beyond 3 σ", share),)),), "residual_shape")
+    facts = [
+        (words.capitalize(), f"{length(getattr(found, name).coordinate)}, {number(found.ratios[name], 2)} σ of it")
+        for name, words in MODELS.items()
+        if found.instrument
+    ]
+    return shape, Block("The instrument", (Facts(tuple(facts)),) if facts else ())
 
 
 def repeats_block(found: Assessment) -> Block:
