@@ -73,9 +73,9 @@ def test_a_simulation_counts_what_stays_within_the_clearance() -> None:
     assert document["critical"]["sigma_max"] == pytest.approx(
         document["closed_form"]["critical"]["sigma_max"], rel=0.03
     )
-    (success,) = (one for one in cloud.statements if one.label == "Success")
-    assert success.id == "uncertainty.success-agrees"
-    assert success.values["simulated"] == pytest.approx(100 * document["success_probability"])
+    (counted,) = (one for one in cloud.statements if one.label == "Simulated")
+    assert counted.id == "uncertainty.success-agrees"
+    assert counted.values["hits"] == pytest.approx(20_000 * document["success_probability"])
 
 
 @pytest.mark.parametrize("call", [po.propagate, po.simulate])

@@ -14,7 +14,7 @@ from posture_opt.limits import MOST_SAMPLES
 from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
-from posture_opt.statements import Quantity, Statement, state
+from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME
 from posture_opt.uncertainty.regions.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
 from posture_opt.uncertainty.simulation.adaptive import AdaptiveResult
@@ -31,6 +31,7 @@ from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _BLOCK_SAMPLES = 5_000
 """Samples walked at once: bounds the memory whatever n is."""
+_ROUNDING = 1e-9  # of a probability
 _MAX_KEPT_POINTS = 1_000_000
 """Points kept for figures and files."""
 
@@ -90,16 +91,15 @@ class Cloud(Result):
             yield self.spread.validity.statement
 
     def _success(self) -> Iterator[Statement]:
-        """The share that stays within the clearance, next to the predicted probability; nothing without a clearance."""
+        """The predicted probability of success, and the share that succeeds; nothing without a clearance."""
         seen, interval = self.spread.for_task, self.success_interval
-        if seen is None or self.success is None or interval is None or seen.success_probability is None:
+        if seen is None or interval is None or seen.success_probability is None:
             return
-        agrees = interval[0] <= seen.success_probability <= interval[1]
-        yield state(
-            "uncertainty.success-agrees" if agrees else "uncertainty.success-differs",
-            simulated=100 * self.success, predicted=100 * seen.success_probability,
-            low=100 * interval[0], high=100 * interval[1], clearance=Quantity(seen.clearance, "stated length"),
-        )  # fmt: skip
+        low, high = interval
+        yield from seen.success_statement(self.spread.taught)
+        agrees = low - _ROUNDING <= seen.success_probability <= high + _ROUNDING
+        id = "uncertainty.success-agrees" if agrees else "uncertainty.success-differs"
+        yield state(id, hits=self.seen.hits, samples=self.n, low=100 * low, high=100 * high)
 
     def _stability(self) -> Iterator[Statement]:
         """Whether as many samples as were drawn make the digits that were asked for stable."""

@@ -104,17 +104,21 @@ class TaskSpread:
         return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
 
     def statements(self, taught: bool) -> Iterator[Statement]:
-        """The standard deviation in the part that counts, and the probability of success where there is a clearance.
-
-        Args:
-            taught: whether nothing errs but from repeat to repeat: what is left out is likelier than 0.1 %.
-        """
+        """The standard deviation in the part that counts, and the probability of success where there is a clearance."""
         part, sigma = PARTS[self.critical.within], Quantity(self.critical.sigma_max)
         if self.peg is None:
             yield state("uncertainty.deviation-for-task", part=part, sigma=sigma)
         else:
             end = "top end" if self.critical is self.peg.top else "tip"
             yield state("uncertainty.deviation-of-peg", end, part=part, sigma=sigma)
+        yield from self.success_statement(taught)
+
+    def success_statement(self, taught: bool) -> Iterator[Statement]:
+        """The probability of success with its condition; nothing without a clearance.
+
+        Args:
+            taught: whether nothing errs but from repeat to repeat: what is left out is likelier than 0.1 %.
+        """
         if self.success_probability is not None:
             certain = "-certain" * (self.success_probability > CERTAINTY_SHOWN)
             id = f"uncertainty.success-taught{certain}" if taught else "uncertainty.success"
