@@ -302,7 +302,6 @@ def test_a_batch_whose_postures_are_measured_once_does_not_tell_which_joint_scat
     assert document["verdict"] == "unexplained"
     assert set(document["unexplained"]["place"]) == {"joint1", "joint2"}
     assert document["unexplained"]["p_value"] < 0.002
-    (uneven,) = (one for one in found.statements if one.label == "Uneven")
-    assert (uneven.id, uneven.severity) == ("batch.uneven-unrepeated", "caution")
-    assert len(uneven.values["causes"]) == 2
+    (uneven,) = (one for one in found.statements if one.id == "diagnosis.uneven")
+    assert uneven.about == "joint1 and joint2"
     assert found.statements[0].id == "batch.causes"
