@@ -11,7 +11,7 @@ import pinocchio
 import pytest
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import factor_values, position_column, rotation_column, walk
+from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot import UrdfRobot
 from posture_opt.robot.preset import load_preset
 from tests.helpers.factors import pose, random_postures
@@ -112,28 +112,6 @@ def test_symbols_give_the_numbers(name):
         numbers = [arm.pose(q, given), arm.jacobian(q, given), arm.parameter_jacobian(q, given), arm.position(q, given)]
         for symbols, number in zip(function(q, given), numbers, strict=True):
             np.testing.assert_allclose(symbols.full().reshape(number.shape), number, atol=ROUNDING)
-
-
-def test_symbolic_jacobian_is_the_derivative_of_the_symbolic_position():
-    arm = Arm(load_preset("ur5e"))
-    both = ca.Function("f", [arm.q], [ca.jacobian(arm.position(arm.q), arm.q), arm.jacobian(arm.q)[:3, :]])
-    for expected, found in [both([0.1, -1.2, 1.3, 0.4, -0.5, 0.6])]:
-        np.testing.assert_allclose(found.full(), expected.full(), atol=ROUNDING)
-
-
-def test_arrays_of_postures_are_walked_at_once():
-    arm = Arm(load_preset("panda"))
-    Q = random_postures(arm.robot, 5)
-    reached = arm.walk(Q)
-    for row, q in enumerate(Q):
-        one = arm.walk(q)
-        for i in range(len(arm.robot.factors)):
-            many = [
-                np.broadcast_to(entry, 5)[row] for entry in (*position_column(reached, i), *rotation_column(reached, i))
-            ]
-            alone = (*position_column(one, i), *rotation_column(one, i))
-            np.testing.assert_allclose(many, alone, atol=ROUNDING)
-    np.testing.assert_allclose(arm.pose(Q), [arm.pose(q) for q in Q], atol=ROUNDING)
 
 
 def test_a_vector_of_another_length_is_refused():

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from posture_opt.errors import InputError
-from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict, problems_folder
+from posture_opt.problem.load import builtin_names, load_problem, problem_from_dict, problems_folder
 from posture_opt.problem.parts import parse_spec
 from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import ProblemDocument, dump_yaml, parse_yaml
@@ -171,17 +171,6 @@ def test_json_schema_serialises_and_knows_all_sections() -> None:
     schema = json.loads(json.dumps(json_schema()))
     assert set(schema["properties"]) == {"name", "robot", "uncertainty", "cell", "task", "effects", "solver", "data"}
     assert schema["additionalProperties"] is False
-
-
-def test_builtin_of_each_task_is_the_arm_of_the_lecture() -> None:
-    problem = builtin_problem("insert")
-    assert problem.robot.n == 2
-    np.testing.assert_allclose(sorted(problem.sources.sigma)[-2:], [DEG, 3 * DEG], rtol=1e-12)
-    drill = builtin_problem("drill")
-    assert drill.task is not None
-    assert drill.task.kind == "drill"
-    with pytest.raises(InputError, match="did you mean 'insert'"):
-        builtin_problem("insrt")
 
 
 @pytest.mark.parametrize("path", sorted(problems_folder().glob("*.yaml")), ids=lambda path: path.stem)

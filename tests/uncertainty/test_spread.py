@@ -213,11 +213,6 @@ def test_the_document_has_its_keys_and_finite_numbers(problem):
     assert np.shape(document["pose_covariance"]) == (6, 6)
 
 
-def test_validity_stands_beside():
-    assert propagate(planar(0.1, 0.1), BENT).validity.verdict == "good"
-    assert propagate(planar(1, 1, 0.0), np.radians((90, -180))).validity.verdict == "wrong"
-
-
 def test_method_says_how():
     assert propagate(spatial(), Q6).method == "exact"
     flat = planar()
@@ -234,12 +229,6 @@ def test_method_says_how():
 def test_bias_is_exact_mean_less_nominal():
     spread = propagate(planar(1, 3), np.radians((90, -180)))
     np.testing.assert_allclose(spread.bias, [0, 0.001370, 0], atol=5.1e-7)  # printed: seven decimals
-
-
-def test_a_posture_may_be_named_in_any_order():
-    by_order = propagate(planar(), (0.4, -1.0))
-    by_name = propagate(planar(), {"joint2": -1.0, "joint1": 0.4})
-    np.testing.assert_array_equal(by_order.covariance, by_name.covariance)
 
 
 @pytest.mark.parametrize(("posture", "words"), [

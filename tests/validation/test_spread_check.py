@@ -8,14 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom, chi2
+from scipy.stats import chi2
 
 import posture_opt as po
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.measurements.repeats import repeat_groups
-from posture_opt.validation.coverage import Coverage, share_interval
+from posture_opt.validation.coverage import Coverage
 from posture_opt.validation.prediction import ErrorSources, Prediction, calibrated_prediction, nominal_prediction
 from posture_opt.validation.repeat_scatter import scatter_test
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
@@ -168,20 +167,6 @@ def test_the_interval_of_the_factor_holds_it_in_95_percent_of_300_draws() -> Non
     assert hits > 150  # it is no interval that holds everything
 
 
-def test_shares_have_the_interval_of_clopper_and_pearson() -> None:
-    inside = np.zeros(40, dtype=bool)
-    inside[:37] = True
-    low, high = share_interval(inside, np.arange(40))
-    # By their definition: 2.5 % of the binomial distribution beyond each end; 40/39 of its variance.
-    n = 40 * 39 / 40
-    assert binom.sf(36, 40, low) == pytest.approx(0.025, abs=0.004)
-    assert binom.cdf(37, 40, high) == pytest.approx(0.025, abs=0.004)
-    assert low < 37 / 40 < high
-    assert n == 39
-    wider = share_interval(inside, np.arange(40) // 8)
-    assert wider[0] < low
-
-
 def test_pooled_and_single_tests_of_scatter_are_of_their_size() -> None:
     rng = np.random.default_rng(8)
     C = np.einsum("gij,gkj->gik", *[rng.normal(size=(20, 3, 3))] * 2) + 0.1 * np.eye(3)
@@ -199,15 +184,6 @@ def test_pooled_and_single_tests_of_scatter_are_of_their_size() -> None:
     assert 5 <= shape <= 30
     assert family <= 27
     assert 276 <= held <= 294
-
-
-def test_a_wrong_shape_of_the_right_size_is_seen() -> None:
-    rng = np.random.default_rng(9)
-    groups = np.arange(12).repeat(10)
-    x = rng.normal(size=(120, 2)) * [1.3, 0.55]  # of the same trace as the round prediction
-    found = scatter_test(Scatter.of(x, np.zeros((120, 2, 1)), groups), np.broadcast_to(np.eye(2), (12, 2, 2)), groups)
-    assert found.interval[0] < 1 < found.interval[1]
-    assert found.p_shape < 1e-3
 
 
 def test_errors_that_stay_do_not_count_as_scatter_between_visits() -> None:
@@ -238,20 +214,6 @@ def test_a_slip_among_repeats_is_named_and_not_counted() -> None:
     assert found.outlying == (31,)  # the first visit of that posture stands in row 31, counted from 1
     assert found.repeat_sigma < 6e-5
     assert found.residual_rms > 15 * found.repeat_sigma
-
-
-def test_rows_of_nearly_equal_commands_are_revisits() -> None:
-    rng = np.random.default_rng(14)
-    q = rng.uniform(-2.5, 2.5, (10, 2))
-    problem = arm({})
-    again = np.concatenate([q, q[:4] + 2e-4])
-    data = read_measurements(table(again, position(again, (1.0, 0.8))), problem)
-    codes = repeat_groups(data, np.zeros(2, dtype=bool))
-    assert [int(codes[i]) for i in range(4)] == [int(codes[10 + i]) for i in range(4)]
-    assert len(np.unique(codes)) == 10
-    path = np.column_stack([np.linspace(0, 0.5, 1000), np.zeros(1000)])
-    slow = read_measurements(table(path, position(path, (1.0, 0.8))), problem)
-    assert len(np.unique(repeat_groups(slow, np.zeros(2, dtype=bool)))) == 1000
 
 
 @pytest.mark.parametrize("visits", [1, 3])
