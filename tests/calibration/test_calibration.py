@@ -9,23 +9,18 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.calibration import Calibration
-from posture_opt.errors import InputError, InsufficientDataError
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.reading import read_measurements
 from tests.helpers.free_arms import BASE, SIX, TOOL, TWO, hidden_errors, problem_of, rows, simulated_points
 from tests.helpers.real_arms import DATA, needs_real_arms
 
 
 @pytest.fixture(scope="module")
-def six() -> tuple[Any, Measurements, dict[str, float], Calibration]:
+def six() -> tuple[Any, po.Measurements, dict[str, float], po.Calibration]:
     rng = np.random.default_rng(1)
     problem = problem_of(SIX)
     errors = hidden_errors(SIX, rng, ("j2",))
     q = rng.uniform(-2.5, 2.5, (120, 6))
     data = rows(problem, q, simulated_points(SIX, q, BASE, TOOL, errors) + rng.normal(0, 2e-5, (120, 3)))
-    return problem, data, errors, calibrate(problem, data)
+    return problem, data, errors, po.calibrate(problem, data)
 
 
 def test_hidden_errors_of_a_6r_arm_are_found_within_their_stated_errors(six: Any) -> None:
@@ -56,7 +51,7 @@ def test_a_planar_arm_measured_in_its_plane() -> None:
     errors = {"j1.theta": 2e-3, "j2.theta": -3e-3, "j1.a": 1e-3, "j2.a": -2e-3}
     q = rng.uniform(-2.5, 2.5, (60, 2))
     points = simulated_points(TWO, q, np.eye(4), np.eye(4), errors) + rng.normal(0, 2e-5, (60, 3))
-    result = calibrate(problem, rows(problem, q, points[:, :2]))
+    result = po.calibrate(problem, rows(problem, q, points[:, :2]))
     names = [p.name for p in result.parameters]
     assert not any(name.startswith(("base", "tool")) for name in names)  # stated, hence known
     for name in ("j1.theta", "j1.a", "j2.theta", "j2.a"):
@@ -74,7 +69,7 @@ def test_stated_sigmas_are_priors_and_decide_what_data_cannot() -> None:
     q = rng.uniform(-2.5, 2.5, (60, 2))
     points = simulated_points(TWO, q, np.eye(4), np.eye(4), {"j1.a": 1e-3}) + rng.normal(0, 2e-5, (60, 3))
     data = rows(problem, q, points)
-    with_priors, without = calibrate(problem, data), calibrate(problem, data, priors=False)
+    with_priors, without = po.calibrate(problem, data), po.calibrate(problem, data, priors=False)
     names = [p.name for p in with_priors.parameters]
     j = names.index("j1.theta")
     assert not without.fixed[j]
@@ -88,7 +83,7 @@ def test_gross_outliers_are_named_and_good_rows_kept(six: Any) -> None:
     problem, data, _, clean = six
     points = np.array(data.position)
     points[[3, 50, 99]] += [[2e-3, 0, 0], [0, -0.05, 0], [0.3, 0.3, 0.0]]
-    result = calibrate(problem, rows(problem, data.q, points))
+    result = po.calibrate(problem, rows(problem, data.q, points))
     assert result.outliers == (3, 50, 99)
     fixed = result.fixed & clean.fixed
     assert np.abs((result.x - clean.x)[fixed] / clean.std[fixed]).max() < 1.5
@@ -96,22 +91,22 @@ def test_gross_outliers_are_named_and_good_rows_kept(six: Any) -> None:
 
 def test_too_few_poses_and_several_robots_are_refused(six: Any) -> None:
     problem, data, _, _ = six
-    with pytest.raises(InsufficientDataError, match="poses"):
-        calibrate(problem, data.take(np.arange(5)))
+    with pytest.raises(po.errors.InsufficientDataError, match="poses"):
+        po.calibrate(problem, data.take(np.arange(5)))
     batch = rows(problem, data.q, np.array(data.position), robot=["a", "b"] * 60)
-    with pytest.raises(InputError, match="several robots"):
-        calibrate(problem, batch)
+    with pytest.raises(po.errors.InputError, match="several robots"):
+        po.calibrate(problem, batch)
 
 
-def load(folder: str, file: str, problem: str = "problem.yaml") -> tuple[Any, Callable[[str], Measurements]]:
+def load(folder: str, file: str, problem: str = "problem.yaml") -> tuple[Any, Callable[[str], po.Measurements]]:
     loaded = po.load_problem(DATA / folder / problem)
-    return loaded, lambda name=file: read_measurements(DATA / folder / name, loaded)
+    return loaded, lambda name=file: po.read_measurements(DATA / folder / name, loaded)
 
 
 @needs_real_arms
 def test_ur5_predicts_another_session() -> None:
     problem, read = load("jacobi_ur5", "grid.csv")
-    result = calibrate(problem, read("grid.csv"), test=read("random.csv"))
+    result = po.calibrate(problem, read("grid.csv"), test=read("random.csv"))
     # 0.155 mm was published, with a neural network; nothing is refitted here, the frames neither.
     assert result.test.models["calibrated"].mean < 0.105e-3
     assert result.test.models["nominal"].mean > 0.4e-3
@@ -123,7 +118,7 @@ def test_ur5_predicts_another_session() -> None:
 def test_ur10_geometry(file: str, every: int) -> None:
     problem, read = load("ipa_ur10", file)
     data = read(file)
-    result = calibrate(
+    result = po.calibrate(
         problem, data.take(np.arange(0, len(data), every))
     )  # a third of 1495, a twentieth of 11911: for time
     assert result.calibrated.rms < 0.45e-3
@@ -134,7 +129,7 @@ def test_ur10_geometry(file: str, every: int) -> None:
 @pytest.mark.parametrize(("file", "problem", "most"), [("panda_3", "panda", 0.22e-3), ("kuka_14", "iiwa", 0.30e-3)])
 def test_sockets_calibrate_without_an_instrument(file: str, problem: str, most: float) -> None:
     loaded, read = load("mukca_sockets", f"{file}.csv", f"problem_{problem}.yaml")
-    result = calibrate(loaded, read(f"{file}.csv"))
+    result = po.calibrate(loaded, read(f"{file}.csv"))
     # All rows, the two outliers of kuka_14 among them; every place is predicted by an arm that never touched it.
     # The published figures are spreads about the mean of n touches: √((n − 1) / n) of the error of a touch.
     n = np.bincount(result.request.data.point)[result.request.data.point]
@@ -145,5 +140,5 @@ def test_sockets_calibrate_without_an_instrument(file: str, problem: str, most: 
 def test_progress_is_told_from_the_first_fit_to_the_last(six: Any) -> None:
     problem, data, _, _ = six
     told: list[tuple[int, int]] = []
-    calibrate(problem, data, folds=3, progress=lambda done, total: told.append((done, total)))
+    po.calibrate(problem, data, folds=3, progress=lambda done, total: told.append((done, total)))
     assert told == [(i, 7) for i in range(1, 8)]  # one fit to everything, three folds twice

@@ -17,7 +17,6 @@ import posture_opt as po
 from posture_opt.cli.asked.quantities import requested_posture
 from posture_opt.cli.asked.request import requested_problem
 from posture_opt.cli.main import COMMANDS, main
-from posture_opt.errors import InputError
 from posture_opt.problem.load import builtin_problem, load_builtin
 from posture_opt.problem.starter import starter_text
 from posture_opt.robot import preset_names
@@ -163,7 +162,7 @@ def test_postures_by_order_and_by_name() -> None:
     assert requested_posture("[90 deg; -180 deg]", robot) == pytest.approx(expected)
     assert requested_posture("joint2=-0.5 rev, joint1 = 5400 arcmin", robot) == pytest.approx(expected)
     assert requested_posture("-90 deg, 0 deg", robot)["joint1"] < 0
-    with pytest.raises(InputError, match="named twice"):
+    with pytest.raises(po.errors.InputError, match="named twice"):
         requested_posture("joint1=1 deg, joint1=2 deg, joint2=0 deg", robot)
 
 

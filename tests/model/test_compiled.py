@@ -16,7 +16,7 @@ import casadi
 import numpy as np
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.model import toolchain
 from posture_opt.model.compiled import BatchFunction
 
@@ -136,16 +136,16 @@ def test_one_row(compiled: bool) -> None:
             np.testing.assert_array_equal(single, many[k])
     np.testing.assert_array_equal(kept[1], batch(q, a)[1][0])  # results do not share the kept buffer
     for wrong in ((q[0], 1.0), (q[0], [1.0]), (q, a), (q[:2], a[:2]), (q[0],)):
-        with pytest.raises(InputError):
+        with pytest.raises(po.errors.InputError):
             batch.one(*wrong)
 
 
 def test_wrong_shapes_are_named_all_at_once() -> None:
     batch = BatchFunction(planar(), compiled=False)
-    with pytest.raises(InputError) as error:
+    with pytest.raises(po.errors.InputError) as error:
         batch(np.zeros((4, 3)), np.zeros((5, 2)))
     assert [issue.message.split()[1] for issue in error.value.issues] == ["q", "a"]
-    with pytest.raises(InputError, match="1 arrays given, 2 wanted: q, a"):
+    with pytest.raises(po.errors.InputError, match="1 arrays given, 2 wanted: q, a"):
         batch(np.zeros((4, 2)))
 
 
@@ -183,7 +183,7 @@ def test_interprets_without_a_compiler() -> None:
     assert not batch.compiled
     assert "no C compiler" in batch.reason
     np.testing.assert_allclose(batch(*rows(9))[0], planar_in_numpy(*rows(9))[0], rtol=0, atol=2 * DIGITS)
-    with pytest.raises(InputError, match="no C compiler"):
+    with pytest.raises(po.errors.InputError, match="no C compiler"):
         BatchFunction(planar(), compiled=True)
 
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.model.arm import Arm
+import posture_opt as po
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
@@ -18,7 +18,6 @@ from posture_opt.uncertainty.moments.planar_moments import planar_moments, plane
 from posture_opt.uncertainty.moments.second_order import second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
-from posture_opt.uncertainty.simulation.cloud import simulate
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
 from tests.helpers.stated import stated
@@ -108,7 +107,7 @@ def test_small_errors_keep_their_digits(robot, coupled):
 def test_planar_closed_form_and_recursion_agree_for_independent_errors(robot):
     robot = load_preset(robot)
     sources = errors_of(robot, 0.1, 0.03, ("theta", "d", "a"))
-    tool_point = ToolPoint.of(Arm(robot), sources)
+    tool_point = ToolPoint.of(po.Arm(robot), sources)
     q = [0.3, -1.1, 0.1, 0.4][: robot.n]
     reached, values = tool_point.walk(q)
     mean, C = planar_moments(robot, reached, values, tool_point.indices, tool_point.covariance, tool_point.plane)
@@ -138,7 +137,7 @@ def planar_tilted():
 def test_second_order_against_algorithmic_differentiation():
     robot = load_preset("puma560")
     sources = correlated(errors_of(robot, 0.1, 0.1, ("theta", "a", "alpha")))
-    arm = Arm(robot)
+    arm = po.Arm(robot)
     p = ca.SX.sym("p", len(sources.names))
     place = {name: i for i, name in enumerate(sources.names)}
     x = arm.position(list(Q6), ca.vertcat(*(p[place[n]] if n in place else 0 for n in arm.parameters)))
@@ -151,7 +150,7 @@ def test_second_order_against_algorithmic_differentiation():
     bias = ca.vertcat(*(ca.trace(S @ H) / 2 for H in hessians))
     parts = [J @ S @ J.T, curvature, (mixed + mixed.T) / 2, bias]
     first, curvature, mixed, bias = (v.full() for v in ca.Function("f", [p], parts)(np.zeros(len(place))))
-    tool_point = ToolPoint.of(Arm(robot), sources)
+    tool_point = ToolPoint.of(po.Arm(robot), sources)
     found = second_order(tool_point.walk(list(Q6))[0], tool_point.indices, tool_point.covariance)
     for value, expected in ((found.first, first), (found.curvature, curvature), (found.mixed, mixed)):
         np.testing.assert_allclose(value, expected, atol=1e-14)  # entries of order 0.01, hundreds of sums
@@ -194,7 +193,7 @@ def scara_errors():
 def test_a_million_samples(case, scale):
     robot, sources, q = CASES[case]()
     n = 1_000_000 if "planar" in case or (scale == 30 and "6R" in case) else 200_000
-    cloud = simulate(stated(robot=robot, sources=scaled(sources, scale)), q, n=n, seed=scale)
+    cloud = po.simulate(stated(robot=robot, sources=scaled(sources, scale)), q, n=n, seed=scale)
     # Five standard errors: missed once in a million entries by a right formula; two hundred are compared.
     offset = np.abs(cloud.covariance - cloud.spread.covariance)
     assert (offset <= 5 * cloud.covariance_error + 1e-30).all()
@@ -206,7 +205,7 @@ def test_a_million_samples(case, scale):
 @pytest.mark.parametrize("case", list(CASES))
 def test_numbers_arrays_and_symbols_agree(case):
     robot, sources, q = CASES[case]()
-    tool_point = ToolPoint.of(Arm(robot), scaled(sources, 10))
+    tool_point = ToolPoint.of(po.Arm(robot), scaled(sources, 10))
     symbol = ca.SX.sym("q", robot.n)
     plan = NodePlan.few(tool_point.shared, tool_point.indices, robot.factors) if tool_point.integrated else None
     symbolic = tool_point.moments(ca.vertsplit(symbol))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.sampled import poses
 from tests.helpers.variants import conformance
 
@@ -163,13 +162,13 @@ def test_effects_and_correlated_errors_reach_both_ends() -> None:
     ],
 )
 def test_half_a_peg_is_refused(task: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(po.errors.InputError, match=message):
         problem("ur10", **task)
 
 
 def test_an_arm_that_cannot_point_its_tool_has_no_use_for_a_length() -> None:
     given = po.load_problem("insert_planar_2r_fixed_hole").with_task("insert", length="50 mm")
-    with pytest.raises(InputError, match="cannot bring along the direction"):
+    with pytest.raises(po.errors.InputError, match="cannot bring along the direction"):
         po.select_posture(given)
 
 

@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
@@ -38,7 +38,7 @@ CASES = {
 
 def spread_of(case, sigma):
     problem = stated(robot=load_preset("ur10"), sources=scaled(CASES[case](), np.radians(sigma)))
-    return propagate(problem, Q6)
+    return po.propagate(problem, Q6)
 
 
 @pytest.mark.parametrize(
@@ -82,6 +82,6 @@ def test_large_turns_are_said():
 
 def test_lengths_alone_turn_nothing():
     sources = errors_of(load_preset("ur10"), 1e-3, 1e-3, ("d", "a"))
-    spread = propagate(stated(robot=load_preset("ur10"), sources=sources), Q6)
+    spread = po.propagate(stated(robot=load_preset("ur10"), sources=sources), Q6)
     np.testing.assert_array_equal(spread.pose_covariance[3:], 0)
     np.testing.assert_array_equal(spread.pose_covariance[:3, :3], spread.covariance)

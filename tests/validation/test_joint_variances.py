@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from posture_opt.errors import InsufficientDataError
+import posture_opt as po
 from posture_opt.validation.joint_variances import estimate_joint_variances
 from posture_opt.validation.scatter_model import Scatter
 
@@ -121,7 +121,7 @@ def test_a_joint_without_scatter_stays_at_zero_and_its_bound_holds() -> None:
 
 def test_nothing_repeated_or_too_little_is_refused() -> None:
     errors, J, _ = visits(np.random.default_rng(8), 5, 1)
-    with pytest.raises(InsufficientDataError, match="no posture was measured twice"):
+    with pytest.raises(po.errors.InsufficientDataError, match="no posture was measured twice"):
         estimate_joint_variances(errors, J, groups=np.arange(5), instrument=NOISE)
-    with pytest.raises(InsufficientDataError, match="more repeats"):
+    with pytest.raises(po.errors.InsufficientDataError, match="more repeats"):
         estimate_joint_variances(errors[:2], J[:2], groups=np.zeros(2), instrument=NOISE, fit_instrument=True)
