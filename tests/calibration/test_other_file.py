@@ -11,7 +11,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.second_file import OtherFile
-from posture_opt.errors import InputError
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
@@ -74,13 +73,13 @@ def test_frames_fitted_again_match_targets_too(learned: Path, tmp_path: Path) ->
 def test_only_an_unknown_target_is_refused(learned: Path, tmp_path: Path) -> None:
     text = table(tmp_path / "other.csv", rows("ab", 40, 4)).read_text("utf-8").replace("\nb,", "\nball,")
     (tmp_path / "other.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as error:
+    with pytest.raises(po.errors.InputError) as error:
         predicted(learned, tmp_path / "other.csv")
     message = str(error.value)
     assert "has no target 'ball'" in message
     assert sorted(message.partition("one of: ")[2].split(", ")) == ["a", "b", "c"]
     unnamed = table(tmp_path / "unnamed.csv", rows("a", 40, 4), named=False)
-    with pytest.raises(InputError, match="does not say which target"):
+    with pytest.raises(po.errors.InputError, match="does not say which target"):
         predicted(learned, unnamed)
 
 
@@ -89,7 +88,7 @@ def test_one_target_needs_no_name(tmp_path: Path) -> None:
     found = predicted(data, table(tmp_path / "other.csv", rows("a", 40, 6), named=False))
     assert found.models["calibrated"].rms < 1.4 * np.sqrt(2) * NOISE
     plain = table(tmp_path / "plain.csv", rows("a", 60, 5), named=False)
-    with pytest.raises(InputError, match="leave out the column"):
+    with pytest.raises(po.errors.InputError, match="leave out the column"):
         predicted(plain, tmp_path / "data.csv")
 
 

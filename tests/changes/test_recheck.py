@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InsufficientDataError
 from tests.helpers.command_line import invoke
 from tests.helpers.simulated_arm import SimulatedArm, shift, turn
 
@@ -255,7 +254,7 @@ def test_a_misread_row_is_left_out_and_its_line_named(zero: float) -> None:
 
 def test_too_few_postures_say_what_to_measure() -> None:
     cell, rng = stated(), np.random.default_rng(2)
-    with pytest.raises(InsufficientDataError, match="--for recheck"):
+    with pytest.raises(po.errors.InsufficientDataError, match="--for recheck"):
         po.recheck(cell.problem, cell.measured(cell.arm, rng).take([0, 1]))
 
 

@@ -12,7 +12,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.compensation.nearest_postures import rotation_vectors
-from posture_opt.errors import InputError, NoSolutionError
 from tests.helpers.command_line import invoke
 
 CORRECTIONS = {"shoulder_lift.a": "0.8 mm", "elbow.theta": "0.05 deg", "wrist_2.alpha": "0.03 deg"}
@@ -149,7 +148,7 @@ def test_what_cannot_be_reached_is_told_by_line_and_nothing_is_written(tmp_path:
     assert f"{path}:4: the target lies at least" in answer.stderr
     assert f"{path}:5: the target lies at least" in answer.stderr
     assert not out.exists()
-    with pytest.raises(NoSolutionError) as error:
+    with pytest.raises(po.errors.NoSolutionError) as error:
         po.compensate(ur10(SAG), path)
     assert error.value.solution.reached.tolist() == [True, False, False]
 
@@ -169,14 +168,14 @@ def test_what_cannot_be_reached_is_told_by_line_and_nothing_is_written(tmp_path:
 )
 def test_targets_that_cannot_be_read(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "targets.csv").write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(po.errors.InputError, match=said):
         po.compensate(ur10(), tmp_path / "targets.csv")
 
 
 def test_postures_beyond_the_limits_are_refused() -> None:
     q = postures(2)
     q[1, 2] = 7.0
-    with pytest.raises(InputError, match=r"2: elbow: 7 rad lies beyond its limits"):
+    with pytest.raises(po.errors.InputError, match=r"2: elbow: 7 rad lies beyond its limits"):
         po.compensate(ur10(), table(ur10(), q))
 
 
@@ -186,7 +185,7 @@ def test_targets_of_another_frame_are_told_at_once() -> None:
     base = {"xyz": ["2.5 m", "-0.8 m", "0.15 m"], "rpy": ["0 deg", "0 deg", "0 deg"]}
     problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10", "base": base}})
     targets = {"x [mm]": [650.0] * 3, "y [mm]": [270.0, 0.0, -100.0], "z [mm]": [230.0] * 3}
-    with pytest.raises(NoSolutionError, match="3 of 3 targets") as failed:
+    with pytest.raises(po.errors.NoSolutionError, match="3 of 3 targets") as failed:
         po.compensate(problem, targets)
     assert '--base "0, 0, 0"' in str(failed.value)
     assert "(2500, -800, 150) mm" in str(failed.value)
@@ -220,5 +219,5 @@ def test_targets_outside_the_plane_of_a_planar_arm_are_out_of_reach(tmp_path: Pa
 )
 def test_inputs_that_nothing_can_have_are_refused(column: str, value: float, message: str) -> None:
     targets = {"x [mm]": [600.0], "y [mm]": [200.0], "z [mm]": [300.0], column: [value]}
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(po.errors.InputError, match=message):
         po.compensate(ur10(SAG), targets)

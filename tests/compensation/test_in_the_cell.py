@@ -11,7 +11,6 @@ import pytest
 from scipy.optimize import minimize
 
 import posture_opt as po
-from posture_opt.errors import NoSolutionError
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.command_line import invoke
 from tests.helpers.factors import frame, pose
@@ -145,7 +144,7 @@ def test_given_joint_values_are_judged_too(lift: float, said: str) -> None:
         return
     lowest = above_table(problem, q[1:])
     assert lowest < 0
-    with pytest.raises(NoSolutionError, match=said) as refused:
+    with pytest.raises(po.errors.NoSolutionError, match=said) as refused:
         po.compensate(problem, columns)
     assert refused.value.solution.reached.tolist() == [True, False]
 

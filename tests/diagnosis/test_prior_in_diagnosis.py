@@ -11,7 +11,6 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration import calibrate
 from posture_opt.calibration.assumptions.contradictions import Refuted
-from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 
@@ -40,7 +39,7 @@ def problem(stated: bool) -> po.Problem:
     })  # fmt: skip
 
 
-def calibrated(seed: int, stated: bool = True) -> tuple[Calibration, np.ndarray]:
+def calibrated(seed: int, stated: bool = True) -> tuple[po.Calibration, np.ndarray]:
     """A calibration from few rows in a corner of the workspace, and how far off the arm truly is (4,)."""
     rng = np.random.default_rng(seed)
     q = np.stack([rng.uniform(0.2, 0.5, ROWS), rng.uniform(0.2, 0.6, ROWS)], axis=1)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from tests.helpers import coal_distance
 from tests.helpers.capsules import in_the_world
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
@@ -194,7 +193,7 @@ def test_what_is_given_counts() -> None:
     assert plan.before.observability["O3"] < plan.after.observability["O3"]
     assert plan.to_json()["given"] == 40
     # Few postures that would not do alone do where others are given already.
-    with pytest.raises(InputError, match=r"3 postures are too few for 27 unknowns – plan at least 10"):
+    with pytest.raises(po.errors.InputError, match=r"3 postures are too few for 27 unknowns – plan at least 10"):
         plan_few(problem, 3)
     assert len(plan_few(problem, 3, given=data).q) == 3
 
@@ -335,15 +334,15 @@ def test_slides_and_arms_with_few_joints_are_planned_for() -> None:
 
 def test_what_cannot_be_planned_is_said() -> None:
     still = (("j1", "revolute", 0.0, 0.0, 0.0, 0.0),)
-    with pytest.raises(InsufficientDataError, match="no parameter can be determined"):
+    with pytest.raises(po.errors.InsufficientDataError, match="no parameter can be determined"):
         plan_few(problem_of(still, robot={}), 10)
-    with pytest.raises(InputError, match="states no task to plan for"):
+    with pytest.raises(po.errors.InputError, match="states no task to plan for"):
         plan_few(problem_of(), 30, purpose="task")
-    with pytest.raises(InputError, match="0 postures are no plan"):
+    with pytest.raises(po.errors.InputError, match="0 postures are no plan"):
         plan_few(problem_of(), 0)
-    with pytest.raises(InputError, match="a plan for 'speed' is not known"):
+    with pytest.raises(po.errors.InputError, match="a plan for 'speed' is not known"):
         plan_few(problem_of(), 30, purpose="speed")  # type: ignore[arg-type]
-    with pytest.raises(NoSolutionError, match=r"above 5000 mm: widen what is stated, link_height"):
+    with pytest.raises(po.errors.NoSolutionError, match=r"above 5000 mm: widen what is stated, link_height"):
         plan_few(problem_of(), 30, link_height=5.0)
 
 

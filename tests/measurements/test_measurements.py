@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.robot import load_preset
 from tests.helpers.planar_2r import position as planar_position
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -103,7 +102,7 @@ def read(folder: Path, text: str, problem=PLANAR) -> po.Measurements:
 
 
 def refused(source, problem) -> list[str]:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.read_measurements(source, po.problem_from_dict(problem))
     assert caught.value.exit_code == 2
     return str(caught.value).splitlines()
@@ -197,7 +196,7 @@ def test_touched_points_and_known_distances(tmp_path: Path) -> None:
     ],
 )
 def test_bad_distances(distances: list, message: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.problem_from_dict({**PLANAR, "data": {"distances": distances}})
     assert message in str(caught.value)
 
@@ -310,7 +309,7 @@ def test_every_fault_has_its_line(case: str, tmp_path: Path) -> None:
 
 
 def test_issues_name_column_and_value(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         read(tmp_path, HEAD + "\n0,zero,2000,0\n")
     (issue,) = caught.value.issues
     assert (issue.key, issue.value, issue.line) == (("joint2",), "zero", 2)
@@ -325,17 +324,19 @@ def test_many_faults_are_counted(tmp_path: Path) -> None:
 def test_files_that_are_no_tables(tmp_path: Path) -> None:
     problem = po.problem_from_dict(PLANAR)
     write(tmp_path, HEAD)
-    with pytest.raises(InputError, match=r"no such file: .*dta.csv – did you mean .*data.csv in the same folder\?"):
+    with pytest.raises(
+        po.errors.InputError, match=r"no such file: .*dta.csv – did you mean .*data.csv in the same folder\?"
+    ):
         po.read_measurements(tmp_path / "dta.csv", problem)
-    with pytest.raises(InputError, match="this is a folder, not a file"):
+    with pytest.raises(po.errors.InputError, match="this is a folder, not a file"):
         po.read_measurements(tmp_path, problem)
     (tmp_path / "no_text.csv").write_bytes(b"joint1 [\x81\xff], joint2 [deg], x [m], y [m]\n")
-    with pytest.raises(InputError, match="not UTF-8 text"):
+    with pytest.raises(po.errors.InputError, match="not UTF-8 text"):
         po.read_measurements(tmp_path / "no_text.csv", problem)
     (tmp_path / "long.csv").write_bytes(b"0" * 10**6)
-    with pytest.raises(InputError, match="more than 100000 characters"):
+    with pytest.raises(po.errors.InputError, match="more than 100000 characters"):
         po.read_measurements(tmp_path / "long.csv", problem)
-    with pytest.raises(InputError, match="not int"):
+    with pytest.raises(po.errors.InputError, match="not int"):
         po.read_measurements(3, problem)
 
 
@@ -524,7 +525,7 @@ def test_mistakes_in_real_measurements(file: str, tmp_path: Path) -> None:
         (head.replace("[m]", "[cm]"), "look like m: write x [m]"),
         (head.replace("elbow", "?").replace("wrist_1", "elbow").replace("?", "wrist_1"), "elbow and wrist_1 are exch"),
     ):
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(po.errors.InputError) as caught:
             po.read_measurements(write(tmp_path, f"{wrong}\n{rows}"), problem)
         assert said in str(caught.value)
 
@@ -585,7 +586,7 @@ def test_foreign_names_of_positions_ask_for_no_other_instrument(tmp_path: Path) 
     """A table that measures positions under its own names gets its mapping, and no list of all kinds."""
     path = tmp_path / "data.csv"
     path.write_text("Nr;A1 [deg];A2 [deg];X mess [mm];Y mess [mm]\n1;0;0;2000;0\n", encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.read_measurements(path, po.load_problem("insert_planar_2r"))
     text = str(caught.value)
     assert 'x: "X mess", y: "Y mess"' in text

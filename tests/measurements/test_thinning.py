@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.measurements.measurements import Measurements, inputs_of
+import posture_opt as po
+from posture_opt.measurements.measurements import inputs_of
 from posture_opt.measurements.thinning import thin, thin_each_robot
 from tests.helpers.free_arms import TWO, problem_of, rows
 
 
-def table(poses: Any, **columns: Any) -> Measurements:
+def table(poses: Any, **columns: Any) -> po.Measurements:
     """Rows of a planar arm that visits these poses, a posture each."""
     poses = np.asarray(poses)
     rng = np.random.default_rng(3)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.model.effects.base.multiples import harmonic_order, resolution
 from posture_opt.model.effects.cyclic_error import CyclicError
 
@@ -17,19 +16,6 @@ def lines(*cycles: float) -> list[CyclicError]:
 def test_the_largest_leads_and_the_others_follow_by_size() -> None:
     found = CyclicError.joined(lines(101.0, 202.0, 303.0, 7.5), (1e-4, 3e-4, 1e-5, 2e-4))
     assert found.lines == (202.0, 7.5, 101.0, 303.0)
-
-
-def sizes(rms: tuple[float, float] | None = None, std: float = 1e-6, span: float = 4.0) -> FittedSizes:
-    """Lines of 0.3 and 0.4 mrad, then of 0.1 mrad."""
-    values = {"sin": 3e-4, "cos": 4e-4, "sin 2": 0.0, "cos 2": 1e-4}
-    entries = {name: (value, std, "rad") for name, value in values.items()} | {"cycles": (20.0, float("nan"), "1")}
-    return FittedSizes(entries, std**2 * np.eye(4), rms=rms, span=span)
-
-
-@pytest.mark.parametrize(("std", "span", "further"), [(1e-5, 0.5, 40.0), (1e-6, 0.0, 40.0), (1e-6, 4.0, 40.3)])
-def test_a_multiple_that_is_not_sure_is_no_harmonic(std: float, span: float, further: float) -> None:
-    error = CyclicError(joint="elbow", cycles=20.0, further=(further,))
-    assert "harmonic" not in error.sizes(sizes(std=std, span=span))[1].text
 
 
 def test_harmonics_are_told_from_lines_that_only_come_near() -> None:

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.model.c_rows import LANES
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.lane_function import LaneFunction
@@ -69,5 +69,5 @@ def test_without_a_compiler_rows_are_interpreted(monkeypatch: pytest.MonkeyPatch
     rows = lanes(ca.sin(x), x, compiled=None)
     assert not rows.compiled
     np.testing.assert_allclose(rows(np.eye(2)), np.sin(np.eye(2)), rtol=1e-15)
-    with pytest.raises(InputError, match="nothing compiled"):
+    with pytest.raises(po.errors.InputError, match="nothing compiled"):
         lanes(ca.sin(x), x, compiled=True)

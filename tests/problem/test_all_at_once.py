@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 
 FILES: dict[str, tuple[int, str]] = {
     # what is wrong: how many mistakes, the file
@@ -147,7 +146,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(case: str, tmp_path: Path) -> N
     count, text = FILES[case]
     file = tmp_path / "wrong.yaml"
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.load_problem(file)
     assert len(caught.value.issues) == count, str(caught.value)
     assert all(issue.file == str(file) and issue.line and issue.key for issue in caught.value.issues)
@@ -158,7 +157,7 @@ def test_the_numbers_of_effects_are_those_of_the_file(tmp_path: Path) -> None:
     """The first one cannot be read, and the complaint about the second one still names it so."""
     file = tmp_path / "wrong.yaml"
     file.write_text(FILES["one bad effect, others and uncertainty judged"][1], encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.load_problem(file)
     assert [issue.key for issue in caught.value.issues][2:] == [("effects", 0, "kind"), ("effects", 1)]
 
@@ -172,12 +171,12 @@ def test_nothing_is_blamed_for_what_another_section_lacks() -> None:
         "uncertainty": {"sigma": {"joint_compliance(joint1).compliance": "1 urad/(N m)"}},
         "effects": [compliance],
     }
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         po.problem_from_dict(data)
     assert [issue.key for issue in caught.value.issues] == [("robot", "joints", 0, "mass")]
 
 
 @pytest.mark.parametrize("text", ["9**9**9**9 m", "1 m**99999999", "2 m*9**9", "1 " + "m*" * 50 + "m"])
 def test_a_unit_is_a_short_text_of_names_and_never_a_computation(text: str) -> None:
-    with pytest.raises(InputError, match=r"unknown unit|is not a unit|is not a finite number"):
+    with pytest.raises(po.errors.InputError, match=r"unknown unit|is not a unit|is not a finite number"):
         po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r", "tool": {"xyz": [text, 0, 0]}}})

@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.problem.load import load_problem, problem_from_dict
+import posture_opt as po
 from posture_opt.problem.yaml_source import parse_yaml
 
 ROBOT = """\
@@ -40,8 +39,8 @@ def faults(folder: Path, text: str) -> list[str]:
     """The lines of the message that loading ``text`` raises, without the folder."""
     path = folder / "problem.yaml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        load_problem(path)
+    with pytest.raises(po.errors.InputError) as caught:
+        po.load_problem(path)
     assert caught.value.exit_code == 2
     return str(caught.value).replace(f"{folder}/", "").splitlines()
 
@@ -206,20 +205,22 @@ def test_huge_file_is_refused_unread(tmp_path: Path) -> None:
     with path.open("wb") as stream:
         stream.truncate(100_000_000)
     start = time.perf_counter()
-    with pytest.raises(InputError, match="larger than 1 MB"):
-        load_problem(path)
+    with pytest.raises(po.errors.InputError, match="larger than 1 MB"):
+        po.load_problem(path)
     assert time.perf_counter() - start < 0.5  # s; reading and parsing it would take minutes
 
 
 def test_places_that_are_no_files(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text(ROBOT)
-    with pytest.raises(InputError, match=r"no such file: .*amr\.yaml – did you mean .*arm\.yaml in the same folder\?"):
-        load_problem(tmp_path / "amr.yaml")
-    with pytest.raises(InputError, match="this is a folder"):
-        load_problem(tmp_path)
+    with pytest.raises(
+        po.errors.InputError, match=r"no such file: .*amr\.yaml – did you mean .*arm\.yaml in the same folder\?"
+    ):
+        po.load_problem(tmp_path / "amr.yaml")
+    with pytest.raises(po.errors.InputError, match="this is a folder"):
+        po.load_problem(tmp_path)
     (tmp_path / "latin.yaml").write_bytes(b"name: x\nrobot: caf\xe9\n")
-    with pytest.raises(InputError, match=r"latin\.yaml:2: not UTF-8 text \(byte 0xe9\)"):
-        load_problem(tmp_path / "latin.yaml")
+    with pytest.raises(po.errors.InputError, match=r"latin\.yaml:2: not UTF-8 text \(byte 0xe9\)"):
+        po.load_problem(tmp_path / "latin.yaml")
 
 
 def test_all_faults_of_all_sections_at_once(tmp_path: Path) -> None:
@@ -319,8 +320,8 @@ def test_urdf_named_relative_to_a_folder_says_where_it_was_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError) as caught:
-        problem_from_dict({"robot": {"kind": "urdf", "file": "none.urdf"}})
+    with pytest.raises(po.errors.InputError) as caught:
+        po.problem_from_dict({"robot": {"kind": "urdf", "file": "none.urdf"}})
     assert str(caught.value).startswith(f"robot.file: none.urdf (in {tmp_path}): no such file")
 
 
@@ -396,11 +397,11 @@ def test_covariance_that_is_no_file_to_be_read(file: str, message: str, tmp_path
 
 
 def test_bad_dict_names_keys_without_a_file() -> None:
-    with pytest.raises(InputError) as caught:
-        problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}, "task": {"kind": "insert", "tilt": 3}})
+    with pytest.raises(po.errors.InputError) as caught:
+        po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}, "task": {"kind": "insert", "tilt": 3}})
     assert str(caught.value) == "task.tilt: the angle has no unit (here 3) – write 3 deg or 3 rad"
-    with pytest.raises(InputError, match="a problem is a mapping of sections, not list"):
-        problem_from_dict([])  # type: ignore[arg-type]
+    with pytest.raises(po.errors.InputError, match="a problem is a mapping of sections, not list"):
+        po.problem_from_dict([])  # type: ignore[arg-type]
 
 
 WHOLE = """\
@@ -452,8 +453,8 @@ def places(data: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 @pytest.mark.fuzz
 def test_junk_anywhere_is_told_in_plain_words() -> None:
     whole = parse_yaml(WHOLE).data
-    problem_from_dict(whole)
-    told: list[Issue] = []
+    po.problem_from_dict(whole)
+    told: list[po.errors.Issue] = []
     for *around, last in list(places(whole))[1:]:
         for junk in JUNK:
             data = copy.deepcopy(whole)
@@ -462,8 +463,8 @@ def test_junk_anywhere_is_told_in_plain_words() -> None:
                 entry = entry[part]
             entry[last] = junk
             try:
-                problem_from_dict(data)
-            except InputError as error:
+                po.problem_from_dict(data)
+            except po.errors.InputError as error:
                 told += error.issues
     assert len(told) > 1000
     assert all(issue.key for issue in told)

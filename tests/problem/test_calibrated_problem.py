@@ -15,9 +15,6 @@ import pytest
 from click.testing import Result
 
 import posture_opt as po
-from posture_opt.calibration.calibration import Calibration
-from posture_opt.problem.problem import Problem
-from posture_opt.selection.answer.selector import PostureSelector
 from tests.helpers.command_line import invoke
 from tests.helpers.pin import PinArm
 from tests.helpers.same_problem import assert_same_numbers, written
@@ -53,7 +50,7 @@ class Case:
     def scatter(self) -> np.ndarray:
         return np.array([SCATTER if row[1] == TURNING else SLIDE for row in self.table])
 
-    def problem(self, arm: SimulatedArm, **keys: Any) -> Problem:
+    def problem(self, arm: SimulatedArm, **keys: Any) -> po.Problem:
         """The problem of the drawing."""
         robot = arm.section(tool={"xyz": [f"{v} m" for v in self.tool]}, **keys.pop("robot", {}))
         task = {"kind": "insert", "direction": list(self.direction), "position": [f"{v} m" for v in self.target]}
@@ -119,9 +116,9 @@ class Known:
 
     case: Case
     arm: SimulatedArm
-    problem: Problem
-    calibration: Calibration
-    calibrated: Problem
+    problem: po.Problem
+    calibration: po.Calibration
+    calibrated: po.Problem
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -137,8 +134,8 @@ def learnt(case: Case, seed: int = 0, n: int = 80, times: int = 1, **keys: Any) 
     return Known(case, arm, problem, found, po.calibrated_problem(problem, found))
 
 
-def quick(problem: Problem) -> Any:
-    return PostureSelector(problem, compiled=False).solve(starts=12)
+def quick(problem: po.Problem) -> Any:
+    return po.PostureSelector(problem, compiled=False).solve(starts=12)
 
 
 def test_the_true_arm_comes_to_lie_where_the_calibrated_plan_says(known: Known) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.command_line import invoke
 
 TINY = "-2.09e-37"
@@ -49,7 +48,7 @@ def test_a_file_says_what_it_says_with_zeros(tmp_path: Path) -> None:
 @pytest.mark.parametrize("numbers", [[0, TINY, 0], [0.0, -2.09e-37, 0.0]])
 def test_a_direction_of_rounding_is_none(numbers: list[object]) -> None:
     document = po.load_problem("insert_planar_2r").to_dict()
-    with pytest.raises(InputError, match=r"task\.direction"):
+    with pytest.raises(po.errors.InputError, match=r"task\.direction"):
         po.problem_from_dict(document | {"task": document["task"] | {"direction": numbers}})
 
 

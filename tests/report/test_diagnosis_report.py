@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-import posture_opt as po
-from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.report.measured_parts.causes_table import causes_table
 from posture_opt.report.measured_parts.diagnosis_errors import _beside, errors_block
 from posture_opt.report.measured_parts.diagnosis_open import _pattern_words, split_csv
 from posture_opt.report.measured_parts.diagnosis_sizes import NoiseFloor, largest_scatter, like_noise, noise_floor
+
+import posture_opt as po
+from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.report.measured_parts.error_table import rows_words
 from posture_opt.report.results.diagnosis_report import _rest, diagnosis_report
 from posture_opt.report.text.blocks import Table

@@ -8,6 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from posture_opt.report.measured_parts.cause_advice import of_one_type
+from posture_opt.report.measured_parts.cause_inspections import bent_lead, inspection, inspections_by_text
+from posture_opt.report.measured_parts.causes_table import rivals_of
+from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 
 import posture_opt as po
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
@@ -31,10 +35,6 @@ from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.report.figures.diagnosis import plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import curve_of, plot_curves, shown_curves
 from posture_opt.report.figures.diagnosis_scores import scored_rows
-from posture_opt.report.measured_parts.cause_advice import of_one_type
-from posture_opt.report.measured_parts.cause_inspections import bent_lead, inspection, inspections_by_text
-from posture_opt.report.measured_parts.causes_table import rivals_of
-from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.results.diagnosis_report import diagnosis_report
 from posture_opt.report.text.screen import SCREEN, on_a_screen
 from posture_opt.report.text.text import render

@@ -10,7 +10,6 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.robot import FORMATS, DhRobot, MdhRobot, RobotFormat, RobotSpec, UrdfRobot
 from tests.helpers.factors import frame, parameter_jacobian, pose
 from tests.helpers.pin import BARE, PinArm, robots_folder
@@ -311,7 +310,7 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
 ])  # fmt: skip
 def test_bad_urdf_files(tmp_path, text, message):
     (tmp_path / "arm.urdf").write_text(text)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         UrdfRobot(file="arm.urdf").build(tmp_path)
     assert message in str(caught.value)
     assert all(issue.key for issue in caught.value.issues)
@@ -324,7 +323,7 @@ def test_bad_urdf_files(tmp_path, text, message):
 ])  # fmt: skip
 def test_every_bad_joint_of_a_chain_at_once(good, bad, tmp_path):
     (tmp_path / "arm.urdf").write_text(CHAIN.replace(good, bad))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         UrdfRobot(file="arm.urdf").build(tmp_path)
     lines = [issue.message.split(":")[1] for issue in caught.value.issues]
     assert sorted(set(lines)) == ["4", "6"]
@@ -336,7 +335,7 @@ def test_every_bad_joint_of_a_chain_at_once(good, bad, tmp_path):
 def test_no_entity_changes_a_number(declared, tmp_path):
     text = GOOD.replace('xyz="0 0 1"', 'xyz="500&mm; 0 0"', 1)
     (tmp_path / "arm.urdf").write_text(f"<?xml version='1.0'?>\n<!DOCTYPE robot [{declared}]>\n{text}")
-    with pytest.raises(InputError, match=r"arm\.urdf:2: a robot description has no DOCTYPE and no entities"):
+    with pytest.raises(po.errors.InputError, match=r"arm\.urdf:2: a robot description has no DOCTYPE and no entities"):
         UrdfRobot(file="arm.urdf").build(tmp_path)
 
 
@@ -356,14 +355,14 @@ def test_what_the_kinematics_do_not_need_is_not_looked_at(tmp_path):
 ])  # fmt: skip
 def test_links_that_make_no_chain(tmp_path, keys, key, message):
     (tmp_path / "arm.urdf").write_text(CHAIN)
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(po.errors.InputError, match=message) as caught:
         UrdfRobot(file="arm.urdf", **keys).build(tmp_path)
     assert caught.value.issues[0].key == (key,)
 
 
 def test_missing_file_and_folder(tmp_path):
     for file in ("none.urdf", "."):
-        with pytest.raises(InputError, match=r"no such file|this is a folder") as caught:
+        with pytest.raises(po.errors.InputError, match=r"no such file|this is a folder") as caught:
             UrdfRobot(file=file).build(tmp_path)
         assert caught.value.issues[0].key == ("file",)
 
@@ -376,7 +375,7 @@ def test_several_leaves_ask_for_one(tmp_path):
     )
     links = "".join(f'<link name="{name}"/>' for name in ("base", "left", "right"))
     (tmp_path / "arm.urdf").write_text(f'<robot name="two arms">{links}{"".join(joints)}</robot>')
-    with pytest.raises(InputError, match=r"name one: tip_link: left \(1 joint\), right \(1 joint\)"):
+    with pytest.raises(po.errors.InputError, match=r"name one: tip_link: left \(1 joint\), right \(1 joint\)"):
         UrdfRobot(file="arm.urdf").build(tmp_path)
 
 
@@ -402,6 +401,6 @@ def test_a_payload_that_no_arm_of_its_mass_carries_is_in_grams(mass, payload, re
     if not refused:
         assert po.problem_from_dict(document).robot.payload == 59
         return
-    with pytest.raises(InputError, match="no arm like this one carries 61 kg") as caught:
+    with pytest.raises(po.errors.InputError, match="no arm like this one carries 61 kg") as caught:
         po.problem_from_dict(document)
     assert caught.value.issues[0].key == ("robot", "payload")

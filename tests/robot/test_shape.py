@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.robot import Capsule, DhRobot, UrdfRobot, load_preset
 from posture_opt.robot.link_capsules import along_links
 from tests.helpers.capsules import from_segment, in_the_world
@@ -73,7 +72,7 @@ def test_shape_of_a_table():
     ("thick", "robot.shape", "is not a list"),
 ])  # fmt: skip
 def test_bad_shapes_are_refused(shape, key, message):
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(po.errors.InputError, match=message) as caught:
         with_shape(shape)
     assert str(caught.value).startswith(f"{key}: ")
 

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+import posture_opt as po
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
-from posture_opt.errors import InputError
-from posture_opt.robot import Robot, UrdfRobot
+from posture_opt.robot import UrdfRobot
 from posture_opt.robot.capsule_fit import Edges, fitted_capsules, smallest_capsule
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import random_postures
@@ -47,7 +47,7 @@ BODIES = """<robot name="two">
 OWNER = {"foot": "base", "stand": "base", "arm": "turn", "slide": "lift", "gripper": "lift"}
 
 
-def built(tmp_path: Path, text: str, **keys) -> Robot:
+def built(tmp_path: Path, text: str, **keys) -> po.Robot:
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     return UrdfRobot(file="arm.urdf", tip_link="tip", **keys).build(tmp_path)
 
@@ -68,7 +68,7 @@ def surface(shape) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore:Please update your 'hppfcl' imports:DeprecationWarning")
-def outside(robot: Robot, arm: PinArm, file: Path, owner, base: str, rename=str, scale=1.0) -> float:
+def outside(robot: po.Robot, arm: PinArm, file: Path, owner, base: str, rename=str, scale=1.0) -> float:
     """How far any collision body sticks out of the capsules of its joint [m], at random postures."""
     geometry = pinocchio.buildGeomFromUrdf(
         arm.model, str(file), pinocchio.GeometryType.COLLISION, package_dirs=[str(robots_folder().parents[1])]
@@ -208,7 +208,7 @@ def test_a_mesh_with_an_absurd_coordinate_is_a_note(tmp_path: Path) -> None:
 
 
 def test_numbers_that_are_none_are_refused_with_their_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"arm.urdf:2.*box size") as caught:
+    with pytest.raises(po.errors.InputError, match=r"arm.urdf:2.*box size") as caught:
         built(tmp_path, BODIES.replace("0.3 0.2 0.1", "0.3 0.2"))
     assert caught.value.issues[0].key == ("file",)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.uncertainty.simulation.adaptive import (
     adaptive,
     covariance_standard_error,
@@ -127,5 +127,5 @@ def test_standard_errors_of_a_covariance(model):
     ],
 )
 def test_impossible_input_is_refused(call):
-    with pytest.raises(InputError):
+    with pytest.raises(po.errors.InputError):
         call()

@@ -9,7 +9,6 @@ import posture_opt as po
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
 from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE
-from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.stated import stated
 
 Q6 = (0.3, -1.0, 1.2, 0.4, 0.7, 0.0)
@@ -53,7 +52,7 @@ def test_dense_covariances_have_no_line_below_zero(seed: int) -> None:
     names = tuple(f"{joint}.{p}" for joint in robot.joint_names for p in ("theta", "a", "d"))
     A = rng.standard_normal((len(names), 4)) * 2e-4
     sources = Sources(names, A @ A.T + 1e-10 * np.eye(len(names)))
-    spread = propagate(stated(robot, sources), Q6)
+    spread = po.propagate(stated(robot, sources), Q6)
     groups = spread.budget_groups
     assert sum(g.share for g in groups) == pytest.approx(1.0)
     assert min(g.share for g in groups) > -SHARE_TOLERANCE

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import ncx2
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.uncertainty.regions.clearance import (
     log_miss_probability,
     miss_probability,
@@ -159,7 +159,7 @@ def test_radius_inverts_the_probability(p, bias, covariance):
     ],
 )
 def test_impossible_questions_are_refused(call):
-    with pytest.raises(InputError):
+    with pytest.raises(po.errors.InputError):
         call()
 
 

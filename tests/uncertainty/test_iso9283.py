@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import elliprg
 
-from posture_opt.errors import InputError, InsufficientDataError
+import posture_opt as po
 from posture_opt.uncertainty.regions.regions import coverage_probability
 from posture_opt.uncertainty.sources.iso9283 import (
     distance_moments,
@@ -141,15 +141,15 @@ def test_orientation_performance_across_the_half_turn():
 @pytest.mark.parametrize(
     ("call", "error"),
     [
-        (lambda: position_performance(np.zeros((2, 3)), np.zeros(3)), InsufficientDataError),
-        (lambda: position_performance(np.zeros((5, 3)), np.zeros(2)), InputError),
-        (lambda: position_performance(np.full((5, 3), math.nan), np.zeros(3)), InputError),
-        (lambda: position_performance(np.zeros(5), np.zeros(1)), InputError),
-        (lambda: repeatability_sampling(np.eye(3), 2), InputError),
-        (lambda: repeatability_sampling(np.zeros((3, 3))), InputError),
-        (lambda: repeatability_from_covariance(np.eye(4)), InputError),
-        (lambda: repeatability_from_covariance(np.zeros((2, 3))), InputError),
-        (lambda: repeatabilities(np.eye(3)), InputError),
+        (lambda: position_performance(np.zeros((2, 3)), np.zeros(3)), po.errors.InsufficientDataError),
+        (lambda: position_performance(np.zeros((5, 3)), np.zeros(2)), po.errors.InputError),
+        (lambda: position_performance(np.full((5, 3), math.nan), np.zeros(3)), po.errors.InputError),
+        (lambda: position_performance(np.zeros(5), np.zeros(1)), po.errors.InputError),
+        (lambda: repeatability_sampling(np.eye(3), 2), po.errors.InputError),
+        (lambda: repeatability_sampling(np.zeros((3, 3))), po.errors.InputError),
+        (lambda: repeatability_from_covariance(np.eye(4)), po.errors.InputError),
+        (lambda: repeatability_from_covariance(np.zeros((2, 3))), po.errors.InputError),
+        (lambda: repeatabilities(np.eye(3)), po.errors.InputError),
     ],
 )
 def test_impossible_input_is_refused(call, error):

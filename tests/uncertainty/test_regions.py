@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtr, chdtri, fdtr, fdtri, stdtrit
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.uncertainty.regions.regions import (
     Ellipsoid,
     coverage_factor,
@@ -118,7 +118,7 @@ def test_how_well_a_standard_deviation_is_known():
     ],
 )
 def test_impossible_questions_are_refused(call):
-    with pytest.raises(InputError):
+    with pytest.raises(po.errors.InputError):
         call()
 
 

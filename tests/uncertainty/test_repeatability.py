@@ -8,20 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.robot.preset import load_preset
-from posture_opt.robot.robot import Factor, Robot
-from posture_opt.uncertainty.simulation.cloud import simulate
+from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.sources.iso9283 import repeatability_from_covariance
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas, matching_postures
-from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import parameter_jacobian
 from tests.helpers.stated import stated
 from tests.helpers.variants import STRUCTURES, conformance
 
 
 def predicted(robot, sources, q):
-    return repeatability_from_covariance(propagate(stated(robot=robot, sources=sources), q).covariance)
+    return repeatability_from_covariance(po.propagate(stated(robot=robot, sources=sources), q).covariance)
 
 
 @pytest.mark.parametrize("name", conformance(STRUCTURES, ["planar_2r", "scara", "ur10", "kr6_r900", "panda"]))
@@ -46,7 +44,7 @@ def test_slides_of_a_portal_by_hand():
     joint = load_preset("scara").joints[2]
     joints = tuple(replace(joint, name=f"slide{k}") for k in range(3))
     links = tuple((Factor("translate", k, 0.0, f"slide{k}.d", k),) for k in range(3))  # type: ignore[arg-type]
-    sources = joint_sigmas(Robot("portal", joints, links), 1e-4)
+    sources = joint_sigmas(po.Robot("portal", joints, links), 1e-4)
     np.testing.assert_allclose(sources.sigma, 1e-4 / 3.61609, rtol=2e-6)
     assert "mm each" in sources.notes[0]
 
@@ -56,7 +54,7 @@ def test_a_simulated_test_gives_the_data_sheet_s_figure():
     sources = joint_sigmas(robot, 5e-5)
     found = []
     for seed, q in enumerate(matching_postures(robot)):
-        points = simulate(stated(robot=robot, sources=sources), q, n=2000, seed=seed).points
+        points = po.simulate(stated(robot=robot, sources=sources), q, n=2000, seed=seed).points
         distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
         found.append(distance.mean() + 3 * distance.std(ddof=1))
     # RP of 2000 cycles scatters by 1.1 %; near the median of 200 that leaves well under 1 %
@@ -108,12 +106,12 @@ def test_the_postures_lie_within_the_limits_in_the_middle_of_the_reach(name):
     (1e-4, {"elbow": math.inf}, "the weight is inf"),
 ])  # fmt: skip
 def test_bad_figures_are_refused(repeatability, weights, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(po.errors.InputError, match=words):
         joint_sigmas(load_preset("ur5"), repeatability, weights)
 
 
 def test_joints_that_do_not_move_the_tool_point_cannot_scatter_it():
     robot = load_preset("ur5")
     last = robot.joint_names[-1]  # its axis passes through the tool point
-    with pytest.raises(InputError, match="do not move the tool point"):
+    with pytest.raises(po.errors.InputError, match="do not move the tool point"):
         joint_sigmas(robot, 1e-4, {name: float(name == last) for name in robot.joint_names})

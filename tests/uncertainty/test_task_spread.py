@@ -10,7 +10,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.uncertainty.simulation.sampler import Sampler
-from posture_opt.uncertainty.spread.task_spread import across_basis, task_basis
 
 PLANAR = {
     "robot": {"kind": "preset", "name": "planar_2r"},
@@ -123,15 +122,3 @@ def test_what_nothing_moves_does_not_scatter() -> None:
     seen = po.propagate(problem, [0.3, 0.5]).for_task
     assert seen is not None
     assert seen.critical.sigma_max == seen.sigma_along == 0.0
-
-
-@pytest.mark.parametrize("normal", [None, (0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
-def test_the_basis_is_orthonormal_and_across(normal: tuple[float, float, float] | None) -> None:
-    n = None if normal is None else np.array(normal)
-    for d in np.array([[0, 0, 1.0], [0.6, 0.8, 0], [1, 0, 0], [0.8, 0, -0.6]]):
-        B = across_basis(d, n)
-        assert np.allclose(np.column_stack([B, d]).T @ np.column_stack([B, d]), np.eye(3), atol=1e-15)
-        flat = n is not None and abs(n @ d) < 1e-9
-        assert task_basis("across", d, n).shape == (3, 1 if flat else 2)
-        if flat:
-            assert abs(float(n @ B[:, 0])) < 1e-15

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.measurements.measurements import Measurements, group_means
-from posture_opt.measurements.reading import read_measurements
+from posture_opt.measurements.measurements import group_means
 from posture_opt.validation.model_errors import block_tests, holm_rejections, mean_test
 from posture_opt.validation.trends import trend_line
 from tests.helpers.planar_2r import position, postures_at
@@ -33,10 +32,10 @@ def planar(direction: tuple[int, ...] = (0, -1, 0)) -> Any:
     return po.problem_from_dict(document)
 
 
-def measured(problem: Any, q: np.ndarray, points: np.ndarray, **more: Any) -> Measurements:
+def measured(problem: Any, q: np.ndarray, points: np.ndarray, **more: Any) -> po.Measurements:
     columns = {f"joint{k + 1} [rad]": q[:, k] for k in range(2)}
     columns |= {f"{axis} [m]": points[:, k] for k, axis in enumerate("xyz"[: points.shape[1]])}
-    return read_measurements({**columns, **more}, problem)
+    return po.read_measurements({**columns, **more}, problem)
 
 
 def visits(rng: np.random.Generator, poses: int, repeats: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -47,7 +46,7 @@ def visits(rng: np.random.Generator, poses: int, repeats: int) -> tuple[np.ndarr
 
 
 @pytest.fixture(scope="module")
-def assessed() -> tuple[Any, Measurements, Any, Any]:
+def assessed() -> tuple[Any, po.Measurements, Any, Any]:
     problem = planar()
     q, points, pose = visits(np.random.default_rng(1), 40, 8)
     data = measured(problem, q, points, pose=pose)
@@ -291,7 +290,7 @@ def test_the_instrument_is_set_against_what_it_judges(assessed: Any) -> None:
 @needs_real_arms
 def test_ur10_lands_two_millimetres_apart_in_two_postures() -> None:
     problem = po.load_problem(DATA / "ipa_ur10" / "problem.yaml")
-    data = read_measurements(DATA / "ipa_ur10" / "series_b.csv", problem)
+    data = po.read_measurements(DATA / "ipa_ur10" / "series_b.csv", problem)
     goals = po.assess(problem, data, po.calibrate(problem, data)).goals
     assert goals.goals == 737  # of 738: one row is an outlier
     assert goals.measured.median == pytest.approx(2.04e-3, abs=0.01e-3)  # published with the data

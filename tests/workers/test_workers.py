@@ -14,9 +14,8 @@ from typing import Any
 
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.target_map import map_targets
 from posture_opt.workers import Serial, Workers, opened
 from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.fresh import ROOT
@@ -70,18 +69,18 @@ def test_a_lost_worker_is_replaced_and_its_part_done_again(tmp_path: Path) -> No
 
 
 def test_a_part_that_ends_every_worker_is_told() -> None:
-    with ProcessWorkers(2) as workers, pytest.raises(InputError, match="3 worker processes were ended"):
+    with ProcessWorkers(2) as workers, pytest.raises(po.errors.InputError, match="3 worker processes were ended"):
         workers.in_order(always_deadly, None, range(4))
 
 
 def test_a_pool_that_broke_is_told() -> None:
-    with ProcessPoolExecutor(1) as pool, pytest.raises(InputError, match="the executor lost its workers"):
+    with ProcessPoolExecutor(1) as pool, pytest.raises(po.errors.InputError, match="the executor lost its workers"):
         opened(executor=pool).in_order(always_deadly, None, range(4))
 
 
 def test_what_is_no_executor_is_refused() -> None:
     executor: Any = 3
-    with pytest.raises(InputError, match="int is no executor"):
+    with pytest.raises(po.errors.InputError, match="int is no executor"):
         opened(executor=executor)
 
 
@@ -129,7 +128,7 @@ GRID: dict[str, Any] = {"counts": (9, 9), "low": (-0.4, -0.4, -0.08), "high": (0
 def test_a_map_is_the_same_whoever_makes_it() -> None:
     problem = load_builtin("insert_scara")
     alone, *others = (
-        map_targets(problem, executor=executor, **GRID).to_json() | {"seconds": 0.0}
+        po.map_targets(problem, executor=executor, **GRID).to_json() | {"seconds": 0.0}
         for executor in (Serial(), ProcessWorkers(3))
     )
     for other in others:
