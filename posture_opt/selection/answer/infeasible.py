@@ -42,8 +42,8 @@ MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
 MAX_OFFERED = 4  # changes that are offered: each is solved first
 MAX_TRIALS = 6  # solves that this takes at most
 
-Does = Callable[[Sequence[Change]], bool]
-"""Whether the problem with some changes has a solution."""
+Does = Callable[[Sequence[Change], Array], bool]
+"""Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
 Way = tuple[tuple[str, ...], Compromise]
 """Requirements that suffice when they give, and how."""
 
@@ -65,7 +65,7 @@ def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture |
 
     Interior-point steps with requirements that may give end at one where nothing has to.
     """
-    return Infeasibility(engine, found, None, {}, lambda changes: False).met()
+    return Infeasibility(engine, found, None, {}, lambda changes, near: False).met()
 
 
 def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
@@ -224,7 +224,7 @@ class Infeasibility:
         written = (
             Changes(self.problem, task, self.elastic, self.target, way, attempt).of(given) for attempt in ATTEMPTS
         )
-        changes = first_that_does(written, does)
+        changes = first_that_does(written, lambda changes: does(changes, way.q))
         return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
     def _reasons_of(self, names: Sequence[str], way: Compromise, ways: Sequence[Way]) -> tuple[Reason, ...]:
@@ -239,7 +239,7 @@ class Infeasibility:
         assert self.asked is not None
         for decimals in PLANE_DECIMALS:
             changes = onto_plane(self.problem, self.target, q, decimals)
-            if self.does(changes):
+            if self.does(changes, q):
                 reason = replace(outside, message=f"{outside.message}: {changes[0].words}")
                 cost = outside.amount / self.problem.reach.radius
                 posture = Posture(self.problem.robot, q)
@@ -392,7 +392,9 @@ def specific(names: Sequence[str]) -> int:
     return min(order.index(name) if name in order else len(order) for name in names)
 
 
-def first_that_does(written: Iterable[tuple[Change, ...]], does: Does) -> tuple[Change, ...] | None:
+def first_that_does(
+    written: Iterable[tuple[Change, ...]], does: Callable[[Sequence[Change]], bool]
+) -> tuple[Change, ...] | None:
     """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
     tried: list[tuple[Change, ...]] = []
     for changes in written:
@@ -408,9 +410,9 @@ def limited(does: Does) -> Does:
     """The same question, answered `MAX_TRIALS` times; then with no."""
     left = iter(range(MAX_TRIALS))
 
-    def asked(changes: Sequence[Change]) -> bool:
+    def asked(changes: Sequence[Change], near: Array) -> bool:
         """Whether the problem with some changes is solved; no, once enough were tried."""
-        return next(left, None) is not None and does(changes)
+        return next(left, None) is not None and does(changes, near)
 
     return asked
 

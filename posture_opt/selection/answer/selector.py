@@ -33,6 +33,7 @@ from posture_opt.selection.search.batches import until_found_often, until_recurr
 from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
 from posture_opt.selection.search.screened_search import screened_search
 from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
@@ -47,6 +48,7 @@ _ONE_POSTURE_NOTE = (
     "exists is not known."
 )
 _MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
+_NEARLY_MET = 1e-3  # m, rad or 1: what rounding of a change and lower bounds of distances leave
 _UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
 _LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
@@ -360,15 +362,15 @@ class PostureSelector:
         target = found.target
         asked = replace(self._problem, task=target.in_task(self.task))
 
-        def does(changes: Sequence[Change]) -> bool:
-            """Whether the problem with some changes is solved."""
+        def does(changes: Sequence[Change], near: Array) -> bool:
+            """Whether the problem with some changes is solved, from a posture (n,) that should do or by a search."""
             if not self._offers:
                 return False
             other = with_changes(asked, changes)
             if {change.path for change in changes} == {"task.position"}:  # a number of this program
-                return self.can_be_done(target.with_position(np.array(task_of(other).position)))
+                return self.can_be_done(target.with_position(np.array(task_of(other).position)), near)
             try:
-                return PostureSelector(other, compiled=False).can_be_done()
+                return PostureSelector(other, compiled=False).can_be_done(None, near)
             except InputError:  # no such problem can be stated
                 return False
 
@@ -386,15 +388,26 @@ class PostureSelector:
             selector = PostureSelector(replace(self._problem, task=released(robot, self.task)), compiled=False)
         return Infeasibility(selector.engine(found.target, guarded=True), found, asked, held, does)
 
-    def can_be_done(self, target: TaskTarget | None = None) -> bool:
-        """Whether the search finds a posture that does the task, as a solve of it would; why not is not asked."""
+    def can_be_done(self, target: TaskTarget | None = None, near: Array | None = None) -> bool:
+        """Whether a posture is found that does the task; why not is not asked.
+
+        A posture ``near`` (n,) that was read from a compromise decides where it does, or misses by more than rounding.
+        """
         aim, seed = self.target if target is None else target, self._problem.solver.seed
+        if near is not None and not ROW_TOLERANCE < (missed := self._missed(aim, near)) <= _NEARLY_MET:
+            return missed <= ROW_TOLERANCE
         engine = self.engine(aim, guarded=True)
         starts = self._problem.solver.starts or usual_starts(engine)
         found = multistart(engine, aim, np.random.default_rng([seed, 0]), starts)
         if any(candidate.feasible for candidate in found.found):
             return True
         return met_after_all(engine, found) is not None
+
+    def _missed(self, target: TaskTarget, q: Array) -> float:
+        """By how much [m, rad or 1] the posture misses that the inverse kinematics leads q (n,) to."""
+        engine = self.engine(target, guarded=False)
+        Q, _ = engine.ik.solve(np.clip(q, engine.robot.lower, engine.robot.upper)[None], engine.held(target))
+        return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
         """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""

@@ -314,7 +314,7 @@ class PathSelector(DerivedAgain):
         solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
         raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
-    def _does(self, changes: Sequence[Change]) -> bool:
+    def _does(self, changes: Sequence[Change], near: Array) -> bool:
         """Whether the whole path can be done with some changes."""
         try:
             changed = PathSelector.of(with_changes(self.problem, changes))

@@ -167,17 +167,17 @@ class Engine(DerivedAgain):
         """The postures (N, n) after at most ``steps`` steps of the local search, with the state (N, m + n + 1) to go on
         from.
         """
-        return self.local.descend(Q, target.parameters, self._held(target), steps, state)
+        return self.local.descend(Q, target.parameters, self.held(target).rows, steps, state)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
         """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
         parameters = np.array([target.parameters for target in targets])[of]
-        held = np.vstack([self._held(target) for target in targets])[of]
+        held = np.vstack([self.held(target).rows for target in targets])[of]
         return self.local.descend(Q, parameters, held, steps)
 
-    def _held(self, target: TaskTarget) -> Array:
-        """(1, 16) what the steps of the local search must keep."""
-        return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis).rows
+    def held(self, target: TaskTarget) -> PoseRequest:
+        """What the steps of the local search must keep."""
+        return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis)
 
     def candidates(self, Q: Array, target: TaskTarget) -> list[CandidatePosture]:
         """The postures (N, n) as candidates for one target."""

@@ -102,7 +102,7 @@ class FeaturesFailure:
         names = [self.task.features[k].name for k in failed]
         return explain_stations(inquiry, targets, names).relaxations
 
-    def _with_changes(self, changes: Sequence[Change]) -> bool:
+    def _with_changes(self, changes: Sequence[Change], near: Array | None = None) -> bool:
         """Whether the problem with some changes is solved."""
         return self.does(with_changes(self.problem, changes))
 
