@@ -41,6 +41,7 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_FITTED
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.motion import moves
 from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.selection.problem_data import ProblemData
@@ -274,9 +275,10 @@ def stated_errors(
 def default_by(data: Measurements) -> By:
     """What a cross-validation leaves out together where none is stated.
 
-    Positions are left out pose by pose; touched points place by place, as all touches of a place share its position.
+    Positions are left out pose by pose, those along a moving path stretch by stretch; touched points place by place, as
+    all touches of a place share its position.
     """
-    return data.kind.held_out_by
+    return "stretch" if moves(data) and not data.touches else data.kind.held_out_by
 
 
 @dataclass(frozen=True, eq=False)

@@ -198,7 +198,7 @@ def other_nest(rng: np.random.Generator) -> Case:
     shift *= rng.uniform(0.25e-3, 0.5e-3) / np.linalg.norm(shift)
     R = walk(shop.arm, shop.session.q, shop.deviations).R_link[:, -1]
     points = shop.points() + blocks[:, None] * (R @ shift)
-    return Case(document(), shop.table(points), causes=(("tool_offset", "payload"),), unexplained=True)
+    return Case(document(), shop.table(points), causes=(("tool_shift", "tool"),), unexplained=True)
 
 
 def hung(rng: np.random.Generator) -> Case:
@@ -281,7 +281,7 @@ def _path(rng: np.random.Generator, late: float, effects: tuple[Effect, ...] = (
     still.deviations = shop.deviations
     left = ("approach", "payload", "temp", "pose")
     causes = tuple((e.kind, JOINTS[int(e.target[-1]) - 1]) for e in effects)
-    causes += (("late", "instrument"),) if late else ()
+    causes += (("late_reading", "instrument"),) if late else ()
     fresh = still.table(still.points(*effects), *left)
     return Case(document(), shop.table(points, *left), fresh, causes, unexplained=bool(late))
 

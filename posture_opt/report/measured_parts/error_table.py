@@ -28,6 +28,7 @@ _LEFT_OUT = {
     "pose": "its pose",
     "block": "its block of the workspace",
     "place": "the point that it touches",
+    "stretch": "its stretch of the path",
 }
 
 
