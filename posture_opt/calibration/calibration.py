@@ -38,6 +38,7 @@ from posture_opt.selection.problem_data import ProblemData
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
+    from posture_opt.calibration.doubts import Doubt
     from posture_opt.calibration.large_file import LargeFile
     from posture_opt.model.effects import Effect
 
@@ -67,6 +68,7 @@ class Calibration(Result):
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
         disagreement: what is left of data that are hardly this arm's; None of others.
         large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
+        doubts: what can hardly be as the file says; copies of rows count once.
     """
 
     request: FitRequest
@@ -87,6 +89,7 @@ class Calibration(Result):
     contradictions: tuple[Contradiction, ...] = ()
     disagreement: Disagreement | None = None
     large: LargeFile | None = None
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def far_frames(self) -> dict[str, float]:
@@ -295,6 +298,7 @@ class Calibration(Result):
             "contradictions": [contradiction.to_json() for contradiction in self.contradictions],
             "disagrees": self.disagreement is not None,
             "far_frames": self.far_frames,
+            "doubts": [doubt.to_json() for doubt in self.doubts],
         }
         if self.other_preset is not None:
             document["other_preset"] = self.other_preset.to_json()

@@ -13,6 +13,7 @@ from posture_opt.calibration.assumptions.weights import Reading
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
+from posture_opt.calibration.doubts import Doubt
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
@@ -72,6 +73,7 @@ class Diagnosis(Result):
         rivals: by the place of an effect in ``model``, the candidates that could replace it.
         test: another file predicted by what this one taught.
         large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
+        doubts: what can hardly be as the file of measurements says; copies of rows count once.
         weights: the direction of gravity, and the further mass, that explain the sag of the joints where the file was
             taken to say another; its masses then count as unknown.
     """
@@ -94,6 +96,7 @@ class Diagnosis(Result):
     test: SecondSession | None = None
     large: LargeFile | None = None
     weights: tuple[Reading, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -217,6 +220,7 @@ class Diagnosis(Result):
                 {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
             ],
             "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
+            "doubts": [doubt.to_json() for doubt in self.doubts],
             "notes": list(self.notes),
         }
 
