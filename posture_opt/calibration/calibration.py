@@ -240,15 +240,14 @@ class Calibration(Result):
 
     @property
     def keeps_nominal(self) -> bool:
-        """Whether the nominal arm is delivered: the instrument is worse than the arm, and a gain not sure enough.
+        """Whether the nominal arm is delivered: rows left out are predicted no worse by it.
 
-        Or rows left out say that there is none: the tolerances that make it probable say that no arm is as drawn.
-
-        A fine level does not show that positions get better, as it sees no length; what it shows of angles is sure.
+        Or the instrument is worse than the arm, and a gain not sure enough. A fine level does not show that positions
+        get better, as it sees no length; what it shows of angles is sure.
         """
-        if self.instrument_scatter is None or not self.instrument_scatter.exceeds or self.better_than_nominal is None:
-            return False
-        return self.better_than_nominal < LEAST_PROBABILITY or not self.predicts_better
+        unsure = self.better_than_nominal is not None and self.better_than_nominal < LEAST_PROBABILITY
+        worse = self.instrument_scatter is not None and self.instrument_scatter.exceeds
+        return not self.predicts_better or (worse and unsure)
 
     @property
     def predicts_better(self) -> bool:
@@ -298,6 +297,7 @@ class Calibration(Result):
             "contradictions": [contradiction.to_json() for contradiction in self.contradictions],
             "disagrees": self.disagreement is not None,
             "far_frames": self.far_frames,
+            "nominal_kept": self.keeps_nominal,
             "doubts": [doubt.to_json() for doubt in self.doubts],
         }
         if self.other_preset is not None:
@@ -306,7 +306,6 @@ class Calibration(Result):
             document["instrument_scatter"] = self.instrument_scatter.to_json()
         if self.better_than_nominal is not None:
             document["better_than_nominal"] = self.better_than_nominal
-            document["nominal_kept"] = self.keeps_nominal
         if self.start_up is not None:
             document["start_up"] = self.start_up.to_json()
         if self.test is not None:

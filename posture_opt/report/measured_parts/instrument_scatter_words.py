@@ -30,16 +30,16 @@ def sure_gain_lead(found: Calibration, nominal: bool) -> tuple[str, ...]:
         nominal: whether the nominal arm is delivered in its place.
     """
     probability, scatter = found.better_than_nominal, found.instrument_scatter
+    if nominal and not found.predicts_better:
+        return (
+            "The nominal arm is kept: the calibrated one predicts rows held out from the fit no better. More rows or a "
+            "finer instrument show whether there is anything to correct.",
+        )
     if probability is None or scatter is None or not scatter.exceeds:
         return ()
     percent = f"{min(100 * probability, 99.9):.3g} %"
     if not nominal:
         return (f"The calibrated arm is nearer to the true one than the nominal arm with a probability of {percent}.",)
-    if probability >= LEAST_PROBABILITY:
-        return (
-            "The nominal arm is kept: the calibrated one predicts rows held out from the fit no better. More rows or a "
-            "finer instrument show whether there is anything to correct.",
-        )
     return (
         f"The nominal arm is kept: the calibrated one is nearer to the true arm with a probability of only {percent}, "
         f"and {100 * LEAST_PROBABILITY:.0f} % are asked for. More rows or a finer instrument decide it.",
