@@ -60,6 +60,8 @@ FORMULAS = {  # kind -> formula, and what its own symbols are
         r"\Delta q = c\, \bigl(\mathrm{round}(q / \delta)\, \delta - q\bigr)",
         "δ: `lsb`, the step of encoder or controller; c: about 1",
     ),
+    "late_reading": (r"\Delta q = -t\, \dot q", "t: `delay`; of all joints, by their speed at the moment of the row"),
+    "tool_shift": (r"\Delta p = R\, v\, [m > 0]", "R: orientation of the tool; m: payload of the row"),
     "joint_noise": (r"\Sigma_p \to \Sigma_p + \sigma^2 J_j J_j^{\mathsf{T}}", "Jⱼ = ∂p/∂qⱼ"),
     "range_noise": (r"\sigma = a + b\, r", "r: distance from the origin of the world, where the instrument is"),
     "stated_sigma": (r"\sigma \to k\, \sigma", "k: `factor`"),

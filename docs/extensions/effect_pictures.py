@@ -67,6 +67,11 @@ def over_time() -> Sweep:
     return over_input("time", 7200, "time [h]", 1 / 3600)
 
 
+def over_speed() -> Sweep:
+    degrees = np.linspace(0, 60, ROWS)
+    return Sweep(degrees, "speed of the joint [deg/s]", speed=[np.radians(degrees), np.zeros(ROWS)])
+
+
 def over_place() -> Sweep:
     angle = np.linspace(0, np.pi, ROWS)
     return Sweep(0.9 * np.cos(angle), "coordinate x of the tool point [m]", shoulder=angle)
@@ -109,6 +114,8 @@ EXAMPLES: dict[str, tuple[dict[str, Any], Callable[[], Sweep]]] = {
         {"estimate": {f"{a}_{p}": "0 / m" for a in "xyz" for p in ("xx", "xy", "xz", "yy", "yz", "zz")}},
         over_place,
     ),
+    "late_reading": ({"estimate": {"delay": "0.4 ms"}}, over_speed),
+    "tool_shift": ({"estimate": SHIFT}, over_load),
     "quantisation": ({**SHOULDER, "lsb": "0.1 deg", "estimate": {"share": 1.0}}, lambda: over_joint(0, 0.5)),
 }
 EXAMPLES["instrument_field"][0]["estimate"] |= {"x_xx": "40e-6 / m", "y_xy": "60e-6 / m"}

@@ -29,6 +29,8 @@ USES = {  # kind -> when to state it, typical size
     "instrument_scale": ("the instrument was checked against a scale bar", "1 to 10 µm/m"),
     "instrument_field": ("a diagnosis has found that the instrument errs over its volume", "some µm"),
     "quantisation": ("the encoder is coarse, or joint values in a log are rounded", "the step / √12"),
+    "late_reading": ("a moving arm is read too late, or lags behind its commands", "0.1 to 1 ms"),
+    "tool_shift": ("the loaded tool was measured on another nest", "0.1 to 0.5 mm"),
     "joint_noise": ("one joint repeats worse than the others", "0.05 to 0.3 mrad"),
     "range_noise": ("the instrument is less precise far away, as laser trackers are", "15 µm + 6 µm/m"),
     "stated_sigma": ("repeats scatter more, or less, than the stated σ", "0.5 to 3"),

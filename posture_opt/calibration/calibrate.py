@@ -23,6 +23,7 @@ from posture_opt.calibration.data_checks import (
     check_size,
     still_notes,
 )
+from posture_opt.calibration.doubts import doubts_about, without_copies
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, estimate_parameters, with_clustered_errors
 from posture_opt.calibration.estimation.fit_request import FitRequest
@@ -41,6 +42,7 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.interrupts import interruptible
 from posture_opt.limits import MOST_FITTED
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.motion import moves
 from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.selection.problem_data import ProblemData
@@ -116,6 +118,7 @@ def calibrate(
         >>> print(f"{1e3 * calibration.nominal.rms:.2f} mm before, {1e3 * calibration.calibrated.rms:.2f} mm after")
         1.30 mm before, 0.14 mm after
     """
+    doubts, data = doubts_about(data), without_copies(data)
     thinning = thin(data, MOST_FITTED.rows(most_rows, problem.robot.n))
     data = data if thinning is None else thinning.used
     problem, refuted = consistent_problem(problem, data, priors)
@@ -124,7 +127,7 @@ def calibrate(
     rounds = len(folds_of(groups_of(data, by, folds), folds, by))
     report_step = _step_reporter(progress, 2 * rounds + 1 + (thinning is not None))
     found, chart, fitted = _calibration_of(request, by, priors, report_step)
-    found = replace(found, contradictions=refuted.contradictions(found.fit))
+    found = replace(found, contradictions=refuted.contradictions(found.fit), doubts=doubts)
     if thinning is None:
         return found
     large = LargeFile.of(thinning, _models(chart, fitted), fitted.found)
@@ -274,9 +277,10 @@ def stated_errors(
 def default_by(data: Measurements) -> By:
     """What a cross-validation leaves out together where none is stated.
 
-    Positions are left out pose by pose; touched points place by place, as all touches of a place share its position.
+    Positions are left out pose by pose, those along a moving path stretch by stretch; touched points place by place, as
+    all touches of a place share its position.
     """
-    return data.kind.held_out_by
+    return "stretch" if moves(data) and not data.touches else data.kind.held_out_by
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,7 @@ from posture_opt.statements import Statement
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
+    from posture_opt.calibration.doubts import Doubt
     from posture_opt.calibration.large_file import LargeFile
     from posture_opt.model.effects import Effect
 
@@ -68,6 +69,7 @@ class Calibration(Result):
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
         disagreement: what is left of data that are hardly this arm's; None of others.
         large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
+        doubts: what can hardly be as the file says; copies of rows count once.
     """
 
     request: FitRequest
@@ -88,6 +90,7 @@ class Calibration(Result):
     contradictions: tuple[Contradiction, ...] = ()
     disagreement: Disagreement | None = None
     large: LargeFile | None = None
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def far_frames(self) -> dict[str, float]:
@@ -238,15 +241,14 @@ class Calibration(Result):
 
     @property
     def keeps_nominal(self) -> bool:
-        """Whether the nominal arm is delivered: the instrument is worse than the arm, and a gain not sure enough.
+        """Whether the nominal arm is delivered: rows left out are predicted no worse by it.
 
-        Or rows left out say that there is none: the tolerances that make it probable say that no arm is as drawn.
-
-        A fine level does not show that positions get better, as it sees no length; what it shows of angles is sure.
+        Or the instrument is worse than the arm, and a gain not sure enough. A fine level does not show that positions
+        get better, as it sees no length; what it shows of angles is sure.
         """
-        if self.instrument_scatter is None or not self.instrument_scatter.exceeds or self.better_than_nominal is None:
-            return False
-        return self.better_than_nominal < LEAST_PROBABILITY or not self.predicts_better
+        unsure = self.better_than_nominal is not None and self.better_than_nominal < LEAST_PROBABILITY
+        worse = self.instrument_scatter is not None and self.instrument_scatter.exceeds
+        return not self.predicts_better or (worse and unsure)
 
     @property
     def predicts_better(self) -> bool:
@@ -302,6 +304,8 @@ class Calibration(Result):
             "contradictions": [contradiction.to_json() for contradiction in self.contradictions],
             "disagrees": self.disagreement is not None,
             "far_frames": self.far_frames,
+            "nominal_kept": self.keeps_nominal,
+            "doubts": [doubt.to_json() for doubt in self.doubts],
         }
         if self.other_preset is not None:
             document["other_preset"] = self.other_preset.to_json()
@@ -309,7 +313,6 @@ class Calibration(Result):
             document["instrument_scatter"] = self.instrument_scatter.to_json()
         if self.better_than_nominal is not None:
             document["better_than_nominal"] = self.better_than_nominal
-            document["nominal_kept"] = self.keeps_nominal
         if self.start_up is not None:
             document["start_up"] = self.start_up.to_json()
         if self.test is not None:

@@ -123,20 +123,19 @@ def instrument(found: Calibration, nominal: bool) -> list[Statement]:
         nominal: whether the nominal arm is delivered in place of the calibrated one.
     """
     scatter, probability = found.instrument_scatter, found.better_than_nominal
+    kept = nominal and not found.predicts_better
+    said = [state("calibration.nominal-kept-no-gain")] if kept else []
     if scatter is None or not scatter.exceeds:
-        return []
-    sizes = {"scatter": scatter.scatter, "arm": scatter.arm}
+        return said
     dimension = DIMENSIONS.get(scatter.unit, "number")
-    said = [state("calibration.instrument-scatters-more", **{n: Quantity(v, dimension) for n, v in sizes.items()})]
-    if probability is None:
+    sizes = {"scatter": Quantity(scatter.scatter, dimension), "arm": Quantity(scatter.arm, dimension)}
+    said.append(state("calibration.instrument-scatters-more", **sizes))
+    if probability is None or kept:
         return said
     sure = Quantity(min(probability, 0.999), "share")
     if not nominal:
         return [*said, state("calibration.probably-better", probability=sure)]
-    if probability >= LEAST_PROBABILITY:
-        return [*said, state("calibration.nominal-kept-no-gain")]
-    asked = Quantity(LEAST_PROBABILITY, "share")
-    return [*said, state("calibration.nominal-kept-unsure", probability=sure, asked=asked)]
+    return [*said, state("calibration.nominal-kept-unsure", probability=sure, asked=Quantity(LEAST_PROBABILITY, "share"))]
 
 
 def rows_in_time(data: Measurements, start: StartUp | None, change: ScatterChange | None = None) -> list[Statement]:

@@ -78,8 +78,9 @@ def measured_options(command: Command) -> Command:
         click.option("--refit-frames", is_flag=True, help="Refit base and tool to the test file."),
         click.option(
             "--by",
-            type=click.Choice(["pose", "block", "place"]),
-            help="What cross-validation holds out together: a pose, a block of the workspace, a touched point.",
+            type=click.Choice(["pose", "block", "place", "stretch"]),
+            help="What cross-validation holds out together: a pose, a block of the workspace, a touched point, a "
+            "stretch of a path.",
         ),
         click.option(
             "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation."

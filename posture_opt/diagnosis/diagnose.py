@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
+from posture_opt.calibration.doubts import doubts_about, without_copies
 from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
@@ -109,6 +110,7 @@ def diagnose(
         ('unexplained', ('joint1', 'joint2'))
     """
     stages = Stages(progress, 20, 55, 5, 20)
+    doubts, data = doubts_about(data), without_copies(data)
     thinning = thin(data, MOST_SEARCHED.rows(most_rows, problem.robot.n))
     data = data if thinning is None else thinning.used
     calibration = calibrate(problem, data, folds=folds, by=by, most_rows=len(data), progress=stages.next())
@@ -129,7 +131,7 @@ def diagnose(
     other = None if test is None else _predict_session(test, found, held, delivery, with_time, refit_frames)
     large = None if thinning is None else _left_out_rows(thinning, found)
     stages.end()
-    return replace(_assemble_diagnosis(request, found, held, delivery, findings, other), large=large)
+    return replace(_assemble_diagnosis(request, found, held, delivery, findings, other), large=large, doubts=doubts)
 
 
 def _held_out_errors(found: Explained) -> _HeldOut:
@@ -245,8 +247,7 @@ def _assemble_diagnosis(
         unexplained=found.unnamed,
         adequacy=found.adequacy,
         uneven=tuple(found.uneven),
-        gravity=found.gravity,
-        masses=found.masses,
+        weights=found.weights,
         by=calibration.by,
         groups=held.groups,
         rivals=found.names.confusable,

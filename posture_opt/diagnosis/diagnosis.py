@@ -9,10 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.weights import GravityReading, MassReading
+from posture_opt.calibration.assumptions.weights import Reading
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
+from posture_opt.calibration.doubts import Doubt
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.fit_request import FitRequest
@@ -79,8 +80,9 @@ class Diagnosis(Result):
         rivals: by the place of an effect in ``model``, the candidates that could replace it.
         test: another file predicted by what this one taught.
         large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
-        gravity: the direction of gravity that explains the sag of the joints, where the file was taken to say another.
-        masses: a further mass that this sag asks for; those of the file then count as unknown.
+        doubts: what can hardly be as the file of measurements says; copies of rows count once.
+        weights: the direction of gravity, and the further mass, that explain the sag of the joints where the file was
+            taken to say another; its masses then count as unknown.
     """
 
     verdict: Outcome
@@ -100,8 +102,8 @@ class Diagnosis(Result):
     rivals: Mapping[int, Sequence[Candidate]]
     test: SecondSession | None = None
     large: LargeFile | None = None
-    gravity: GravityReading | None = None
-    masses: MassReading | None = None
+    weights: tuple[Reading, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -265,8 +267,6 @@ class Diagnosis(Result):
         thinned = {} if self.large is None else {"thinned": self.large.to_json()}
         probability = self.calibration.better_than_nominal
         sure = {} if probability is None else {"better_than_nominal": probability}
-        pull = {} if self.gravity is None else {"gravity": self.gravity.to_json()}
-        pull |= {} if self.masses is None else {"masses": self.masses.to_json()}
         return {
             "verdict": self.verdict,
             "effects": [self._effect_json(i) for i in range(len(self.effects))],
@@ -289,7 +289,7 @@ class Diagnosis(Result):
             **test,
             **thinned,
             **sure,
-            **pull,
+            **{reading.key: reading.to_json() for reading in self.weights},
             **lengths,
             **first,
             "candidates": [
@@ -307,6 +307,7 @@ class Diagnosis(Result):
                 {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
             ],
             "unknowable": [limit.to_json() for limit in unknowable_causes(self.model.residuals)],
+            "doubts": [doubt.to_json() for doubt in self.doubts],
             "notes": list(self.notes),
         }
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.weights import GravityReading, MassReading, better_gravity, refuted_masses
+from posture_opt.calibration.assumptions.weights import (
+    MIN_EVIDENCE,
+    Reading,
+    better_gravity,
+    refuted_masses,
+)
 from posture_opt.calibration.calibrate import of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
@@ -39,6 +44,7 @@ from posture_opt.diagnosis.search.search import SearchResult, keep_named, remain
 from posture_opt.diagnosis.search.unrefuted_rivals import unrefuted_rivals
 from posture_opt.measurements.repeats import repeats_of_one_kind
 from posture_opt.model.effects import Effect
+from posture_opt.model.effects.base.gravity_load import GravityLoaded
 from posture_opt.numerics import Array, Codes
 from posture_opt.validation.repeat_scatter import prismatic_joints
 
@@ -53,8 +59,7 @@ class Explained:
         unnamed: the further components.
         adequacy: the tests for anything left.
         noise, uneven: causes that move nothing, and errors that look like one.
-        gravity: the direction of gravity where it is not the one that the file was taken to say.
-        masses: a further mass that the data ask for, so that those of the file count as unknown.
+        weights: gravity, and masses, where they are not as the file was taken to say.
         unrefuted: by place among the names, effects that explain no clearly less, where more than noise is left.
     """
 
@@ -69,8 +74,7 @@ class Explained:
     noise: Sequence[NoiseCause]
     uneven: Sequence[UnevenErrors]
     unrefuted: Mapping[int, tuple[Effect, ...]]
-    gravity: GravityReading | None = None
-    masses: MassReading | None = None
+    weights: tuple[Reading, ...] = ()
 
     @cached_property
     def model(self) -> Fit:
@@ -94,19 +98,34 @@ class Explained:
 
 
 def explain_calibration(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
-    """What the residuals of a calibration hold.
+    """What the residuals of a calibration hold, under the gravity and the masses that explain them best.
+
+    Where the sag of the joints asks for another direction of gravity, or for other masses, all is searched for once
+    more with these: they are taken if what is found then, a load among it, leaves clearly less.
+    """
+    found = _explain(calibration, draws, seed, stages)
+    judges: tuple[Callable[[Calibration], Reading | None], ...] = (better_gravity, refuted_masses)
+    for judge in judges:
+        reading = judge(found.calibration)
+        if reading is None:
+            continue
+        problem = reading.restated(found.calibration.request.problem)
+        other = _explain(of_problem(found.calibration, problem), draws, seed, Stages(None, 1, 1))
+        before, after = (one.model.variance for one in (found, other))
+        evidence = len(other.model.whitened) / 2 * np.log(max(before, 1e-300) / max(after, 1e-300))
+        if evidence > MIN_EVIDENCE and any(isinstance(effect, GravityLoaded) for effect in other.model.effects):
+            found = replace(other, weights=(*found.weights, reading))
+    return found
+
+
+def _explain(calibration: Calibration, draws: int, seed: int, stages: Stages) -> Explained:
+    """What the residuals hold under gravity and masses as stated.
 
     It is searched for once more where that shows that statements of the file are wrong beside the effects, that
     orientations scatter otherwise, beside positions, than they were weighed for, or that geometry was held near nominal
     which the data determine beside the effects: what hides in the calibrated arm's errors may have made it seem so, or
     a σ that is stated wrongly. So it is where effects hid outliers.
     """
-    gravity = better_gravity(calibration)
-    if gravity is not None:
-        calibration = of_problem(calibration, calibration.request.problem.replace(**gravity.changes()))
-    masses = refuted_masses(calibration)
-    if masses is not None:
-        calibration = of_problem(calibration, calibration.request.problem.without_masses())
     calibration = without_clear_outliers(calibration)
     found = _explain_residuals(*_search_effects(calibration, draws, seed, stages), seed)
     for judge in (restated, reweighed):
@@ -117,7 +136,7 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     fewer = without_hidden_outliers(found.calibration, found.model)
     if fewer is not None:
         found = _explain_residuals(*_search_effects(fewer, draws, seed, Stages(None, 1, 1)), seed)
-    return replace(found, gravity=gravity, masses=masses)
+    return found
 
 
 def _explain_residuals(

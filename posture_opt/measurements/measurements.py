@@ -316,8 +316,11 @@ def inputs_of(data: Measurements, robot: Robot) -> Inputs:
     """The inputs of effects in every row: temperature above the reference [K], time since the first row [s] or row
     number.
     """
+    from posture_opt.measurements.motion import joint_speeds, moves
+
     n = len(data)
     return Inputs(
+        speed=list(joint_speeds(data).T) if moves(data) else (),
         payload=data.payload if data.payload is not None else np.full(n, robot.payload),
         approach=list(data.approach.T),
         approach_length=list(data.approach_length.T),

@@ -33,6 +33,7 @@ class Inputs:
         temperature: above the reference temperature [K].
         time: since the first measurement [s]; rows are counted where no time is given.
         stated: names of the joints whose side is known.
+        speed: (n,) of the joints at the moment of the row [rad/s or m/s]; empty: at rest.
     """
 
     payload: Scalar = 0.0
@@ -41,12 +42,13 @@ class Inputs:
     temperature: Scalar = 0.0
     time: Scalar = 0.0
     stated: tuple[str, ...] = ()
+    speed: Sequence[Scalar] = ()
 
     def take(self, rows: Codes) -> Inputs:
         """The inputs of some of N postures, by index; the time stays the one since the first measurement of all."""
         return Inputs(
             self.payload[rows], [side[rows] for side in self.approach], [way[rows] for way in self.approach_length],
-            self.temperature[rows], self.time[rows], self.stated,
+            self.temperature[rows], self.time[rows], self.stated, [speed[rows] for speed in self.speed],
         )  # fmt: skip
 
     def side(self, joint: int) -> Scalar:

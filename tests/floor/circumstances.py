@@ -198,7 +198,7 @@ def other_nest(rng: np.random.Generator) -> Case:
     shift *= rng.uniform(0.25e-3, 0.5e-3) / np.linalg.norm(shift)
     R = walk(shop.arm, shop.session.q, shop.deviations).R_link[:, -1]
     points = shop.points() + blocks[:, None] * (R @ shift)
-    return Case(document(), shop.table(points), causes=(("tool_offset", "payload"),), unexplained=True)
+    return Case(document(), shop.table(points), causes=(("tool_shift", "tool"),), unexplained=True)
 
 
 def hung(rng: np.random.Generator) -> Case:
@@ -258,6 +258,16 @@ def pasted(rng: np.random.Generator) -> Case:
     return Case(document(), {k: np.tile(v, 3) for k, v in table.items()}, causes=causes)
 
 
+def turned_sides(rng: np.random.Generator) -> Case:
+    """Approach columns with the wrong sign in all rows."""
+    shop = Shop.drawn(rng, 120, "never", (0.0,))
+    side = np.sign(np.diff(shop.session.q, axis=0, prepend=shop.session.q[:1] - 1.0))
+    shop.session = replace(shop.session, side=side)
+    points = shop.points(Effect("backlash", "joint2", {"b": 0.3e-3}))
+    shop.session = replace(shop.session, side=-side)
+    return Case(document(), shop.table(points), causes=(("backlash", "shoulder_lift"),))
+
+
 def late_tracker(rng: np.random.Generator) -> Case:
     """A moving arm, and a tracker that is late by 0.2 to 0.6 ms; ``fresh`` are static rows of the same arm."""
     return _path(rng, rng.uniform(0.2e-3, 0.6e-3))
@@ -281,7 +291,7 @@ def _path(rng: np.random.Generator, late: float, effects: tuple[Effect, ...] = (
     still.deviations = shop.deviations
     left = ("approach", "payload", "temp", "pose")
     causes = tuple((e.kind, JOINTS[int(e.target[-1]) - 1]) for e in effects)
-    causes += (("late", "instrument"),) if late else ()
+    causes += (("late_reading", "instrument"),) if late else ()
     fresh = still.table(still.points(*effects), *left)
     return Case(document(), shop.table(points, *left), fresh, causes, unexplained=bool(late))
 
@@ -292,5 +302,6 @@ CIRCUMSTANCES: dict[str, Callable[[np.random.Generator], Case]] = {
     "tilting_base": tilting_base, "two_arms": two_arms, "scatter_between_stays": scatter_between_stays,
     "other_sigma": other_sigma, "other_nest": other_nest, "hung": hung, "leaning": leaning,
     "askew_tracker": askew_tracker, "unstated_gripper": unstated_gripper, "fahrenheit": fahrenheit, "pasted": pasted,
+    "turned_sides": turned_sides,
     "late_tracker": late_tracker, "path": path,
 }  # fmt: skip

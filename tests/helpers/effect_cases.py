@@ -19,7 +19,7 @@ from tests.hidden.designs import REFERENCE, Plan, draw_session
 from tests.hidden.draw import place
 from tests.hidden.files import document
 
-ALL_INPUTS = frozenset({"approach", "payload", "temperature", "time", "masses", "gear_ratio"})
+ALL_INPUTS = frozenset({"approach", "payload", "temperature", "time", "masses", "gear_ratio", "speed"})
 SHAPES = ("ur10", "scara", "seven")
 SCANNED = {"cyclic_error": {"cycles": 7.3}, "gear_ripple": {"ratio": 101.0, "harmonic": 2}}
 """Kinds without candidates, scanned by the diagnosis or in want of a gear ratio: the shape of one instance."""
@@ -44,6 +44,7 @@ def robots(tmp: Any) -> dict[str, Any]:
             temperature=session.temperature - REFERENCE,
             time=session.time,
             stated=robot.joint_names,
+            speed=list(hidden.speeds(session).T),
         )
         found[name] = (hidden.Site(arm, session, {}), robot, inputs)
     return found
@@ -70,7 +71,7 @@ def sized(effect: Effect, rng: np.random.Generator) -> Effect:
     """With an estimate at random, of the size that effects have."""
     size = {"ratio": 3e-4, "angle": 3e-4, "length": 3e-4, "angle per torque": 3e-6, "angle mass per torque": 3e-5,
             "per temperature": 1e-5, "angle per temperature": 1e-5, "per length": 3e-4,
-            "length per length": 1e-5, "length per angle": 3e-4}  # fmt: skip
+            "length per length": 1e-5, "length per angle": 3e-4, "time": 3e-4}  # fmt: skip
     values = [size[dimension] * rng.uniform(0.3, 1.0) * rng.choice([-1, 1]) for _, dimension in effect.dimensions]
     return effect.with_estimate(values)
 
@@ -87,6 +88,7 @@ def one_row(inputs: Inputs, row: int) -> Inputs:
         temperature=float(inputs.temperature[row]),
         time=float(inputs.time[row]),
         stated=inputs.stated,
+        speed=[float(speed[row]) for speed in inputs.speed],
     )
 
 

@@ -213,6 +213,23 @@ def _slip(site: Site, e: Effect, out: Perturbation) -> None:
     out.turn = out.turn + after[:, None] * np.array([v.get(name, 0.0) for name in ("roll", "pitch", "yaw")])
 
 
+def speeds(session: Session) -> Array:
+    """(N, n) of the joints, by central differences [rad/s or m/s]."""
+    return np.gradient(session.q, session.time, axis=0)
+
+
+@form("late_reading")
+def _late(site: Site, e: Effect, out: Perturbation) -> None:
+    for j, speed in enumerate(speeds(site.session).T):
+        out.joint(j, -e.size["t"] * speed)
+
+
+@form("tool_shift")
+def _tool_shift(site: Site, e: Effect, out: Perturbation) -> None:
+    shift = site.walk.R_link[:, -1] @ np.array([e.size["x"], e.size["y"], e.size["z"]])
+    out.shift = out.shift + (site.session.payload > 0)[:, None] * shift
+
+
 @form("instrument_scale")
 def _scale(site: Site, e: Effect, out: Perturbation) -> None:
     out.shift = out.shift + e.size["c"] * site.walk.p

@@ -31,6 +31,8 @@ TYPICAL = {
     "instrument_scale": (1e-6, 10e-6),
     "instrument_field": (0.01 * mm, 0.1 * mm),
     "quantisation": (1.0, 1.0),
+    "late_reading": (1e-4, 1e-3),  # s
+    "tool_shift": (0.1 * mm, 0.5 * mm),
     "dent": (0.2 * mrad, 1 * mrad),
     "product": (0.1 * mrad, 0.6 * mrad),
     "wrong_load": (0.1 * mrad, 0.5 * mrad),
@@ -38,7 +40,9 @@ TYPICAL = {
     "square_wave": (0.1 * mrad, 0.4 * mrad),
     TANGLED: (0.1 * mrad, 0.6 * mrad),
 }
-KINDS = tuple(kind for kind in TYPICAL if kind not in ("instrument_scale", TANGLED, *OUTSIDE))
+KINDS = tuple(
+    kind for kind in TYPICAL if kind not in ("instrument_scale", "late_reading", "tool_shift", TANGLED, *OUTSIDE)
+)
 LOADED = 5.0  # N m: a joint that carries less, such as one about the vertical, is no target
 BENDING = 0.18  # m: what is shorter is stiff
 WIDER = 1.5  # a size may leave the typical range by this factor to reach a wanted strength
@@ -194,4 +198,6 @@ _SPECIAL = {
     "drift": _drift,
     "slip": _slip,
     "quantisation": _quantised,
+    "late_reading": lambda rng, site, kind: ("instrument", {"t": _sign(rng)}, {}),
+    "tool_shift": lambda rng, site, kind: ("tool", dict(zip("xyz", _unit(rng, site), strict=True)), {}),
 }  # fmt: skip

@@ -157,7 +157,7 @@ def test_a_robot_without_the_target_is_refused(cls: type[Effect], sites: Any) ->
     if effect.target in ("all", "base", "payload", "instrument", "linear", "exponential", "settling"):
         effect = instances(cls, site, robot)[-1]
     other = sites["ur10"][1]
-    if effect.target in ("base", "payload", "instrument", "linear", "exponential", "settling"):
+    if effect.target in ("base", "tool", "payload", "instrument", "linear", "exponential", "settling"):
         effect.check_robot(other)
     else:
         with pytest.raises(po.errors.BadValueError, match=r"joint1|one of its joints"):

@@ -23,7 +23,7 @@ IDENTIFIERS = {
     "joint_scale", "gear_eccentricity", "gear_second_harmonic", "gear_ripple", "cyclic_error", "joint_compliance",
     "link_bending", "base_compliance", "backlash", "hysteresis", "load_backlash", "joint_coupling", "payload_error",
     "thermal_growth", "thermal_offset", "drift", "slip", "instrument_scale", "instrument_field", "quantisation",
-    "outliers", "joint_noise", "range_noise", "stated_sigma", "correlated_lengths",
+    "late_reading", "tool_shift", "outliers", "joint_noise", "range_noise", "stated_sigma", "correlated_lengths",
 }  # fmt: skip
 """The names under which causes beyond the geometry are known outside."""
 

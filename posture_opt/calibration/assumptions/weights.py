@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from posture_opt.calibration.estimation.effect_sensitivities import EffectSensit
 from posture_opt.calibration.estimation.residuals import gravity_of
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.numerics import Array, Json
+from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.selection.problem_data import ProblemData
 
 _SAME_DIRECTION = np.cos(np.radians(10.0))
 """Cosine within which two directions pull alike, and a base is upright."""
 _ROUNDED = np.cos(np.radians(3.0))
 """Cosine within which a direction is that of an axis of the base."""
-_MIN_EVIDENCE = 20.0
+MIN_EVIDENCE = 20.0
 """Evidence of another direction or mass, as of other statements that are set aside: probability of e²⁰."""
 _LARGEST_SHARE, _MASSES_TRIED = 0.5, 26
 """Of the mass of all links, the most that one place carries beside what is stated; and how many masses are tried."""
@@ -36,6 +38,8 @@ class GravityReading:
         base: ``xyz`` [m] and ``rpy`` [rad] of the base as found.
     """
 
+    key: ClassVar[str] = "gravity"
+
     vector: tuple[float, float, float]
     world: tuple[float, float, float]
     reading: str
@@ -51,10 +55,10 @@ class GravityReading:
         """The part ``gravity`` of ``diagnosis.json``."""
         return {"vector": list(self.vector), "reading": self.reading, "evidence": self.evidence, "line": self.line}
 
-    def changes(self) -> dict[str, object]:
-        """The keys of the problem file that state it, with the base as found: its axes then are those of the data."""
+    def restated(self, problem: ProblemData) -> ProblemData:
+        """The problem with this gravity, and the base where it was found: its axes then are those of the data."""
         base = {"xyz": [f"{v!r} m" for v in self.base["xyz"]], "rpy": [f"{v!r} rad" for v in self.base["rpy"]]}
-        return {"robot__gravity": list(self.world), "robot__base": {**base, "free": True}}
+        return problem.replace(robot__gravity=list(self.world), robot__base={**base, "free": True})
 
 
 def better_gravity(calibration: Calibration) -> GravityReading | None:
@@ -73,7 +77,7 @@ def better_gravity(calibration: Calibration) -> GravityReading | None:
     left = {name: sag.left(_pulled(sag.state, g)) for name, g in readings.items()}
     best = min(left, key=lambda name: left[name])
     evidence = sag.evidence(left["taken"], left[best])
-    return _reading(calibration, best.partition(" ")[0], readings[best], evidence) if evidence > _MIN_EVIDENCE else None
+    return _reading(calibration, best.partition(" ")[0], readings[best], evidence) if evidence > MIN_EVIDENCE else None
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,8 @@ class MassReading:
         evidence: logarithm of the likelihood ratio, by the sag of the joints alone.
     """
 
+    key: ClassVar[str] = "masses"
+
     place: str
     mass: float
     std: float
@@ -93,7 +99,14 @@ class MassReading:
 
     def to_json(self) -> dict[str, Json]:
         """The part ``masses`` of ``diagnosis.json``."""
-        return {"place": self.place, "mass": self.mass, "std": self.std, "evidence": self.evidence}
+        return {"place": self.place, "mass": self.mass, "std": finite_or_none(self.std), "evidence": self.evidence}
+
+    def restated(self, problem: ProblemData) -> ProblemData:
+        """The problem without the masses that this one contradicts."""
+        return problem.without_masses()
+
+
+Reading = GravityReading | MassReading
 
 
 def refuted_masses(calibration: Calibration) -> MassReading | None:
@@ -112,10 +125,10 @@ def refuted_masses(calibration: Calibration) -> MassReading | None:
         left = np.array([sag.left(_heavier(sag.state, k if place != "tool" else None, float(m))) for m in tried])
         best = int(np.argmin(left))
         bend = np.polyfit(tried, np.log(left) * sag.rows / 2, 2)[0]
-        std = 1 / float(np.sqrt(2 * max(bend, 1e-300)))
+        std = 1 / float(np.sqrt(2 * bend)) if bend > 0 else np.inf
         found.append(MassReading(place, float(tried[best]), std, sag.evidence(stated, left[best])))
     best_one = max(found, key=lambda one: one.evidence)
-    return best_one if best_one.evidence > _MIN_EVIDENCE else None
+    return best_one if best_one.evidence > MIN_EVIDENCE else None
 
 
 @dataclass(frozen=True, eq=False)

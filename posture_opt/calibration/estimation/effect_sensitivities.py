@@ -33,6 +33,7 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
     if np.mean(np.any(data.approach != 0, axis=1)) > _MIN_SIDED_SHARE and len(np.unique(np.sign(data.approach))) > 1:
         known.add("approach")
     known |= {"masses"} if state.weighed else set()
+    known |= {"speed"} if len(state.inputs.speed) else set()
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))
     times = np.asarray(state.inputs.time, dtype=float)
     oriented = data.kind.oriented or len(np.unique(data.target)) > 1

@@ -12,7 +12,7 @@ from posture_opt.limits import MOST_FOLDS
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, linked, rms
 
-By = Literal["pose", "block", "place"]
+By = Literal["pose", "block", "place", "stretch"]
 
 _MAX_BOOTSTRAP_GROUPS = (
     10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
@@ -73,7 +73,8 @@ def resampled_groups(groups: Codes) -> Codes:
 
 
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:
-    """The group (N,) of each row: its pose, its place among touched points, or its block of the workspace.
+    """The group (N,) of each row: its pose, its place among touched points, its block of the workspace, or its stretch
+    of a path.
 
     Poses within 1e-3 rad or m of each other are one, so that no fold is predicted by what it left out. The place of a
     point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
@@ -89,6 +90,10 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
         places = [name.rpartition("/")[0] or name for name in data.point_names]
         codes = np.unique(places, return_inverse=True)[1]
         return np.asarray(codes[data.point], dtype=np.intp)
+    if by == "stretch":
+        stretches = np.empty(len(data), dtype=np.intp)
+        stretches[data.order] = np.arange(len(data)) * 2 * folds // len(data)
+        return stretches
     if by == "block":
         assert data.position is not None  # refused above
         return median_blocks(data.position, 4 * folds)

@@ -110,8 +110,9 @@ def deliver_arm(
         needed = PredictiveModel.of(calibration, effects, parts, determined=True)
         fit, kept = needed.fit, [stays[k] for k in needed.kept]
         errors = judge(fit, gone)
-    nominal = errors.rms >= held["calibrated"].rms and calibration.keeps_nominal
-    if errors.rms >= held["calibrated"].rms:
+    least = min(held["calibrated"].rms, held["nominal"].rms)
+    nominal = errors.rms >= least and calibration.keeps_nominal
+    if errors.rms >= least:
         fit, errors, kept = calibration.fit, held["nominal" if nominal else "calibrated"], []
     if kept:
         own = _of_kept(model, deviations, fit, {i: sure[i] for i in kept})

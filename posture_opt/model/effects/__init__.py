@@ -45,6 +45,8 @@ MOVING_KINDS = (
     "instrument_scale",
     "instrument_field",
     "quantisation",
+    "late_reading",
+    "tool_shift",
 )
 """The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class."""
 

@@ -76,8 +76,10 @@ class Drift(Effect):
 
     @property
     def less_likely(self) -> bool:
-        """A drift that is settling: where geometry hides which place is right, all folds are to choose one course."""
-        return self.course == "settling"
+        """A drift that is settling: where geometry hides which place is right, all folds are to choose one course. And
+        one of a base, which shifts as the point does where it does not turn.
+        """
+        return self.course == "settling" or self.of == "base"
 
     def worded(self, estimate: FittedSizes) -> str:
         """The cause in one clause, with when a drift that ends has done so."""

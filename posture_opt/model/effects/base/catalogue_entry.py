@@ -39,6 +39,7 @@ INPUTS: dict[Input, NeededInput] = {
     "payload": NeededInput("payload", "measure with two payloads or more, in a column 'payload [kg]'"),
     "temperature": NeededInput("temperature", "log it as it changes, in a column 'temperature [degC]'"),
     "time": NeededInput("time", "log it in a column 'time [s]'"),
+    "speed": NeededInput("motion", "measure along a moving path and log the time of its rows in a column 'time [s]'"),
     "masses": NeededInput("masses", "state 'mass' and 'com' of every joint in the problem file"),
     "gear_ratio": NeededInput("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
 }
