@@ -12,6 +12,7 @@ import numpy as np
 
 from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import Vector
+from posture_opt.measurements.readings.better_reading import BetterReading
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
@@ -62,6 +63,7 @@ class Measurements(Summarised):
         joint_units: (n,) rad or m; empty where all joints turn.
         warnings: sentences on what looks wrong but can be used.
         notes: sentences on how the file was read.
+        better_reading: another reading of the columns that explains the rows far better; None where there is none.
 
     Example:
         >>> from posture_opt import load_problem, read_measurements
@@ -106,6 +108,7 @@ class Measurements(Summarised):
     lever: Array | None = None
     part: Codes | None = None
     inverted: bool = False
+    better_reading: BetterReading | None = None
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -276,6 +279,7 @@ _FIELDS_OF_FILE = {
     "point_names",
     "second_names",
     "inverted",
+    "better_reading",
     "file",
     "warnings",
     "joint_units",
