@@ -80,11 +80,10 @@ def plausibility_checks(
             message = f"the data fit as well if {one.message}" if k else better.sentence
             faults.add(message, one.column, hint=one.hint, id=one.id)
         return [], better
-    said = [] if better is None else [f"{better.sentence}: {better.reading.hint}"]
     q = carried_joint_values(problem.arm, data.q[rows])
     if data.position is None:
         misfit = touch_misfit(robot, q, data.point[rows])
-        return [*said, *_unlike_note(misfit, None, "how far the touches of one point lie apart")], better
+        return _unlike_note(misfit, None, "how far the touches of one point lie apart"), better
     measured = data.position[rows][:, data.measured_axes]
     found = affine_fit(robot, q, measured)
     named = [axis for axis in AXES if axis in columns]
@@ -92,9 +91,7 @@ def plausibility_checks(
         return [], better
     scale = None if better is not None else _motion_scale(found)
     turned_frame = _turned_note(found, robot, named)
-    if turned_frame and better is not None:
-        said = [f"{turned_frame.pop()}; or {better.reading.message}: {better.reading.hint}"]
-    return [*said, *_unlike_note(found.misfit, scale, "of the measured motion"), *turned_frame], better
+    return [*_unlike_note(found.misfit, scale, "of the measured motion"), *turned_frame], better
 
 
 def _better_reading(

@@ -34,7 +34,6 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
-MODULO_NOTE = "values of {} beyond the limits are read a turn nearer: the file counts modulo 360 deg"
 _LIMIT_TOLERANCE_RAD = 1e-3
 """Rounding of a limit, and what an arm stops beyond it."""
 _MAX_LISTED_LINES = 10
@@ -111,7 +110,7 @@ def _assemble_rows(
     """The measurements of cells that were read without a fault; values beyond limits join ``faults``."""
     line, robot = cells.line, problem.robot
     q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
-    q, folded = _as_counted(q, robot, problem.data)
+    q, turned_joints = _as_counted(q, robot, problem.data)
     _check_limits(q, robot, columns, line, faults)
     check_inputs(cells, robot, faults)
     pose, goal = cells.code("pose"), cells.code("goal")
@@ -153,13 +152,13 @@ def _assemble_rows(
         goal_given=goal is not None,
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
-        notes=folded,
+        turned_joints=turned_joints,
     )
 
 
 def _as_counted(q: Array, robot: Robot, spec: DataSpec) -> tuple[Array, tuple[str, ...]]:
     """(N, n) joint values by the stated signs and zeros, and by limits that tell the turn; which joints were turned."""
-    q, folded = q.copy(), []
+    q, turned_joints = q.copy(), []
     for i, joint in enumerate(robot.joints):
         zero = spec.joint_zeros.get(joint.name)
         q[:, i] = spec.joint_signs.get(joint.name, 1) * (q[:, i] - (zero.value if zero else 0.0))
@@ -169,9 +168,8 @@ def _as_counted(q: Array, robot: Robot, spec: DataSpec) -> tuple[Array, tuple[st
         turned = q[:, i] + TURN * ((q[:, i] < least).astype(float) - (q[:, i] > most))
         if np.all((turned >= least) & (turned <= most)) and np.any(turned != q[:, i]):
             q[:, i] = turned
-            folded.append(joint.name)
-    which = listed(folded)
-    return q, (MODULO_NOTE.format(which),) if folded else ()
+            turned_joints.append(joint.name)
+    return q, tuple(turned_joints)
 
 
 def _as_stated(data: Measurements, problem: HasData, mixed: bool) -> Measurements:

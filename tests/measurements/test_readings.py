@@ -170,7 +170,8 @@ def test_values_beyond_limits_are_read_a_turn_nearer() -> None:
     table = session.table(session.q % (2 * np.pi), session.x)
     data = po.read_measurements(table, session.problem())
     assert np.allclose(data.q[:, 1:3], session.q[:, 1:3])
-    assert any("j2, j3 beyond the limits are read a turn nearer" in note for note in data.notes)
+    assert data.turned_joints == ("j2", "j3")
+    assert [one.id for one in data.reading_statements] == ["reading.modulo"]
 
 
 def test_real_files_are_not_doubted() -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from posture_opt.numerics import Json
+from posture_opt.statements import Quantity, Statement, state
 
 
 @dataclass(frozen=True)
@@ -52,15 +52,9 @@ class BetterReading:
             said, given = f"{said} and {turns[1]}", f"{given} and {turns[0]}"
         return f"{said} if {self.reading.message}, as given only to {given}"
 
-    def to_json(self) -> dict[str, Json]:
-        """The part ``better_reading`` of documents [m, rad]."""
-        one = self.reading
-        return {
-            "id": one.id,
-            "column": one.column,
-            "message": self.sentence,
-            "hint": one.hint,
-            "position_error": {"given": self.left[0], "read": self.left[1]},
-            "orientation_error": self.turned and {"given": self.turned[0], "read": self.turned[1]},
-            "alike": [{"id": other.id, "column": other.column, "hint": other.hint} for other in self.alike],
-        }
+    @property
+    def statement(self) -> Statement:
+        """The reading as a caution, with the line to paste."""
+        read, given = (Quantity(value) for value in (self.left[1], self.left[0]))
+        assumed, hint = self.reading.message, self.reading.hint
+        return state(self.reading.id, self.reading.column, assumed=assumed, hint=hint, read=read, given=given)
