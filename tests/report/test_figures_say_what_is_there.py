@@ -18,7 +18,7 @@ from posture_opt.report.figures.diagnosis_curves import _left_by_side
 from posture_opt.report.figures.spread_check import plot_reliability
 from posture_opt.report.page.style import image
 from posture_opt.report.parts.budget_parts import budget_block
-from posture_opt.report.scene.arm_in_space import shortened
+from posture_opt.report.scene.arm_figure import shortened
 from posture_opt.report.text.blocks import Table
 from posture_opt.uncertainty.spread.budget_groups import ShareGroup
 

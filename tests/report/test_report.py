@@ -339,7 +339,7 @@ class TestFigures:
                 unit = any(re.search(r"\[(mm|µm|deg|%)\]", label) for label in labels)
                 assert unit or re.search(r"\d mm", words(figure)), f"{name}: no unit in {labels}, and no scale"
             if name in ("arm", "spread"):
-                assert re.search(r"95 % (ellipse|ellipsoid|interval),\s(enlarged \d+×|true to scale)", words(figure))
+                assert re.search(r"95 %\s(ellipse|ellipsoid|interval),\s(enlarged \d+×|true\sto\sscale)", words(figure))
 
     def test_png_at_150_dpi_and_the_same_every_time(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
