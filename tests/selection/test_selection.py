@@ -354,7 +354,7 @@ def test_what_the_first_joint_cannot_move_has_no_lower_bound() -> None:
     solution = po.select_posture(problem("ur10", task, base=TILTED))
     assert solution.lower_bound is None
     assert solution.to_json()["floor"] is None
-    assert "Lower bound" not in solution.report()
+    assert "lower bound" not in solution.report()
 
 
 def test_nothing_uncertain_and_no_task_are_input_errors() -> None:
