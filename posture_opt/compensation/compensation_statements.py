@@ -10,9 +10,9 @@ import numpy as np
 from posture_opt.collision.scene_statements import scene_statements
 from posture_opt.compensation.arrival_sides import sided_joints
 from posture_opt.numerics import rms
+from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
 from posture_opt.statements import Quantity, Statement, state
 from posture_opt.statements.notation import listed_lines
-from posture_opt.uncertainty.spread.task_statements import beyond_measured, free_frames
 
 if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation

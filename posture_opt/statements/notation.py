@@ -179,9 +179,6 @@ def probability(p: float) -> str:
     return "< 0.1 %" if 0 < p < 1e-3 else f"{100 * p:.3g} %"
 
 
-short_probability = probability
-
-
 def decimals_of(value: float, digits: int = 2) -> int:
     """So many decimals that this many digits of ``value`` are shown."""
     return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3

@@ -91,7 +91,7 @@ def test_what_cannot_be_done_within_it_is_said_first_and_costs_what_is_lost() ->
     assert lost["effect"] == {"kind": "cyclic_error", "target": "joint1"}
     assert lost["range"] == pytest.approx(np.radians([LOW, HIGH]))
     danger = next(one for one in answer.statements if one.severity == "danger")
-    assert (danger.id, danger.about) == ("uncertainty.beyond-measured", "joint1")
+    assert (danger.id, danger.about) == ("selection.beyond-measured", "joint1")
     assert np.degrees([danger.values[end].value for end in ("low", "high")]) == pytest.approx([LOW, HIGH])  # type: ignore[union-attr]
     x = AMPLITUDE / np.sqrt(2) * np.array([-tool(answer.q)[1], tool(answer.q)[0]])
     assert answer.sigma_max >= abs(x[0])
@@ -118,7 +118,7 @@ def test_compensation_corrects_within_and_counts_beyond() -> None:
     assert found.q[1] == pytest.approx(q[1], abs=1e-6)
     lever = np.linalg.norm(tool(q[1]))
     assert found.left[1] == pytest.approx(np.hypot(AMPLITUDE / np.sqrt(2) * lever, 5e-5), rel=0.01)
-    assert np.degrees(said(found)["uncertainty.beyond-measured"].values["value"].value) == pytest.approx(150)  # type: ignore[union-attr]
+    assert np.degrees(said(found)["selection.beyond-measured"].values["value"].value) == pytest.approx(150)  # type: ignore[union-attr]
 
 
 def test_a_diagnosis_writes_down_what_it_measured(tmp_path: Any) -> None:

@@ -56,8 +56,8 @@ def test_the_task_of_the_first_goes_to_all():
     other = planar(task={**TASK, "position": ["1.2 m", "0.2 m", "0 m"]})
     found = po.compare({"a": planar(task=TASK), "b": other, "c": planar()})
     assert np.allclose(found.arms["b"].answer.target.lower, [0.9, 0.7, 0.0])
-    assert "is also given to b; the task stated in b is not used" in found.notes[0]
-    assert "is also given to c." in found.notes[1]
+    told = [(note.id, note.values["arm"]) for note in found.notes]
+    assert told == [("selection.task-replaced", "b"), ("selection.task-shared", "c")]
 
 
 def test_the_side_of_approach_goes_with_the_task():

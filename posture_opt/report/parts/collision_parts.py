@@ -10,7 +10,6 @@ from posture_opt.statements.notation import length, stated_length
 if TYPE_CHECKING:
     from posture_opt.collision.nearest import Clearance
     from posture_opt.collision.scene import Scene
-    from posture_opt.numerics import Array
 
 Fact = tuple[str, str]
 
@@ -25,14 +24,6 @@ def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
             apart = length(nearest.distance) if nearest.distance > 0 else "none"
             facts.append((name, f"{apart} between {' and '.join(nearest.between)}"))
     return facts
-
-
-def mounting_lead(scene: Scene, Q: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the lead of a report says of the surface that the arm stands on: before all else, and behind it."""
-    found = scene.mounting_statement(Q)
-    if found is None:
-        return (), ()
-    return ((found.text,), ()) if found.severity == "danger" else ((), (found.text,))
 
 
 def clear_words(scene: Scene) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.text.blocks import Block, Later, Table
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.selection.comparison.comparison_statements import FIRST, plan_statements
+from posture_opt.selection.comparison.comparison_statements import FIRST
 from posture_opt.statements.notation import joint_value, length, probability
 
 if TYPE_CHECKING:
@@ -17,12 +17,6 @@ if TYPE_CHECKING:
 
 TITLE = "Comparison of plans"
 _ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
-
-
-def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
-    """The statements of plans as sentences."""
-    shown = ("danger", "caution", "result")
-    return tuple(one.text for one in plan_statements(comparison) if one.severity in shown)
 
 
 def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:

@@ -24,6 +24,7 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
+from posture_opt.selection.answer.arm_statements import free_frames
 from posture_opt.statements import Statement
 from posture_opt.statements.notation import (
     joint_unit,
@@ -39,7 +40,6 @@ from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
 from posture_opt.uncertainty.spread.conditions import conditions
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits, readable_posture
 from posture_opt.uncertainty.spread.spread import HasSources
-from posture_opt.uncertainty.spread.task_statements import free_frames
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
@@ -319,8 +319,3 @@ def sigma_of(problem: ProblemData) -> dict[str, float]:
     """Standard deviation of every source that the task sees [rad or m], by the names that the file has."""
     sources = problem.task_sources
     return dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
-
-
-def validity_sentence(spread: Spread) -> str:
-    """Whether the linear ellipse may be used at this posture."""
-    return spread.validity.statement.text

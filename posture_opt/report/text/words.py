@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.selection.registered_tasks import part_words as part_words
+from posture_opt.uncertainty.regions.critical import PARTS as PARTS
 from posture_opt.uncertainty.sources.source_names import source_size as source_size
 from posture_opt.uncertainty.sources.source_names import source_words as source_words
 from posture_opt.units import fixed
@@ -32,8 +33,6 @@ MODEL_NAMES = {
     "delivered": "as delivered",
 }
 """Models of one arm, by their names in JSON."""
-PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
-"""The parts of a spread in columns of files, whatever the task."""
 UNLIKELY = 0.05
 """Family-wise p-value below which noise is no explanation."""
 _LEAST_P = 1e-6

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.collision.scene_statements import scene_statements
 from posture_opt.robot.posture import joints_at_limits
+from posture_opt.selection.answer.arm_statements import beyond_measured, free_frames
 from posture_opt.selection.answer.confirmation_statement import confirmed
 from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
 from posture_opt.selection.answer.placement import placement_text
@@ -18,12 +19,10 @@ from posture_opt.statements import Quantity, Statement, Value, state
 from posture_opt.statements.notation import place, shift
 from posture_opt.uncertainty.sources.source_names import source_size
 from posture_opt.uncertainty.spread.joint_digits import readable_posture
-from posture_opt.uncertainty.spread.task_statements import beyond_measured, free_frames
 from posture_opt.units import joint_text
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.paths.path_breaks import PathBreak
     from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 
 ACROSS_PATH = "across the path"
@@ -137,8 +136,8 @@ def _steps(found: Solution) -> tuple[str, ...]:
     return tuple(str(Quantity(step, dimensions[unit])) for unit, step in largest.items())
 
 
-def _break(one: PathBreak) -> Statement:
-    """Where and why the arm leaves the path."""
+def _break(one: Any) -> Statement:
+    """Where and why the arm leaves the path: of a ``PathBreak``."""
     name = "path-singular" if one.kind == "singular" else "path-blocked"
     given: dict[str, Value] = {"first": one.first, "last": one.last, "moved": joint_text(one.moved, one.unit)}
     return state(f"selection.{name}", one.joint, **given, off=Quantity(one.off))

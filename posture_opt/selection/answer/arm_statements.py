@@ -18,14 +18,14 @@ def beyond_measured(arm: Arm, Q: Array) -> tuple[Statement, ...]:
         worst = float(values[int(np.argmax(np.maximum(one.low - values, values - one.high)))])
         angles = {"value": worst, "low": one.low, "high": one.high, "size": one.effect.unmeasured_size}
         given = {name: Quantity(angle, "joint angle") for name, angle in angles.items()}
-        found.append(state("uncertainty.beyond-measured", one.effect.target, effect=one.effect.title, **given))
+        found.append(state("selection.beyond-measured", one.effect.target, effect=one.effect.title, **given))
     return (*found, *known_ranges(arm))
 
 
 def known_ranges(arm: Arm) -> tuple[Statement, ...]:
     """The effects that are known only between two values of their joint."""
     return tuple(
-        state("uncertainty.known-range", one.effect.target, effect=one.effect.title,
+        state("selection.known-range", one.effect.target, effect=one.effect.title,
               low=Quantity(one.low, "joint angle"), high=Quantity(one.high, "joint angle"))
         for one in arm.measured_ranges
     )  # fmt: skip
