@@ -135,7 +135,10 @@ def instrument(found: Calibration, nominal: bool) -> list[Statement]:
     sure = Quantity(min(probability, 0.999), "share")
     if not nominal:
         return [*said, state("calibration.probably-better", probability=sure)]
-    return [*said, state("calibration.nominal-kept-unsure", probability=sure, asked=Quantity(LEAST_PROBABILITY, "share"))]
+    return [
+        *said,
+        state("calibration.nominal-kept-unsure", probability=sure, asked=Quantity(LEAST_PROBABILITY, "share")),
+    ]
 
 
 def rows_in_time(data: Measurements, start: StartUp | None, change: ScatterChange | None = None) -> list[Statement]:

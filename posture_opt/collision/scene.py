@@ -13,7 +13,7 @@ import numpy as np
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.contacts import Apart, Contacts
-from posture_opt.collision.mounting import MOUNTING_PLANE, Mounting, below_base_note, carries
+from posture_opt.collision.mounting import MOUNTING_PLANE, Mounting, below_base, carries
 from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
@@ -33,6 +33,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import TOOL, Capsule
+from posture_opt.statements import Statement, state
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
@@ -240,15 +241,26 @@ class Scene:
         return np.asarray(np.min(self.distances(Q) - np.array(self.required), axis=1))
 
     def mounting_note(self, Q: Array) -> str:
-        """What a reader of the postures Q (N, n) has to know of the surface that the arm stands on; else empty."""
+        """The sentence of `mounting_statement`; empty without one."""
+        found = self.mounting_statement(Q)
+        return "" if found is None else found.text
+
+    def mounting_statement(self, Q: Array) -> Statement | None:
+        """What a reader of the postures Q (N, n) has to know of the surface that the arm stands on."""
         if self.stands_anywhere:
-            return below_base_note(self.placed, np.atleast_2d(Q))
+            return below_base(self.placed, np.atleast_2d(Q))
         if self.mounting is None:
-            return ""
+            return None
         chosen = moving_capsules(self.placed, 1)
         plane = self.mounting.plane(self.robot)
         away = obstacle_distances(self.placed, plane, *self.placed.segments(np.atleast_2d(Q)), chosen)
-        return self.mounting.note(-float(np.min(away, initial=0.0)))
+        return self.mounting.statement(-float(np.min(away, initial=0.0)))
+
+    def statements(self, Q: Array) -> tuple[Statement, ...]:
+        """What the reader of the postures Q (N, n) [rad or m] must know before anyone drives there."""
+        mounting, names = self.mounting_statement(Q), self.pierced(Q)
+        pierced = [state("collision.tool-pierces", obstacles=names)] if names else []
+        return (*([] if mounting is None else [mounting]), *pierced)
 
     def clearance(self, Q: Array) -> Clearance | None:
         """The least distances over the postures Q (N, n) or (n,), and between which; None where nothing is checked."""

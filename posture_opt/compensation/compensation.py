@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from posture_opt.collision.nearest import Clearance
-from posture_opt.compensation.arrival_sides import sided_joints
+from posture_opt.compensation.compensation_statements import cautions, compensation_statements
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
@@ -19,12 +19,13 @@ from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Statement
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
 _LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
-_JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
-_MAX_LISTED_LINES = 8  # lines named in a note
+Origin = Literal["given", "given as targets", "first row", "task"]
+"""Where the joint values of targets come from."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,7 +52,7 @@ class Compensation(Result):
     digits: JointDigits
     reached: Mask
     reasons: Mapping[int, str]
-    remarks: tuple[str, ...]
+    remarks: tuple[Statement, ...]
     before: ExpectedMiss
     after: ExpectedMiss
     unsettled: Mask
@@ -156,54 +157,27 @@ class Compensation(Result):
             "notes": list(self.notes),
         }
 
+    @cached_property
+    def cautions(self) -> tuple[Statement, ...]:
+        """What to check before the rows run, and where their postures come from."""
+        return (*self.remarks, *cautions(self))
+
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know."""
-        return (*self.remarks, *self._jumps, *self._uncertain_sides, *self._other_sides)
+        """The sentences of the cautions."""
+        return tuple(map(str, self.cautions))
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the compensation has to say, the answer first."""
+        return compensation_statements(self)
 
     @property
-    def _jumps(self) -> tuple[str, ...]:
-        """The largest move of a joint from one row to the next, where the arm changes its configuration there."""
-        turns = [joint.type == "revolute" for joint in self.problem.robot.joints]
-        steps = np.abs(np.diff(self.q, axis=0))[:, turns]
-        if self._joints_given or not steps.size or steps.max() < _JUMP_RAD:
-            return ()
-        row, joint = np.unravel_index(int(np.argmax(steps)), steps.shape)
-        name = [name for name, turning in zip(self.problem.robot.joint_names, turns, strict=True) if turning][joint]
-        first, last = (int(line) for line in self.targets.line[row : row + 2])
-        return (
-            f"{name} moves by {math.degrees(steps[row, joint]):.0f} deg from line {first} to line {last}, as the arm "
-            "changes its configuration: check the motion between them",
-        )
-
-    @property
-    def _uncertain_sides(self) -> tuple[str, ...]:
-        """Joints that hardly move, of which rounding decides from which side they arrive."""
-        joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
-        if not joints:
-            return ()
-        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_MAX_LISTED_LINES])
-        verb = "moves" if len(joints) == 1 else "move"
-        return (
-            f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
-            f"a column {joints[0]}.approach and arrive from there",
-        )
-
-    @property
-    def _other_sides(self) -> tuple[str, ...]:
-        """Lines that state another side of arrival than the way from the row before them has."""
-        moved = np.sign(np.diff(self.q, axis=0))
-        stated = self.targets.side[1:]
-        lines = self.targets.line[1:][
-            np.any(sided_joints(self.problem.arm) & (stated != 0) & (moved != stated), axis=1)
-        ]
-        if not len(lines):
-            return ()
-        shown = ", ".join(str(line) for line in lines[:_MAX_LISTED_LINES])
-        return (
-            f"the way from the row before comes to line {shown} from another side than the file states: come from "
-            "that one, as the program of --program does",
-        )
+    def origin(self) -> Origin:
+        """Where the joint values of the rows come from."""
+        if self._joints_given:
+            return "given" if self.targets.position is not None else "given as targets"
+        return "first row" if self.problem.task is None or self.remarks else "task"
 
 
 def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:

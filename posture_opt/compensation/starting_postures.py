@@ -23,6 +23,7 @@ from posture_opt.selection.program.task_target import spin_axis
 from posture_opt.selection.search.inverse_kinematics import InverseKinematics
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.selection.tasks import Task
+from posture_opt.statements import Statement, state
 
 _TOOL_AXIS = (0.0, 0.0, 1.0)
 _RANDOM_STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
@@ -47,7 +48,7 @@ class StartingPostures:
     kept: Array
     aim: Poses
     refused: Mapping[int, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Statement, ...] = ()
 
 
 def starting_postures(
@@ -73,12 +74,12 @@ def starting_postures(
 def _near_plan(problem: ProblemData, wanted: Poses) -> StartingPostures:
     """The postures that the task allows at the targets, near those of its plan."""
     plan: tuple[Solution, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Statement, ...] = ()
     if problem.task is not None:
         try:
             plan = select_posture(problem).stations
         except (NoSolutionError, InputError):
-            notes = ("the task of the file has no posture of its own: the targets are near the first of them",)
+            notes = (state("compensation.near-first-row"),)
     search = TaskPostures(problem, plan, wanted.rotation is not None)
     found: list[Found] = []
     for row, p in enumerate(wanted.position):

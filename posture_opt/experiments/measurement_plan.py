@@ -275,10 +275,8 @@ def _worth(plan: MeasurementPlan) -> Statement:
 
 def _surface(plan: MeasurementPlan) -> Iterator[Statement]:
     """What the arm stands on, and how low it may reach."""
-    scene = plan.workspace.scene
-    if note := scene.mounting_note(plan.q):
-        dropped = scene.mounting is not None and scene.mounting.dropped
-        yield state("experiments.below-mounting" if dropped else "experiments.mounting", what=note)
+    if mounting := plan.workspace.scene.mounting_statement(plan.q):
+        yield mounting
     yield from _height(plan)
 
 

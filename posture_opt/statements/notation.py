@@ -10,6 +10,8 @@ from collections.abc import Iterable, Sequence
 
 from posture_opt.units import ERROR_UNITS, UNKNOWN, fixed, number
 
+CERTAINTY_SHOWN = 0.999
+"""Probabilities above this are printed as more than it: what is left out of a model is likelier than the rest."""
 _MICROMETRE_LIMIT_M = 1e-5  # m: below this a length is written in µm
 _SHOWN_UNITS = ("N m",)  # units that are written after a number; ratios and lengths per radian have none
 _MAX_LISTED_LINES = 10  # of a file
@@ -167,29 +169,14 @@ def percent(share: float) -> str:
 
 
 def probability(p: float) -> str:
-    """A probability of success, with as many digits as its nines ask for.
+    """A probability of success to three digits, up to 99.9 %: what a model leaves out is likelier than the rest.
 
-    >>> probability(0.9375), probability(0.99995), probability(1 - 1e-9), probability(1e-16)
-    ('93.8 %', '99.9950 % (one miss in 20,000)', '> 99.9999 %', '< 0.0001 %')
+    >>> probability(0.9375), probability(0.9986), probability(0.99995), probability(1e-16)
+    ('93.8 %', '99.9 %', '> 99.9 %', '< 0.1 %')
     """
-    miss = 1 - p
-    if miss < 1e-6:  # what is left out of the model is likelier than that
-        return "> 99.9999 %"
-    if miss < 1e-3:
-        decimals = 1 - math.floor(math.log10(100 * miss))
-        return f"{100 * p:.{decimals}f} % (one miss in {1 / miss:,.0f})"
-    if 0 < p < 1e-6:
-        return "< 0.0001 %"
-    return f"{100 * p:.3g} %" if p < 0.99 else f"{100 * p:.2f} %"
-
-
-def short_probability(p: float) -> str:
-    """A probability of success for a table, without how often one misses.
-
-    >>> short_probability(0.9375), short_probability(0.99995), short_probability(1 - 1e-9)
-    ('93.8 %', '99.9950 %', '> 99.9999 %')
-    """
-    return probability(p).partition(" (")[0]
+    if p > CERTAINTY_SHOWN:
+        return f"> {100 * CERTAINTY_SHOWN:.1f} %"
+    return "< 0.1 %" if 0 < p < 1e-3 else f"{100 * p:.3g} %"
 
 
 def decimals_of(value: float, digits: int = 2) -> int:

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from posture_opt.statements import notation
 from posture_opt.units import DIMENSIONS, SHOWN, fixed, number, plus_minus, shown
 
-CERTAINTY_SHOWN = 0.999
-"""Probabilities above this are printed as more than it: what is left out of a model is likelier than the rest."""
 LEAST_P = 1e-6
 """p-values below this are printed as less than it."""
 UNLIKELY = 0.05
@@ -87,6 +85,8 @@ STYLES: dict[str, tuple[str, Callable[[float], str]]] = {
     "share": ("1", notation.percent),
     "probability": ("1", notation.probability),
     "p": ("1", p_words),
+    "speed": ("m/s", lambda speed: f"{number(speed * 1e3)} mm/s"),
+    "duration": ("s", lambda seconds: f"{number(seconds)} s"),
     "number": ("1", number),
 }
 """Dimensions with a style of their own, beside those of files."""

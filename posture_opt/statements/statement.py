@@ -43,6 +43,9 @@ class Statement:
         """The sentence."""
         return sentence(self.entry.text, {"about": self.about, **self.values})
 
+    def __str__(self) -> str:
+        return self.text
+
     @property
     def label(self) -> str:
         """What stands before the sentence in a list; empty where it stands alone."""

@@ -101,7 +101,7 @@ class AccuracyMap(Result):
             "targets": [self._target(k, map_point, joints) for k, map_point in enumerate(self.targets.map_points)],
             "measured": None if self.measured is None else self.measured.to_json(),
             "seconds": self.targets.seconds,
-            "notes": list(self.targets.notes),
+            "notes": [str(note) for note in self.targets.notes],
         }
 
     def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Json]:

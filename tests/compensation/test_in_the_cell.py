@@ -14,6 +14,7 @@ import posture_opt as po
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.command_line import invoke
 from tests.helpers.factors import frame, pose
+from tests.helpers.said import said
 
 CORRECTIONS = {"shoulder_lift.a": "0.8 mm", "elbow.theta": "0.05 deg", "wrist_2.alpha": "0.03 deg"}
 TABLE_TOP = -0.02
@@ -181,4 +182,6 @@ def test_a_change_of_configuration_is_said() -> None:
     away, half = np.arctan2(p[:, 1], p[:, 0]), np.arccos(np.hypot(*p[:, :2].T) / 2)
     assert math.sin(away[1] - half[1]) < -0.2
     assert found.q[:, 0] == pytest.approx([away[0] - half[0], away[1] + half[1]], abs=1e-4)
-    assert any("joint2 moves by 141 deg from line 1 to line 2" in note for note in found.notes)
+    change = said(found)["compensation.configuration-change"]
+    assert (change.about, change.values["first"], change.values["last"]) == ("joint2", 1, 2)
+    assert math.degrees(change.values["moved"].value) == pytest.approx(141, abs=0.5)  # type: ignore[union-attr]

@@ -17,6 +17,7 @@ from click.testing import Result
 import posture_opt as po
 from tests.helpers.command_line import invoke
 from tests.helpers.pin import PinArm
+from tests.helpers.said import said
 from tests.helpers.same_problem import assert_same_numbers, written
 from tests.helpers.simulated_arm import SimulatedArm, shift
 
@@ -173,15 +174,14 @@ def test_the_files_are_the_problem_in_any_folder(known: Known, tmp_path: Path) -
 def test_an_arm_with_parallel_axes_still_holds_its_axis_and_plane() -> None:
     scara = learnt(CASES["SCARA"])
     assert scara.calibrated.robot.skew > 1e-4
-    notes = quick(scara.calibrated).notes
-    assert any("holds its tool axis along the direction in every posture" in note for note in notes)
+    assert "selection.axis-given" in said(quick(scara.calibrated))
     planar = learnt(Case(TWO, (0.9, 0.4, 0.0), (0, -1, 0)))  # measured in z too: alpha of the first link is found
     solution = quick(planar.calibrated)
     off = planar.arm.points(solution.q)[0] - planar.case.target
     assert np.abs(off[:2]).max() < 5e-4
     assert abs(off[2]) > 2e-5
-    (note,) = [note for note in solution.notes if "out-of-plane error" in note]
-    assert float(re.search(r"is ([\d.]+) mm", note)[1]) == pytest.approx(1e3 * abs(off[2]), rel=0.1)  # type: ignore[index]
+    distance = said(solution)["selection.off-plane"].values["distance"]
+    assert distance.value == pytest.approx(abs(off[2]), rel=0.1)  # type: ignore[union-attr]
 
 
 def test_a_box_in_the_plane_of_a_skew_arm_is_reached() -> None:

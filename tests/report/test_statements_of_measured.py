@@ -53,9 +53,6 @@ def plans() -> Iterator[Any]:
     yield replace(plan, equivalent=None, keeps_height=False, purpose="task", remarks=remarks)
     yield replace(plan, equivalent=2, tour=replace(plan.tour, blocked=(1,), sides=np.array([0.0, 0.5])))
     yield replace(plan, before=replace(plan.before, task=math.nan), second=("a joint",))
-    for dropped in (True, False):
-        scene = Made(mounting_note=lambda q: "It reaches low.", mounting=Made(dropped=dropped), obstacles=())
-        yield replace(plan, workspace=Made(scene=scene))
 
 
 def assessments() -> Iterator[Any]:

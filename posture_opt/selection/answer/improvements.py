@@ -24,6 +24,8 @@ from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.workpiece import stated_name
 from posture_opt.uncertainty.spread.budget import Share
 
+MIN_GAIN = 0.005
+"""A smaller relative gain is none."""
 _MIN_VARIANCE_SHARE = 0.01  # of the variance: sources with a smaller share are not asked about
 _MAX_SOURCES = 8  # of them
 _SHIFT_SHARE = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5

@@ -30,6 +30,7 @@ from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Reason, Reasons, Relaxation, plane_reason
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
@@ -58,6 +59,12 @@ class Explanation:
     q: Array
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The message of the error: a reason a line, the last with the cheapest change."""
+        help_ = "".join(f": {one.change}" for one in self.relaxations[:1])
+        return "\n".join(reason.message for reason in self.reasons) + help_
 
 
 def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture | None:
@@ -97,7 +104,7 @@ def infeasible(
     counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
     statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
     asked, target = engine.optimisation_problem, found.target
-    notes = (*problem.notes, asked.axis_note(target))
+    notes: tuple[str | Statement, ...] = (*problem.notes, asked.axis_note(target))
     return Solution(
         problem,
         asked,
@@ -194,13 +201,7 @@ class Infeasibility:
             if len(offered) < MAX_OFFERED:
                 found = self.relaxation(names, way, ways, does)
                 offered += [] if found is None else [found]
-        changes = {one.reasons: one.change for one in reversed(offered)}
-        reasons_said = tuple(
-            replace(reason, message=f"{reason.message}: {changes[reasons]}")
-            if reasons in changes and reason is reasons[-1] else reason
-            for reason in reasons
-        )  # fmt: skip
-        return Explanation(nearest.q, reasons_said, tuple(offered))
+        return Explanation(nearest.q, reasons, tuple(offered))
 
     def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
         """What is missed until the requirements ``names`` give."""
@@ -240,10 +241,9 @@ class Infeasibility:
         for decimals in PLANE_DECIMALS:
             changes = onto_plane(self.problem, self.target, q, decimals)
             if self.does(changes, q):
-                reason = replace(outside, message=f"{outside.message}: {changes[0].words}")
                 cost = outside.amount / self.problem.reach.radius
                 posture = Posture(self.problem.robot, q)
-                return Explanation(q, (reason,), (Relaxation(changes[0].words, (outside,), posture, cost, changes),))
+                return Explanation(q, (outside,), (Relaxation(changes[0].words, (outside,), posture, cost, changes),))
         return Explanation(q, (outside,))
 
     # --- the ways -------------------------------------------------------------------------------------------------

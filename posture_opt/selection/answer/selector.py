@@ -39,18 +39,13 @@ from posture_opt.selection.search.screened_search import screened_search
 from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
 from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.tasks import Task
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
-_ONE_POSTURE_NOTE = (
-    "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
-    "exists is not known."
-)
 _MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
 _NEARLY_MET = 1e-3  # m, rad or 1: what rounding of a change and lower bounds of distances leave
-_UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
-_LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
 class PostureSelector:
@@ -326,9 +321,11 @@ class PostureSelector:
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
 
-        notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
+        notes: tuple[str | Statement, ...] = (
+            *self._problem.notes, problem.axis_note(found.target), *self.remarks(),
+        )  # fmt: skip
         if not by_starts and not by_sweep:
-            notes = (*notes, _ONE_POSTURE_NOTE)
+            notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
         status: Status = "optimal" if best.optimal else "feasible"
         seen = np.vstack([best.q, found.sampled.Q])
@@ -355,7 +352,7 @@ class PostureSelector:
                 return [rescued]
             why = not_met_together(engine, found, rescued)
         solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
-        raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
+        raise NoSolutionError(why.text, solution)
 
     def _explained(self, found: MultistartResult) -> Explanation:
         """What keeps a search from finding anything, and which changes help."""
@@ -409,30 +406,26 @@ class PostureSelector:
         Q, _ = engine.ik.solve(np.clip(q, engine.robot.lower, engine.robot.upper)[None], engine.held(target))
         return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
 
-    def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
+    def _beside(self, q: Array, target: TaskTarget) -> tuple[Statement, ...]:
         """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
         if not self.reach.normals.shape[1]:
             return ()
         point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
         N = self.reach.normals
-        off = N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))
-        distance = float(np.linalg.norm(off))
+        distance = float(np.linalg.norm(N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))))
         if target.kind == "anywhere" or distance <= PLANE_TOLERANCE:
             return ()
-        vector = ", ".join(f"{v * 1e3 + 0.0:.2f}" for v in off)
-        return (
-            f"The corrected arm has a constant out-of-plane error that no posture can remove: its tool point is "
-            f"{distance * 1e3:.2g} mm from the target, by ({vector}) mm.",
-        )
+        return (state("selection.off-plane", distance=Quantity(distance)),)
 
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences on what is not looked at."""
+    def remarks(self) -> tuple[Statement, ...]:
+        """What is not looked at."""
         scene = self._problem.scene
         if self._problem.robot.n < 3 or scene.active or scene.switched_off:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
-        return (_UNCHECKED_NOTE + ("" if tipped or asked else _LINK_HEIGHT_HINT),)
+        hint = () if tipped or asked else (state("collision.link-height"),)
+        return (state("collision.shape-unknown"), *hint)
 
 
 def task_of(problem: ProblemData) -> Task:

@@ -20,11 +20,12 @@ from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.combine import combined_sigma
 from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.end_moments import end_moments
-from posture_opt.selection.answer.improvements import Improvement, improvements
+from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
 from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.shared_placement import Placement
+from posture_opt.selection.answer.solution_statements import solution_statements
 from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -34,6 +35,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.statements import Statement
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
@@ -117,7 +119,7 @@ class Solution(Result):
     q: Array
     statistics: SearchStatistics
     ended: Array
-    notes: tuple[str, ...] = ()
+    notes: tuple[str | Statement, ...] = ()
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
     feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -155,6 +157,16 @@ class Solution(Result):
         every = self.points or (self,)
         listed = (True,) * len(every) if self.followed is None else self.followed.listed
         return tuple(point for point, asked in zip(every, listed, strict=True) if asked)
+
+    @property
+    def along_path(self) -> bool:
+        """Whether the stations are the points of a path."""
+        return self.followed is not None
+
+    @property
+    def of_features(self) -> bool:
+        """Whether the stations are features that share a placement."""
+        return bool(self.points) and not self.along_path
 
     @property
     def central(self) -> float:
@@ -393,6 +405,16 @@ class Solution(Result):
         combined = partial(combined_sigma, self.combine)
         return improvements(self._compared(), combined, place=None if self.points else self)
 
+    @property
+    def helpful(self) -> tuple[Improvement, ...]:
+        """The improvements that are worth a word."""
+        return tuple(change for change in self.improvements if change.gain >= MIN_GAIN)
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the answer has to say, the posture first."""
+        return solution_statements(self)
+
     def _compared(self) -> tuple[Solution, ...]:
         """The stations that changes are compared at: all, or of a long path some, evenly, and the worst one."""
         count = len(self.points)
@@ -434,7 +456,7 @@ class Solution(Result):
             "prices": [price.to_json() for price in self.prices],
             "reasons": [vars(reason) for reason in self.reasons],
             "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
-            "notes": list(self.notes),
+            "notes": list(dict.fromkeys(map(str, self.notes))),
             **({} if self.placement is None else {"workpiece": self.placement.workpiece}),
             **({} if self.problem.workpiece_sources.empty else {"workpiece_errors": self._workpiece_errors()}),
             **({} if self.followed is None else self.followed.to_json(self)),

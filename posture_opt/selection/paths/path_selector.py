@@ -40,6 +40,7 @@ from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.path_task import HIGHEST, PathTask
+from posture_opt.statements import Statement
 from posture_opt.workers import Workers, opened
 
 _MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
@@ -271,7 +272,8 @@ class PathSelector(DerivedAgain):
         naive = naive_motions(search.engine, apart, targets, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
-        notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
+        axis, remarks = problem.axis_note(search.found.targets[0]), self.selector.remarks()
+        notes: tuple[str | Statement, ...] = (*self.problem.notes, axis, *remarks)
         jumps = search.jumps(motion)
         breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
         smallest = min(search.calmest[1].largest_step, motion.largest_step)

@@ -27,6 +27,7 @@ from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
+from posture_opt.statements import Statement, state
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class FeaturesFailure:
         pairs = [(name, reason) for name, one in zip(names, solved, strict=True) for reason in one.reasons]
         reasons = tuple(replace(reason, message=f"{name}: {reason.message}") for name, reason in pairs)
         others = tuple(self.task.features[k].name for k in failed[len(errors) :])
-        notes = (f"{', '.join(others)} cannot be done there either",) if others else ()
+        notes = (state("selection.features-also-fail", features=others),) if others else ()
         relaxations = sorted((*self._moves(), *self._for_all(w, failed)), key=lambda one: one.cost)
         return self._error(w, solved, names, notes, reasons, relaxations, looked, began)
 
@@ -81,7 +82,7 @@ class FeaturesFailure:
         return self._error(w, solved, names, (), (reason,), self._moves(), looked, began)
 
     def _error(
-        self, w: Array, solved: Sequence[Solution], names: Sequence[str], notes: tuple[str, ...],
+        self, w: Array, solved: Sequence[Solution], names: Sequence[str], notes: tuple[Statement, ...],
         reasons: tuple[Reason, ...], relaxations: Sequence[Relaxation], looked: int, began: float,
     ) -> NoSolutionError:  # fmt: skip
         """The error with the infeasible answer."""

@@ -226,7 +226,7 @@ class Validity:
             "bias_mahalanobis": finite_or_none(self.bias_mahalanobis),
             "bias_infinite": math.isinf(self.bias_mahalanobis),
             "verdict": self.verdict,
-            "text": self.text,
+            "text": self.statement.text,
         }
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from posture_opt.numerics import Array, Json
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.statements.quantity import CERTAINTY_SHOWN
 from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.clearance import within_clearance
@@ -120,8 +119,7 @@ class TaskSpread:
             taught: whether nothing errs but from repeat to repeat: what is left out is likelier than 0.1 %.
         """
         if self.success_probability is not None:
-            certain = "-certain" * (self.success_probability > CERTAINTY_SHOWN)
-            id = f"uncertainty.success-taught{certain}" if taught else "uncertainty.success"
+            id = "uncertainty.success-taught" if taught else "uncertainty.success"
             p, clearance = Quantity(self.success_probability, "probability"), Quantity(self.clearance, "stated length")
             yield state(id, probability=p, clearance=clearance)
 
