@@ -110,6 +110,12 @@ def test_real_arms_fit_on_one_screen_too(data: str, problem: str) -> None:
     assert len(result.stdout.splitlines()) <= SCREEN
 
 
+def test_an_outlier_makes_no_prior_surer_than_it_is(written: tuple[Path, Result]) -> None:
+    tool = parameters(json.loads((written[0] / "calibration.json").read_text(encoding="utf-8")))["tool.x"]
+    # The data cannot tell it from the second link: its σ stays the one that was stated.
+    assert tool["std"] == pytest.approx(1e-5, rel=0.02)
+
+
 def test_json_is_the_document_alone_and_priors_can_be_turned_off(folder: Path) -> None:
     result = run(folder / "data.csv", "--problem", folder / "problem.yaml", "--no-priors", "--by", "block", "--json")
     assert result.exit_code == 0, result.stderr
