@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +24,6 @@ def write(case: Draw, folder: Path) -> Path:
     if case.test is not None:
         write_csv(folder / "test.csv", case.nominal, *case.test)
     return problem
-
-
-def write_truth(case: Draw, path: Path) -> None:
-    """The truth as JSON, somewhere else."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(case.truth, default=plain, indent=1))
 
 
 def plain(value: object) -> object:
