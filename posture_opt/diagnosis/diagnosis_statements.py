@@ -87,7 +87,7 @@ def _causes(found: Diagnosis) -> list[Statement]:
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     others = [f for f in found.effects if f not in geometry and f.determined]
     causes = others or geometry
-    ordered = sorted(causes, key=lambda f: unconfirmed(found, f))
+    ordered = sorted(causes, key=lambda f: unconfirmed(f, found.test))
     few = len(causes) <= _MAX_SIZED_CAUSES
     names = [sized_words(found, f) for f in ordered] if few else _by_title(ordered)
     names += ["the geometry"] if others and geometry else []
