@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 import pytest
 import yaml
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
 
 import posture_opt as po
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
@@ -328,7 +327,7 @@ def test_the_search_finds_it_on_simulated_data_and_draws_it(cls: type[Effect], s
         pytest.skip("no data can show it: the report says so")
     found = diagnosed(tmp_path)
     assert cls.kind_name() in names_of(found)
-    assert len(plot_curves(found).axes) >= len(fitted_effects(found)) > 0
+    assert len(plot_curves(found).axes) >= len(found.fitted_effects) > 0
 
 
 @pytest.mark.campaign
