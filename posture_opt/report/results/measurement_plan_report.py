@@ -139,7 +139,7 @@ def postures_block(plan: MeasurementPlan) -> Block:
     table = Table(("no.", *headers, "x [mm]", "y [mm]", "z [mm]", *what), rows, text_columns=0, views=views)
     travel = f"{angle(plan.tour.travel)} in this order, {angle(plan.tour.unordered)} as selected"
     facts = [Facts((("Joint travel", travel),))] if len(plan.q) > 1 else []
-    return Block("Postures, in the order of measurement", (*facts, table, *more))
+    return Block("Postures, in the order of measurement", (*facts, table, *more), stays=True)
 
 
 def points_csv(plan: MeasurementPlan) -> str:
