@@ -121,7 +121,7 @@ def test_a_joint_that_scatters_moves_the_tool_by_its_lever(noisy: po.Diagnosis) 
 @pytest.mark.parametrize(("low", "alike"), [(0.9, True), (1.1, False)])
 def test_a_rest_as_small_as_noise_is_said_to_be_so(low: float, alike: bool, noisy: po.Diagnosis) -> None:
     left = replace(noisy.errors["extended"], interval=(low * noisy.held_out_noise, 1.0))
-    unsure = replace(noisy.adequacy, p_value=1e-9)
+    unsure = replace(noisy.adequacy, structure=1e-9)
     other = replace(noisy, errors={**noisy.errors, "extended": left}, verdict="unexplained", adequacy=unsure)
     assert other.like_noise is alike
     assert ("structure-small" in said(other)) is alike
