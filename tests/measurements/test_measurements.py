@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.robot import load_preset
 from tests.helpers.planar_2r import position as planar_position
 from tests.helpers.real_arms import DATA, needs_real_arms
 
@@ -134,19 +133,6 @@ def test_every_column(tmp_path: Path) -> None:
     # joint1 is stated, but for the last row, where it has never moved; joint2 comes from the row before
     np.testing.assert_array_equal(data.approach, [[1, 0], [-1, -1], [0, 1]])
     np.testing.assert_allclose(data.approach_length, [[0, 0], [0, 0.4], [0, 0.4]], atol=1e-15)
-
-
-def test_take_keeps_codes_and_lines(tmp_path: Path) -> None:
-    data = read(tmp_path, "robot, joint1 [deg], joint2 [deg], x [m], y [m]\na,0,0,2,0\nb,1,0,2,0\nb,2,0,2,0.1\n")
-    part = data.take(data.robot == 1)
-    assert len(part) == 2
-    assert part.robot.tolist() == [1, 1]
-    assert part.robot_names == ("a", "b")
-    assert part.line.tolist() == [3, 4]
-    assert part.rotation is None
-    assert data.take([2, 0]).line.tolist() == [4, 2]
-    with pytest.raises(ValueError, match="read-only"):
-        data.q[0, 0] = 1.0
 
 
 def test_repeats_and_approach_come_from_the_rows(tmp_path: Path) -> None:
@@ -308,13 +294,6 @@ def test_every_fault_has_its_line(case: str, tmp_path: Path) -> None:
         assert message in line
 
 
-def test_issues_name_column_and_value(tmp_path: Path) -> None:
-    with pytest.raises(po.errors.InputError) as caught:
-        read(tmp_path, HEAD + "\n0,zero,2000,0\n")
-    (issue,) = caught.value.issues
-    assert (issue.key, issue.value, issue.line) == (("joint2",), "zero", 2)
-
-
 def test_many_faults_are_counted(tmp_path: Path) -> None:
     said = refused(write(tmp_path, HEAD + "\n" + "0,0,2000,?\n" * 500), PLANAR)
     assert len(said) == 4
@@ -383,14 +362,6 @@ def test_millimetres_read_as_metres(rows: int) -> None:
     assert "look like mm: write x [mm], y [mm], z [mm]" in line
     (line,) = refused(renamed(table, x="x [mm]", y="y [mm]", z="z [mm]"), SIX)
     assert "look like m: write x [m], y [m], z [m]" in line
-
-
-def test_one_column_in_another_unit_in_a_known_number_of_axes() -> None:
-    table = six_table()
-    table["y [m]"] = table["y [m]"] * 1e3
-    (line,) = refused(table, SIX)
-    assert line.startswith("table: y: the measured points move 1e+03 times")
-    assert line.endswith("the numbers look like mm: write y [mm]")
 
 
 def test_degrees_read_as_radians() -> None:
@@ -528,14 +499,6 @@ def test_mistakes_in_real_measurements(file: str, tmp_path: Path) -> None:
         with pytest.raises(po.errors.InputError) as caught:
             po.read_measurements(write(tmp_path, f"{wrong}\n{rows}"), problem)
         assert said in str(caught.value)
-
-
-@pytest.mark.parametrize("name", ["ur10", "panda"])
-def test_presets_know_their_joints(name: str) -> None:
-    robot = load_preset(name)
-    table = {f"{joint} [rad]": np.zeros(2) for joint in robot.joint_names} | {"point": np.array(["a", "a"])}
-    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": name}})
-    assert po.read_measurements(table, problem).joint_names == robot.joint_names
 
 
 @pytest.mark.large

@@ -41,24 +41,6 @@ effects:
 task: {kind: insert, position: [1 m, 0, 0]}
 """,
     ),
-    "task of unknown key, shape, corrections": (
-        5,
-        """robot:
-  kind: dh
-  joints:
-    - {name: joint1, type: revolute, a: 1 m}
-    - {name: joint2, type: revolute, a: 1 m}
-  corrections: {joint5.a: 1 mm}
-  shape:
-    - {joint: elbow, from: [0,0,0], to: [1 m,0,0], radius: 10 mm}
-uncertainty:
-  sigma: {joint1.theta: 1 deg, joint1.b: 1 mm}
-task:
-  kind: insert
-  positon: [1 m, 0, 0]
-  direction: [0, -1]
-""",
-    ),
     "uncertainty misspelt, weights, effects": (
         4,
         """robot: {kind: preset, name: planar_2r}
@@ -70,46 +52,12 @@ effects:
   - {kind: joint_scale, joint: joint4, estimate: {scale: 1e-4}}
 """,
     ),
-    "preset and terms": (
-        4,
-        """robot: {kind: preset, name: ur10, payload: 2}
-uncertainty: {sigma: {elbw.theta: 1 deg}}
-task:
-  kind: insert
-  position: [0.6, 0.2 m, 0.1 m]
-  subject_to:
-    - {kind: joint_torque, at_most: {elbo: 10 N m}}
-""",
-    ),
     "data and path": (
         3,
         """robot: {kind: preset, name: planar_2r}
 data:
   columns: {xx: Pos X, joint3: A3}
 task: {kind: trace, path: nothing.csv}
-""",
-    ),
-    "joint row of wrong unit": (
-        4,
-        """robot:
-  kind: dh
-  joints:
-    - {name: joint1, type: revolute, a: 1}
-    - {name: joint2, type: revolute, a: 1 m, mass: 2}
-uncertainty: {scatter: {joint5.theta: 1 deg}}
-effects:
-  - {kind: joint_compliance, joint: joint6, estimate: {compliance: 8 urad/(N m)}}
-""",
-    ),
-    "several effects": (
-        4,
-        """robot: {kind: preset, name: ur10}
-effects:
-  - {kind: backlash, joint: shoulder, estimate: {width: 1}}
-  - {kind: joint_scale, joint: elbo, estimate: {scale: 1e-4}}
-  - {kind: joint_scale, joint: elbow, estimate: {scale: 1e-4}}
-  - {kind: joint_scale, joint: elbow, estimate: {scale: 1e-4}}
-uncertainty: {sigma: {wrist_9.theta: 1 deg}}
 """,
     ),
     "cell and task": (
@@ -124,18 +72,6 @@ task:
   kind: insert
   position: [0.6 m, 0.2 m, 0.1 m]
   approach: {elbw: 1}
-""",
-    ),
-    "minimize of a held joint": (
-        4,
-        """robot: {kind: preset, name: planar_2r, tool: [0, 0, 1 m]}
-uncertainty: {sigma: {joint1.theta: 1 deg}, correlation: [[joint1.theta, joint9.a, 0.5]]}
-task:
-  kind: insert
-  position: [1 m, 0, 0]
-  minimize:
-    - {kind: fixed_joints, values: {joint3: 0}}
-  tilt: 3
 """,
     ),
 }

@@ -25,15 +25,6 @@ robot:
     - {name: joint2, type: revolute, a: 1 m}
 """
 
-URDF = """\
-<robot name="arm">
-  <link name="base"/><link name="tip"/>
-  <joint name="j1" type="revolute">
-    <parent link="base"/><child link="tip"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
-  </joint>
-</robot>
-"""
-
 
 def faults(folder: Path, text: str) -> list[str]:
     """The lines of the message that loading ``text`` raises, without the folder."""
@@ -268,21 +259,6 @@ def test_unknown_parameter_offers_those_of_its_joint_first(robot: str, name: str
     assert found.count(",") < 13, "a short list"
 
 
-def test_a_slide_of_a_urdf_has_a_length(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(URDF.replace("revolute", "prismatic"))
-    text = "robot: {kind: urdf, file: arm.urdf}\nuncertainty: {sigma: {j1.theta: 0.02 deg}}\n"
-    (found,) = faults(tmp_path, text)
-    assert "did you mean 'j1.d'? j1 has x, y, z" in found
-
-
-def test_urdf_without_such_a_link(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(URDF)
-    found = faults(tmp_path, "robot:\n  kind: urdf\n  file: arm.urdf\n  base_link: base\n  tip_link: tool\n")
-    assert len(found) == 1
-    assert found[0].startswith("problem.yaml:5: robot.tip_link: ")
-    assert "tip" in found[0].split("–")[1], "the hint names a link that exists"
-
-
 def test_urdf_that_does_not_exist(tmp_path: Path) -> None:
     (found,) = faults(tmp_path, "robot:\n  kind: urdf\n  file: none.urdf\n  base_link: base\n  tip_link: tool\n")
     assert found == "problem.yaml:3: robot.file: none.urdf: no such file"
@@ -379,12 +355,6 @@ def test_errors_of_a_named_file_do_not_print_it(section: str, content: str, tmp_
     assert found
     assert not any(secret in line for line in found for secret in ("x0r", "root", "password", "0.73", "0.74"))
     assert all("other" in line for line in found)
-
-
-def test_missing_covariance_file(tmp_path: Path) -> None:
-    (tmp_path / "cov.csv").write_text("")
-    (found,) = faults(tmp_path, ROBOT + "uncertainty: {covariance: cvo.csv}\n")
-    assert found.startswith("problem.yaml:7: uncertainty.covariance: no such file: cvo.csv – did you mean cov.csv in")
 
 
 @pytest.mark.parametrize(

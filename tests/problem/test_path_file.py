@@ -65,12 +65,6 @@ def test_faults_are_named_with_file_and_line(tmp_path, text, line, message):
     assert message in str(first)
 
 
-def test_a_missing_file_is_an_error_of_the_problem_file(tmp_path):
-    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
-    with pytest.raises(po.errors.InputError, match=r"problem\.yaml:4: task\.path: no such file"):
-        po.load_problem(tmp_path / "problem.yaml")
-
-
 @pytest.mark.parametrize(
     ("task", "message"),
     [

@@ -48,14 +48,6 @@ def test_si_and_units_say_the_same(panda: po.Problem) -> None:
     same_as_file(si)
 
 
-def test_the_former_problem_stays_as_it_was(panda: po.Problem) -> None:
-    before = panda.to_yaml()
-    changed = panda.replace(task__position=[0.6, 0, 0.2])
-    assert panda.to_yaml() == before
-    assert changed is not panda
-    assert changed.name == panda.name
-
-
 def test_numbers_of_joints_and_parameters_take_the_unit_of_their_name() -> None:
     scara = po.load_problem("insert_scara")
     turning, sliding = (next(j for j in scara.robot.joints if j.type == t) for t in ("revolute", "prismatic"))
@@ -89,11 +81,6 @@ def test_another_way_to_say_where_takes_the_place_of_the_former(panda: po.Proble
     assert (drill.task.kind, drill.task.position) == ("drill", (0.5, 0.1, 0.2))
 
 
-def test_none_takes_a_key_away(panda: po.Problem) -> None:
-    assert "clearance" not in panda.replace(task__clearance=None).to_dict()["task"]
-    assert panda.replace(task=None).task is None
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -111,12 +98,6 @@ def test_none_takes_a_key_away(panda: po.Problem) -> None:
 def test_what_does_not_fit_is_named_by_its_key(panda: po.Problem, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(po.errors.InputError, match=message):
         panda.replace(**changes)
-
-
-def test_all_that_does_not_fit_at_once(panda: po.Problem) -> None:
-    with pytest.raises(po.errors.InputError) as caught:
-        panda.replace(task__clearance="1 kg", robot__payload="2 m")
-    assert {issue.key for issue in caught.value.issues} == {("task", "clearance"), ("robot", "payload")}
 
 
 def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:

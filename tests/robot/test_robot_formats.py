@@ -116,13 +116,6 @@ def test_bad_tables(kind, section, place, message):
     assert message in fault["msg"]
 
 
-def test_all_faults_of_a_section_at_once():
-    section = {"kind": "dh", "joints": [ROW | {"a": 1}, ROW | {"limits": ["1 deg", "0 deg"]}], "payload": "1 m"}
-    with pytest.raises(ValidationError) as caught:
-        read(section)
-    assert len(caught.value.errors()) == 3
-
-
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_format_is_frozen_closed_and_described(kind):
     assert issubclass(kind, RobotFormat)
@@ -358,13 +351,6 @@ def test_links_that_make_no_chain(tmp_path, keys, key, message):
     with pytest.raises(po.errors.InputError, match=message) as caught:
         UrdfRobot(file="arm.urdf", **keys).build(tmp_path)
     assert caught.value.issues[0].key == (key,)
-
-
-def test_missing_file_and_folder(tmp_path):
-    for file in ("none.urdf", "."):
-        with pytest.raises(po.errors.InputError, match=r"no such file|this is a folder") as caught:
-            UrdfRobot(file=file).build(tmp_path)
-        assert caught.value.issues[0].key == ("file",)
 
 
 def test_several_leaves_ask_for_one(tmp_path):

@@ -95,13 +95,6 @@ def test_files_that_are_none(tmp_path: Path, text: str, message: str) -> None:
     assert caught.value.issues[0].key == ("robot", "srdf")
 
 
-def test_the_file_goes_along(tmp_path: Path) -> None:
-    arm(tmp_path)
-    for name, data in problem(tmp_path).files("copy").items():
-        (tmp_path / name).write_bytes(data)
-    assert po.load_problem(tmp_path / "copy.yaml").robot.named_postures
-
-
 def test_the_published_panda() -> None:
     folder = robots_folder() / "panda_description"
     robot = UrdfRobot(file="urdf/panda_collision.urdf", srdf="srdf/panda.srdf").build(folder)

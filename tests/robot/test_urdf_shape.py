@@ -15,7 +15,6 @@ import posture_opt as po
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
 from posture_opt.robot import UrdfRobot
-from posture_opt.robot.capsule_fit import Edges, fitted_capsules, smallest_capsule
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import random_postures
 from tests.helpers.pin import PinArm, robots_folder
@@ -99,30 +98,6 @@ def test_capsules_contain_boxes_cylinders_and_spheres(tmp_path: Path) -> None:
     assert robot.shape_notes == ("not in the shape, as they move apart from the chain: finger",)
 
 
-def least_volume(radius: float, length: float) -> float:
-    """Of a capsule along the axis of a cylinder, by a fine grid over its radius [m³]."""
-    r = radius * np.linspace(1.0, 3.0, 20001)
-    straight = np.maximum(length - 2 * np.sqrt(r * r - radius * radius), 0.0)
-    volume = np.pi * r * r * (straight + 4 / 3 * r)
-    return float(volume[np.hypot(radius, length / 2) <= r + straight / 2 + 1e-12].min())
-
-
-def test_capsules_are_small(tmp_path: Path) -> None:
-    robot = built(tmp_path, BODIES)
-    (ball,) = (capsule for capsule in robot.shape if capsule.radius == pytest.approx(0.07))
-    assert ball.start == ball.end == pytest.approx((0, 0, 0.3))
-    rod = next(capsule for capsule in robot.shape if capsule.joint == "lift")
-    assert rod.volume <= 1.02 * least_volume(0.02, 0.3)  # the search stops within 1e-3 of its size
-
-
-def test_a_flat_plate_takes_several_capsules() -> None:
-    corners = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.01, 0.01)])
-    plate = Edges.about(corners)
-    one, several = smallest_capsule(corners, "base"), fitted_capsules(plate, "base")
-    assert len(several) == 3
-    assert sum(capsule.volume for capsule in several) < 0.6 * one.volume
-
-
 def test_capsules_of_a_self_collision_model_are_taken_as_they_are() -> None:
     """A cylinder between two balls of its radius: the description of the Panda's controller."""
     file = robots_folder() / "panda_description/urdf/panda_collision.urdf"
@@ -174,12 +149,6 @@ def test_meshes_of_a_package_are_found(tmp_path: Path, name: str) -> None:
     ends = [(np.array(c.start), np.array(c.end), c.radius) for c in robot.shape]
     assert np.min([from_segment(corners, a, b) - r for a, b, r in ends], axis=0).max() < 1e-8
     assert sum(c.radius for c in robot.shape) / len(ends) < 0.5 * math.sqrt(3)
-
-
-def test_a_mesh_that_is_not_there_is_a_note(tmp_path: Path) -> None:
-    robot = built(tmp_path, MESH.format("package://parts/meshes/cube.stl"))
-    assert robot.shape == ()
-    assert robot.shape_notes == ("no shape of tip: mesh cube.stl not found",)
 
 
 def test_without_trimesh_a_note_says_what_would_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

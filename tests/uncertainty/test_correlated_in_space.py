@@ -12,11 +12,9 @@ import pytest
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.integration import relative_difference
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
-from posture_opt.uncertainty.spread.fixed_plan import FixedPlan
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
@@ -220,18 +218,6 @@ def test_the_covariance_of_symbols_has_derivatives():
     differences = [(float(trace(Q6 + s)) - float(trace(Q6 - s))) / (2 * h) for s in steps]
     np.testing.assert_allclose(gradient(Q6).full()[:, 0], differences, atol=1e-8)  # h² of a trace of 0.01 m²
     assert ca.Function("f", [q], [C]).n_instructions() < 6000  # of 250 for independent errors
-
-
-@pytest.mark.parametrize(("case", "sigma"), [("one pair", 0.1), ("one pair", 10), ("equal", 10), ("dense", 0.1)])
-def test_fixed_nodes_serve_postures_they_were_not_chosen_at(case, sigma):
-    robot, sources = CASES[case]
-    tool_point = ToolPoint.of(po.Arm(arm_of(robot)), scaled(sources(), np.radians(sigma)))
-    found = FixedPlan.of(tool_point)
-    assert found.relative_error < 1e-6
-    for q in np.random.default_rng(5).uniform(-3, 3, (10, 6)):
-        one = [float(v) for v in q]
-        C = tool_point.moments(one, found.plan).covariance
-        assert relative_difference(C, tool_point.moments(one).covariance) < 1e-5  # ten times the goal
 
 
 def test_shares_of_correlated_sources_are_those_of_the_covariance():

@@ -14,7 +14,7 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.moments.node_plan import NodePlan
-from posture_opt.uncertainty.moments.planar_moments import planar_moments, plane_of
+from posture_opt.uncertainty.moments.planar_moments import plane_of
 from posture_opt.uncertainty.moments.second_order import second_order
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.regions import Ellipsoid
@@ -101,19 +101,6 @@ def test_small_errors_keep_their_digits(robot, coupled):
     found = moments(stated(robot=robot, sources=small), q)
     # C = s^2 J R J' (1 + O(s^2)), and s^2 = 1e-14 is nothing; C = S - m m' would keep no digit at all
     np.testing.assert_allclose(found.covariance, found.first_order, atol=1e-13 * found.first_order.max())
-
-
-@pytest.mark.parametrize("robot", ["planar_2r", "scara"])
-def test_planar_closed_form_and_recursion_agree_for_independent_errors(robot):
-    robot = load_preset(robot)
-    sources = errors_of(robot, 0.1, 0.03, ("theta", "d", "a"))
-    tool_point = ToolPoint.of(po.Arm(robot), sources)
-    q = [0.3, -1.1, 0.1, 0.4][: robot.n]
-    reached, values = tool_point.walk(q)
-    mean, C = planar_moments(robot, reached, values, tool_point.indices, tool_point.covariance, tool_point.plane)
-    found = tool_point.moments(q)
-    np.testing.assert_allclose(np.array(C, dtype=float), found.covariance, atol=1e-15)
-    np.testing.assert_allclose(np.array(mean, dtype=float), found.mean, atol=1e-15)
 
 
 def test_the_plane_may_stand_anyhow():

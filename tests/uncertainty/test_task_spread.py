@@ -104,14 +104,6 @@ def test_a_hole_across_the_plane_of_a_planar_arm_has_two_directions() -> None:
     assert seen.success_probability == pytest.approx(solution.success_probability)
 
 
-def test_another_direction_of_a_planar_arm_is_another_problem() -> None:
-    task = {"kind": "insert", "direction": [0, -1, 0], "position": ["0.9 m", "0.4 m", "0 m"]}
-    selector = po.PostureSelector(po.problem_from_dict({**PLANAR, "task": task}), compiled=False)
-    assert len(selector.solve().critical.covariance) == 1
-    assert len(selector.solve(direction=(0, 0, -1)).critical.covariance) == 2
-    assert len(selector.solve().critical.covariance) == 1
-
-
 def test_what_nothing_moves_does_not_scatter() -> None:
     # A tilted base leaves 1e-17 in the rotation matrices; its root would be told as a length.
     robot = {**PLANAR["robot"], "base": {"rpy": ["30 deg", "20 deg", "10 deg"]}}

@@ -19,7 +19,7 @@ from posture_opt.problem.load import load_builtin
 from posture_opt.workers import Serial, Workers, opened
 from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.fresh import ROOT
-from tests.workers.parts import always_deadly, deadly, failing, slow, squared
+from tests.workers.parts import always_deadly, deadly, failing, slow
 
 
 def alive(pid: int) -> bool:
@@ -50,12 +50,6 @@ def workers(request: pytest.FixtureRequest) -> Iterator[Workers]:
             yield found
 
 
-def test_every_part_is_done_once(workers: Workers) -> None:
-    assert sorted(workers.run(squared, 3, range(100))) == [(k, [3 * k * k]) for k in range(100)]
-    assert workers.in_order(squared, 2, [5, 4]) == [[50], [32]]
-    assert workers.in_order(squared, 2, []) == []
-
-
 def test_an_error_of_a_part_is_that_of_the_call(workers: Workers) -> None:
     with pytest.raises(ValueError, match="two is no number"):
         workers.in_order(failing, None, range(5))
@@ -76,12 +70,6 @@ def test_a_part_that_ends_every_worker_is_told() -> None:
 def test_a_pool_that_broke_is_told() -> None:
     with ProcessPoolExecutor(1) as pool, pytest.raises(po.errors.InputError, match="the executor lost its workers"):
         opened(executor=pool).in_order(always_deadly, None, range(4))
-
-
-def test_what_is_no_executor_is_refused() -> None:
-    executor: Any = 3
-    with pytest.raises(po.errors.InputError, match="int is no executor"):
-        opened(executor=executor)
 
 
 def test_no_worker_is_left_when_work_is_given_up() -> None:
