@@ -47,6 +47,8 @@ _FREE_END_RADII = 2.0
 leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
+_SHORT_LINK_M = 0.01
+"""Offset [m] of a link that its neighbours hide: corrections alone are shorter."""
 _SURFACE_M = 1e-4
 """Depth [m] up to which a point is on the surface of a solid, and not inside of it."""
 
@@ -208,7 +210,7 @@ class Scene:
         empty = [
             joint.name
             for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
-            if joint.name not in shaped and any(f.kind == "translate" and f.nominal for f in link)
+            if joint.name not in shaped and any(f.kind == "translate" and abs(f.nominal) > _SHORT_LINK_M for f in link)
         ]
         return self.robot.unshaped or (() if self.assumed else tuple(empty))
 

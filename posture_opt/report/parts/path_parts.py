@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 ACROSS = "across the path"
 _MAX_POINTS_SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
+_MAX_BREAKS = 3  # that the lead describes
 _GAIN_TOLERANCE = 5e-4  # of a standard deviation: what no report tells apart
 _STATUS = {"optimal": "Best motion along", "feasible": "Best motion found along", "infeasible": "No motion along"}
 
@@ -33,7 +34,11 @@ def path_lead(found: Solution) -> tuple[str, ...]:
     return (
         f"Largest standard deviation {ACROSS}: {critical_size(found.critical)}, "
         f"{point_words(found, found.worst_index)} of {count(len(found.stations), 'point')}.",
-        *(map(break_words, found.breaks) if found.breaks else (f"Between listed points, {moved_words(found)}.",)),
+        *(
+            map(break_words, found.breaks[:_MAX_BREAKS])
+            if found.breaks
+            else (f"Between listed points, {moved_words(found)}.",)
+        ),
         *_closed_words(found),
         *_speed_words(found),
     )

@@ -66,6 +66,8 @@ class Task(Spec):
     """Tool axis along the direction: where the arm can, always (else an error), or not asked for."""
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
+    touches: ClassVar[bool] = True
+    """Whether the tool touches its target: programs come to it and leave it on a line."""
     direction_name: ClassVar[str] = "task direction"
     """What reports and figures call ``direction``: the spread is across or along it."""
 
