@@ -80,7 +80,8 @@ class Scene:
         margin: least distance to keep [m].
         own: pairs of capsules that are checked against each other.
         against: for each obstacle the capsules that are checked against it.
-        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have.
+        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have; below
+            zero for an assumed tool, by its radius.
         left_out: names of the pairs that overlap whatever the posture, which are not checked.
         mounting: the surface that the arm stands on; None where there is none.
         assumed: whether the shape is not known, and capsules along the links are taken in its place.
@@ -127,13 +128,17 @@ class Scene:
         assumed = bool(stand_ins)
         free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
         capsules = stand_ins + robot.shape
+        stated = len(capsules)
         capsules += tool_capsule(robot, free_end) if capsules else ()
         placed = PlacedCapsules(robot, capsules)
         known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
         pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
         # The first link turns on what the arm stands on, so the mounting plane is none of its.
         exposed = [moving_capsules(placed, int(standing and k == len(asked.obstacles))) for k in range(len(obstacles))]
-        own = checked_own(placed, pairs, asked.clearance)
+        # Of a tool whose radius nobody states, the axis alone must not pass through the arm.
+        assumes = robot.tool_radius is None and not guessed
+        unsure = np.array([c.radius * (assumes and k >= stated) for k, c in enumerate(capsules)])
+        own = checked_own(placed, pairs, asked.clearance, unsure)
         others = [
             checked_against(
                 placed, obstacle, chosen, asked.clearance, obstacle.name == MOUNTING_PLANE or carries(robot, obstacle)
@@ -198,7 +203,7 @@ class Scene:
         return tuple(
             (names, distance)
             for names, distance in zip(self.pairs, self.required, strict=True)
-            if distance < self.margin
+            if 0 <= distance < self.margin
         )
 
     @cached_property
