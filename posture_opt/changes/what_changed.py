@@ -278,8 +278,10 @@ def _details(found: Recheck) -> Iterator[Statement]:
 def _inspections(found: Recheck) -> Iterator[Statement]:
     """What to look at on the arm: of everything that may be the one change."""
     either = (found.changes[0], *found.shared)
-    for what, name in {_inspection(found, change): change.name for change in reversed(either)}.items():
-        yield state("changes.inspect", name, what=what)
+    names: dict[str, str] = {}
+    for change in either:
+        names.setdefault(_inspection(found, change), change.name)
+    yield from (state("changes.inspect", name, what=what) for what, name in names.items())
     effects = (change.possible.effect for change in either)
     if found.data.payload is None and any(e is not None and "payload" in e.asks for e in effects):
         yield state("changes.payload-unstated", payload=found.problem.arm.inputs.payload)

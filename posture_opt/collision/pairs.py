@@ -80,17 +80,20 @@ def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
     )
 
 
-def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float) -> Checked:
+def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float, assumed: Array) -> Checked:
     """What is checked of pairs of capsules of an arm.
 
     Args:
         placed: the capsules of the arm; ``pairs`` (k,) of them.
         clearance: least distance to keep [m].
+        assumed: (c,) what of each radius is assumed [m]: by that two bodies may overlap.
     """
     if not pairs:
         return Checked((), (), ())
     found = own_distances(placed, *placed.segments(random_postures(placed, _POSTURE_COUNT)), pairs)
-    return checked_pairs(found, clearance, np.ones(len(pairs), dtype=bool))
+    more = assumed[np.array(pairs)].sum(axis=1)
+    checked = checked_pairs(found + more, clearance, np.ones(len(pairs), dtype=bool))
+    return checked._replace(required=tuple((np.array(checked.required) - more[list(checked.chosen)]).tolist()))
 
 
 def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Sequence[Pair]) -> Array:

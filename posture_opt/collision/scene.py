@@ -48,6 +48,8 @@ _FREE_END_RADII = 2.0
 leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
+_SHORT_LINK_M = 0.01
+"""Offset [m] of a link that its neighbours hide: corrections alone are shorter."""
 _SURFACE_M = 1e-4
 """Depth [m] up to which a point is on the surface of a solid, and not inside of it."""
 
@@ -79,7 +81,8 @@ class Scene:
         margin: least distance to keep [m].
         own: pairs of capsules that are checked against each other.
         against: for each obstacle the capsules that are checked against it.
-        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have.
+        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have; below
+            zero for an assumed tool, by its radius.
         left_out: names of the pairs that overlap whatever the posture, which are not checked.
         mounting: the surface that the arm stands on; None where there is none.
         assumed: whether the shape is not known, and capsules along the links are taken in its place.
@@ -126,13 +129,17 @@ class Scene:
         assumed = bool(stand_ins)
         free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
         capsules = stand_ins + robot.shape
+        stated = len(capsules)
         capsules += tool_capsule(robot, free_end) if capsules else ()
         placed = PlacedCapsules(robot, capsules)
         known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
         pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
         # The first link turns on what the arm stands on, so the mounting plane is none of its.
         exposed = [moving_capsules(placed, int(standing and k == len(asked.obstacles))) for k in range(len(obstacles))]
-        own = checked_own(placed, pairs, asked.clearance)
+        # Of a tool whose radius nobody states, the axis alone must not pass through the arm.
+        assumes = robot.tool_radius is None and not guessed
+        unsure = np.array([c.radius * (assumes and k >= stated) for k, c in enumerate(capsules)])
+        own = checked_own(placed, pairs, asked.clearance, unsure)
         others = [
             checked_against(
                 placed, obstacle, chosen, asked.clearance, obstacle.name == MOUNTING_PLANE or carries(robot, obstacle)
@@ -197,7 +204,7 @@ class Scene:
         return tuple(
             (names, distance)
             for names, distance in zip(self.pairs, self.required, strict=True)
-            if distance < self.margin
+            if 0 <= distance < self.margin
         )
 
     @cached_property
@@ -209,7 +216,7 @@ class Scene:
         empty = [
             joint.name
             for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
-            if joint.name not in shaped and any(f.kind == "translate" and f.nominal for f in link)
+            if joint.name not in shaped and any(f.kind == "translate" and abs(f.nominal) > _SHORT_LINK_M for f in link)
         ]
         return self.robot.unshaped or (() if self.assumed else tuple(empty))
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from posture_opt.collision.nearest import Clearance
-from posture_opt.compensation.compensation_statements import cautions, compensation_statements
+from posture_opt.compensation.compensation_statements import JUMP_RAD, cautions, compensation_statements
+from posture_opt.compensation.configuration_choice import changes_of
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
@@ -18,6 +19,7 @@ from posture_opt.csv_text import csv_line
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
+from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.statements import Statement
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
@@ -26,6 +28,15 @@ from posture_opt.units import fixed
 _LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
 Origin = Literal["given", "given as targets", "first row", "task"]
 """Where the joint values of targets come from."""
+
+
+class ConfigurationChange(NamedTuple):
+    """The line that the arm leaves for another in another configuration, and how far [rad] a joint moves at most."""
+
+    first: int
+    last: int
+    joint: str
+    moved: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,6 +52,7 @@ class Compensation(Result):
         reached: (N,) whether the arm comes to the target; ``reasons`` row -> why it is refused, where that is known.
         remarks: on where the postures come from.
         before: what is expected with ``near``; after: with ``q``.
+        side: (N, n) +1 where a joint arrives with increasing values, −1 with decreasing ones, 0 where unknown.
         unsettled: (N, n) joints that hardly move, so that rounding decides from which side they arrive.
     """
 
@@ -55,6 +67,7 @@ class Compensation(Result):
     remarks: tuple[Statement, ...]
     before: ExpectedMiss
     after: ExpectedMiss
+    side: Array
     unsettled: Mask
 
     def __len__(self) -> int:
@@ -152,6 +165,7 @@ class Compensation(Result):
             "off_rms": rms(self.off),
             "left_rms": rms(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
+            "configuration_changes": [change._asdict() for change in self.changes],
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.q)],
             "notes": list(self.notes),
@@ -171,6 +185,23 @@ class Compensation(Result):
     def statements(self) -> tuple[Statement, ...]:
         """What the compensation has to say, the answer first."""
         return compensation_statements(self)
+
+    @cached_property
+    def changes(self) -> tuple[ConfigurationChange, ...]:
+        """From which rows to which the arm changes its configuration; of arms whose configurations have no names, where
+        a joint turns by more than 60 deg.
+        """
+        robot, steps = self.problem.robot, np.abs(np.diff(self.q, axis=0))
+        turns = np.array([joint.type == "revolute" for joint in robot.joints])
+        named = any(configurations(robot, self.q[:1]))
+        far = np.flatnonzero((steps * turns).max(axis=1, initial=0.0) >= JUMP_RAD).tolist()
+        rows = changes_of(robot, self.q) if named else far
+        joints = [int(np.argmax(steps[k] * turns)) for k in rows]
+        lines = self.targets.line
+        return tuple(
+            ConfigurationChange(int(lines[k]), int(lines[k + 1]), robot.joint_names[j], float(steps[k, j]))
+            for k, j in zip(rows, joints, strict=True)
+        )
 
     @property
     def origin(self) -> Origin:

@@ -17,7 +17,7 @@ from posture_opt.statements.notation import listed_lines
 if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation
 
-_JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
+JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
 _LARGE_CHANGE_RAD = math.radians(5.0)  # of a joint by compensation: as near a singular posture
 _LENGTH_ROUNDING_M = 1e-9
 _UNCERTAIN_SHARE = 0.8  # of what was off: as much left is no gain
@@ -60,15 +60,19 @@ def _large_change(found: Compensation) -> list[Statement]:
 
 
 def _jumps(found: Compensation) -> list[Statement]:
-    """The largest move of a joint from one row to the next, where the arm changes its configuration there."""
-    turning = [k for k, joint in enumerate(found.problem.robot.joints) if joint.type == "revolute"]
-    steps = np.abs(np.diff(found.q, axis=0))[:, turning]
-    if found.targets.near is not None or not steps.size or steps.max() < _JUMP_RAD:
+    """Where the arm changes its configuration, with the joint that moves most."""
+    if found.targets.near is not None:
         return []
-    row, joint = np.unravel_index(int(np.argmax(steps)), steps.shape)
-    first, last = (int(line) for line in found.targets.line[row : row + 2])
-    name, moved = found.problem.robot.joint_names[turning[joint]], Quantity(float(steps[row, joint]), "joint angle")
-    return [state("compensation.configuration-change", name, moved=moved, first=first, last=last)]
+    return [
+        state(
+            "compensation.configuration-change",
+            one.joint,
+            moved=Quantity(one.moved, "joint angle"),
+            first=one.first,
+            last=one.last,
+        )
+        for one in found.changes
+    ]
 
 
 def _uncertain_sides(found: Compensation) -> list[Statement]:

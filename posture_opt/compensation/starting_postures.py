@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from posture_opt.compensation.configuration_choice import in_fewest_configurations
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
 from posture_opt.compensation.targets import Targets
 from posture_opt.compensation.task_postures import Found, TaskPostures
@@ -85,6 +86,7 @@ def _near_plan(problem: ProblemData, wanted: Poses) -> StartingPostures:
     for row, p in enumerate(wanted.position):
         R = None if wanted.rotation is None else wanted.rotation[row]
         found.append(search.at(p, R, found[-1].q if found else None))
+    found = in_fewest_configurations(search, found, wanted.position, wanted.rotation)
     kept = np.array([one.q for one in found])
     refused = {row: one.reason for row, one in enumerate(found) if one.reason}
     aim = wanted if wanted.rotation is not None else _axis_held(problem, wanted, kept, as_reached=True)

@@ -14,7 +14,7 @@ from posture_opt.model.effects.base.joint_effect import CATALOGUE_AMPLITUDE, Har
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
-    from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.diagnosis.causes.sessions import SecondSession
 
 _EQUAL_CYCLES_TOLERANCE = 0.05  # of the cycles of a line, by which those of other joints are the same
 _MIN_SHARED_KINDS = 2  # in which two joints err alike by more than chance
@@ -38,18 +38,25 @@ class CauseAction:
     cycles: tuple[float, float] = (0.0, 0.0)
 
 
-def cause_actions(found: Diagnosis) -> tuple[CauseAction, ...]:
-    """The action for each cause of a diagnosis, in their order."""
-    sure = [f for f in found.effects if f.determined]
+def cause_actions(causes: Sequence[Finding], test: SecondSession | None, touches: bool) -> tuple[CauseAction, ...]:
+    """The action for each cause, in their order.
+
+    Args:
+        causes: of one diagnosis; ``test`` a test file that they are held against.
+        touches: whether the data are touched points, which no instrument reads.
+    """
+    sure = [f for f in causes if f.determined]
     alike = {
         id(finding): cycles
         for cycles, group in of_one_type([f for f in sure if f.plausible]).items()
         for finding in group
     }
-    return tuple(_action(found, finding, alike.get(id(finding))) for finding in found.effects)
+    return tuple(_action(finding, alike.get(id(finding)), test, touches) for finding in causes)
 
 
-def _action(found: Diagnosis, finding: Finding, cycles: tuple[float, float] | None) -> CauseAction:
+def _action(
+    finding: Finding, cycles: tuple[float, float] | None, test: SecondSession | None, touches: bool
+) -> CauseAction:
     """The action for one cause; the first reason that applies counts."""
     if not finding.determined:
         return CauseAction("measure", "open_size")
@@ -59,25 +66,19 @@ def _action(found: Diagnosis, finding: Finding, cycles: tuple[float, float] | No
         return CauseAction("compensate", "one_type", cycles)
     if _as_in_catalogues(finding):
         return CauseAction("compensate", "size_of_catalogues")
-    if unconfirmed(found, finding):
+    if unconfirmed(finding, test):
         return CauseAction("confirm", "unconfirmed")
-    if _like_instrument(found, finding):
+    if not touches and any(isinstance(rival, InstrumentField) for rival in finding.confounded_with):
         return CauseAction("check_instrument", "like_instrument")
     return CauseAction("inspect")
 
 
-def unconfirmed(found: Diagnosis, finding: Finding) -> bool:
+def unconfirmed(finding: Finding, test: SecondSession | None) -> bool:
     """Whether it is not sure that a cause predicts the test file better; false of what is not tested there."""
-    if found.test is None or finding.place is None or not any(found.test.gains):
+    if test is None or finding.place is None or not any(test.gains):
         return False
-    gain = found.test.gains[finding.place]
+    gain = test.gains[finding.place]
     return gain is not None and gain.low <= 0
-
-
-def _like_instrument(found: Diagnosis, finding: Finding) -> bool:
-    """Whether the instrument could err like a cause; never of touched points, of which none is read."""
-    rivals = finding.confounded_with
-    return not found.request.data.touches and any(isinstance(rival, InstrumentField) for rival in rivals)
 
 
 def _as_in_catalogues(finding: Finding) -> bool:
@@ -123,14 +124,16 @@ def _alike(one: tuple[float, float, Finding], other: tuple[float, float, Finding
     return low - high < max(_EQUAL_CYCLES_TOLERANCE * high, apart)
 
 
-def shared_by_neighbours(found: Diagnosis) -> list[tuple[tuple[str, str], list[Finding]]]:
-    """Neighbouring joints that err alike in several ways at once, and these causes in pairs.
+def shared_by_neighbours(
+    causes: Sequence[Finding], names: Sequence[str]
+) -> list[tuple[tuple[str, str], list[Finding]]]:
+    """Neighbouring joints, of these names, that err alike in several ways at once, and these causes in pairs.
 
     Alike is a size of the same kind and sign that is the same within 1.96 of its standard errors, and not zero.
     """
     shared = []
-    for joints in pairwise(found.request.data.joint_names):
-        own = [[f for f in found.effects if f.determined and f.target == joint and f.effect] for joint in joints]
+    for joints in pairwise(names):
+        own = [[f for f in causes if f.determined and f.target == joint and f.effect] for joint in joints]
         pairs = [(a, b) for a, b in combinations((*own[0], *own[1]), 2) if a.target != b.target and _of_one_size(a, b)]
         if len(pairs) >= _MIN_SHARED_KINDS:
             shared.append((joints, [finding for pair in pairs for finding in pair]))

@@ -65,7 +65,7 @@ def cause_statements(found: Diagnosis) -> list[Statement]:
     for finding in [] if found.overfitted else looked_at:
         (number,), what = numbers_of(found, [finding]), finding.inspect(found.problem.robot)
         said.append(state("diagnosis.inspect", finding.target, number=number, what=what.rstrip(".?")))
-    for joints, shared in shared_by_neighbours(found):
+    for joints, shared in shared_by_neighbours(found.effects, found.request.data.joint_names):
         said.append(state("diagnosis.in-common", joints=joints, numbers=numbers_of(found, shared)))
     for finding, action in actions:
         if action.reason == "implausible":

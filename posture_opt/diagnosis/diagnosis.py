@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.weights import Reading
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
@@ -20,6 +19,7 @@ from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
 from posture_opt.calibration.start_up import StartUp, start_up
+from posture_opt.calibration.weights import Reading
 from posture_opt.diagnosis.cause_actions import CauseAction, cause_actions
 from posture_opt.diagnosis.cause_statements import geometric
 from posture_opt.diagnosis.causes.causes import (
@@ -182,7 +182,7 @@ class Diagnosis(Result):
     @cached_property
     def actions(self) -> tuple[CauseAction, ...]:
         """What is to be done about each cause, in the order of ``effects``."""
-        return cause_actions(self)
+        return cause_actions(self.effects, self.test, self.request.data.touches)
 
     @property
     def overfitted(self) -> bool:

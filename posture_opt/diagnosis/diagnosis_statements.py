@@ -87,7 +87,7 @@ def _causes(found: Diagnosis) -> list[Statement]:
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     others = [f for f in found.effects if f not in geometry and f.determined]
     causes = others or geometry
-    ordered = sorted(causes, key=lambda f: unconfirmed(found, f))
+    ordered = sorted(causes, key=lambda f: unconfirmed(f, found.test))
     few = len(causes) <= _MAX_SIZED_CAUSES
     names = [sized_words(found, f) for f in ordered] if few else _by_title(ordered)
     names += ["the geometry"] if others and geometry else []
@@ -141,10 +141,10 @@ def _unbuildable(found: Diagnosis) -> list[Statement]:
 
 
 def _far_row(found: Diagnosis) -> list[Statement]:
-    """A row that is far off its neighbours; instruments of several kinds are of different accuracy."""
+    """Within what 95 % of the rows are, and all, or a row that is far off; kinds of instruments differ in accuracy."""
     data, best = found.model.residuals.data, found.errors["extended"]
     if data.part is not None or best.max < _FAR_OFF * best.p95:
-        return []
+        return [state("diagnosis.rows-within", p95=Quantity(best.p95), most=Quantity(best.max))]
     line = data.line[int(np.argmax(np.linalg.norm(found.held["extended"].errors, axis=1)))]
     return [state("diagnosis.row-far-off", str(line), off=Quantity(best.max), p95=Quantity(best.p95))]
 

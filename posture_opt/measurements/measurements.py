@@ -14,7 +14,6 @@ from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, S
 from posture_opt.measurements.kinds.kind import Vector
 from posture_opt.measurements.readings.better_reading import BetterReading
 from posture_opt.model.arm import Arm
-from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
@@ -324,28 +323,6 @@ def still_axes(robot: Robot) -> Mask:
     # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
     extent = np.ptp(points, axis=0)
     return np.asarray(extent < _REST_TOLERANCE_M + 2 * robot.skew * extent.max())
-
-
-def inputs_of(data: Measurements, robot: Robot) -> Inputs:
-    """The inputs of effects in every row: temperature above the reference [K], time since the first row [s] or row
-    number.
-    """
-    from posture_opt.measurements.motion import joint_speeds, moves
-
-    n = len(data)
-    return Inputs(
-        speed=list(joint_speeds(data).T) if moves(data) else (),
-        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
-        approach=list(data.approach.T),
-        approach_length=list(data.approach_length.T),
-        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
-        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
-    )
-
-
-def arm_for(arm: Arm, data: Measurements) -> Arm:
-    """The arm under the inputs of every row; all sides of approach count as stated."""
-    return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
 
 
 def carried_joint_values(arm: Arm, q: Array) -> Array:

@@ -366,3 +366,17 @@ def test_words_that_are_no_text_are_refused() -> None:
         result = run(*words)
         assert result.exit_code == 2
         assert r"the argument is not UTF-8" in result.stderr
+
+
+def test_targets_of_a_file_are_stated_on_the_line_too() -> None:
+    target = ("--region", "0.4 m, -0.1 m, 0.2 m to 0.5 m, 0.1 m, 0.2 m", "--tilt", "2 deg", "--tool-axis", "0, 0, 1")
+    words = ["--task", "insert", "--robot", "ur5e", *target, "--clearance", "0.2 mm", "--limit-margin", "20 deg"]
+    answer = json.loads(run(*words, "--json").stdout)
+    x, y, z = answer["tool"]["position"]
+    assert 0.4 - 1e-9 <= x <= 0.5 + 1e-9
+    assert abs(y) <= 0.1 + 1e-9
+    assert z == pytest.approx(0.2, abs=1e-9)
+    assert answer["success_probability"] > 0.99
+    wrong = run(*words[:5], "0.4 m, 0 m")
+    assert wrong.exit_code == 2
+    assert "--region.min: 2 entries, 3 expected" in wrong.stderr

@@ -180,6 +180,21 @@ def scatter_between_stays(rng: np.random.Generator) -> Case:
     return Case(document(0.01e-3), shop.table(points), unexplained=True)
 
 
+def scattering_joint(rng: np.random.Generator) -> Case:
+    """One joint scatters from visit to visit; an error that no effect has hides it, alike at every visit."""
+    shop = Shop.drawn(rng, 70, "never", (0.0,))
+    pose = _never_twice(rng, np.concatenate([np.arange(70), np.repeat(np.arange(10), 4)]))
+    shop = Shop._of(rng, shop.arm, shop.session.q[pose], pose, np.zeros(len(pose)), 45.0)
+    j, sigma = int(rng.integers(0, 3)), rng.uniform(4e-5, 1.2e-4)
+    q, poses = shop.session.q, rng.normal(0, rng.uniform(0.1e-3, 0.3e-3), (70, 3))
+    off = np.zeros_like(q)
+    off[:, j] = rng.normal(0, sigma, len(q))
+    moved = walk(shop.arm, q + off, shop.deviations).p
+    points = moved + poses[pose] + rng.normal(0, 0.012e-3, moved.shape)
+    cause = ("joint_noise", JOINTS[j])
+    return Case(document(0.012e-3), shop.table(points), causes=(cause,), sizes={cause: sigma})
+
+
 def other_sigma(rng: np.random.Generator) -> Case:
     """The instrument scatters by another factor than stated, and visits show it."""
     factor = float(rng.choice([rng.uniform(0.4, 0.6), rng.uniform(2.0, 5.0)]))
@@ -300,7 +315,8 @@ CIRCUMSTANCES: dict[str, Callable[[np.random.Generator], Case]] = {
     "clean_visits": _clean("visits"), "clean_readings": _clean("readings"), "clean_single": _clean("never"),
     "soft": soft,
     "tilting_base": tilting_base, "two_arms": two_arms, "scatter_between_stays": scatter_between_stays,
-    "other_sigma": other_sigma, "other_nest": other_nest, "hung": hung, "leaning": leaning,
+    "scattering_joint": scattering_joint, "other_sigma": other_sigma, "other_nest": other_nest, "hung": hung,
+    "leaning": leaning,
     "askew_tracker": askew_tracker, "unstated_gripper": unstated_gripper, "fahrenheit": fahrenheit, "pasted": pasted,
     "turned_sides": turned_sides,
     "late_tracker": late_tracker, "path": path,

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.collision.facets import capsule_facets
-from posture_opt.numerics import Array, turn_of
+from posture_opt.numerics import Array
 from posture_opt.problem.load import load_builtin
 from posture_opt.report.page.style import WIDTH
 from posture_opt.report.scene.arm_figure import MAX_CALLOUTS, draw_arm
@@ -63,7 +63,10 @@ def test_callouts_stand_beside_the_arm_and_their_lines_do_not_cross(preset: str,
     lines = [line.get_xydata() for line in axes.lines if line.get_linewidth() == 0.8]
     assert 2 <= len(lines) <= MAX_CALLOUTS
     for (a, b), (c, d) in combinations(lines, 2):
-        sides = [np.sign(turn_of(*three)) for three in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
+        sides = [
+            np.linalg.det(np.column_stack([three, np.ones(3)])) > 0
+            for three in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
+        ]
         assert sides[0] == sides[1] or sides[2] == sides[3]
     column = axes.transData.inverted().transform(boxes["joint 0"].extents.reshape(2, 2))[:, 0]
     assert arm_pixels(axes, column).mean() < 0.02

@@ -18,10 +18,10 @@ from posture_opt.report.figures.residuals import (
     Shown,
     _factors,
     chosen_rows,
-    exaggeration,
     plot_residual_vectors,
 )
 from posture_opt.report.page.save import OWN_FILES
+from posture_opt.report.scene.arm_geometry import enlargement
 from posture_opt.statements import Statement
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
@@ -178,7 +178,7 @@ def test_arrows_of_small_errors_have_a_scale_of_their_own() -> None:
 
 def test_arrows_are_long_enough_to_be_seen_and_short_enough_for_the_workspace() -> None:
     for size in (1e-4, 0.013, 2.0, 900.0):
-        factor = exaggeration(size, 1000.0)
+        factor = enlargement(size, 1000.0)
         assert factor == 1 or 0.06 * 1000 <= factor * size <= 0.16 * 1000
 
 

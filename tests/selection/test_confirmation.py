@@ -9,7 +9,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.robot.preset import load_preset
+from posture_opt.selection.answer import selector
 from posture_opt.selection.answer.confirmation_statement import confirmed as statements_of
+from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.search.confirmed_posture import confirmed
 from tests.helpers.said import said
 from tests.helpers.variants import conformance
@@ -146,3 +148,15 @@ def test_ipopt_finds_the_motion_along_a_path() -> None:
     assert told["agrees"] <= 1e-6
     assert told["kkt"] <= 1e-6
     assert "selection.confirmed" in said(found)
+
+
+def test_a_solver_that_goes_elsewhere_leaves_no_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """IPOPT is made to end at a worse posture: what the search found is the answer, and not called an optimum."""
+
+    def elsewhere(engine: Any, best_first: Any, target: Any, scene: Any) -> Any:
+        return list(best_first), Confirmation("ipopt", 1, 1e-9, 0.01)
+
+    monkeypatch.setattr(selector, "confirmed", elsewhere)
+    assert po.select_posture(problem_of("planar_2r", "insert")).status == "feasible"
+    monkeypatch.undo()
+    assert po.select_posture(problem_of("planar_2r", "insert")).status == "optimal"

@@ -18,6 +18,7 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     NoiseCandidate,
     fit_tails,
     score_stated_sigma,
+    score_uneven_noise,
     standardised_residuals,
 )
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
@@ -68,6 +69,9 @@ def noise_causes(
     if not position_sigma(problem, model.residuals.data) or found:
         return found, uneven
     quantities, repeated = _quantities(problem, model.residuals), samples.repeated
+    joint = None if repeated is None else _scattering_joint(repeated, seed)
+    if joint is not None:
+        return [*found, joint], uneven
     for quantity in quantities:
         e = np.zeros((0, 1)) if repeated is None else quantity.of(repeated.e)
         wrong = quantity.wrong_sigma(e, e.size) if e.size else None
@@ -76,6 +80,17 @@ def noise_causes(
         mixed = model.residuals.data.part is not None
         uneven += _wrong_instruments(problem, model) if mixed else _excess_errors(problem, model, quantities, repeated)
     return found, uneven
+
+
+def _scattering_joint(repeated: NoiseSample, seed: int) -> NoiseCause | None:
+    """The joint along which repeats scatter, where structure hides that in all rows; None where none is clear.
+
+    What scatters along a joint is that joint's, and no wrong σ of the instrument.
+    """
+    found = score_uneven_noise(repeated.e, repeated.rows, seed)
+    if not found or not found[0].of_arm or found[0].p_value > levels.FURTHER_NOISE_LEVEL:
+        return None
+    return NoiseCause(found[0].named(), found[0].estimate, found[0].p_value)
 
 
 def _excess_errors(

@@ -10,7 +10,7 @@ from posture_opt.statements import Quantity, Statement, state
 
 
 @dataclass(frozen=True)
-class Alternative:
+class ReadingWords:
     """One reading in words.
 
     Args:
@@ -36,8 +36,8 @@ class BetterReading:
         usable: whether the data can be used as given.
     """
 
-    reading: Alternative
-    alike: Sequence[Alternative]
+    reading: ReadingWords
+    alike: Sequence[ReadingWords]
     left: tuple[float, float]
     turned: tuple[float, float] | None
     usable: bool

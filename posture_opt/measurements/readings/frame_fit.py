@@ -76,7 +76,7 @@ class FrameFit:
     Args:
         scatter: robust standard deviation of the residuals, in units of the stated one.
         left: RMS of the positions [m]; turned: of the orientations [rad], 0 without.
-        strain: largest deviation of a part of the arm from nominal, in its standard deviations.
+        strain: length of the vector of deviations of parts from nominal, in their standard deviations.
         shift: how far the tool point comes to lie from where the file starts it [m].
         scale: factor of the measured lengths.
     """
@@ -110,7 +110,7 @@ def frame_fit(sample: Sample, scaled: bool = False, rounds: int = _ROUNDS) -> Fr
     freedom = max(error.size - float(np.trace(np.linalg.solve(H, A.T @ A))), 1.0)
     split = error[:, : len(state.axes)] * sample.sigma, error[:, len(state.axes) :] * sample.turn
     left, turned = (float(np.median(np.linalg.norm(part, axis=1))) if part.size else 0.0 for part in split)
-    strain = float(np.max(np.abs(state.x) / state.tolerance, initial=0.0))
+    strain = float(np.linalg.norm(state.x / state.tolerance))
     scatter = _robust(size, block) * float(np.sqrt(error.size / freedom))
     return FrameFit(max(scatter, _LEAST_SCATTER), left, turned, strain, float(np.linalg.norm(state.t)), state.scale)
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from posture_opt.measurements.affine_fit import reach, sample_rows
 from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses
-from posture_opt.measurements.readings.better_reading import Alternative, BetterReading
+from posture_opt.measurements.readings.better_reading import BetterReading, ReadingWords
 from posture_opt.measurements.readings.frame_fit import FrameFit, Sample, frame_fit
-from posture_opt.measurements.readings.readings import Reading, Rows
+from posture_opt.measurements.readings.readings import FileRows, Reading
 from posture_opt.measurements.rotations import rotation_matrices
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
@@ -22,13 +22,11 @@ _MAX_ROWS = 60
 _FITTED = 40
 """Readings that are fitted, the best of the linear screening."""
 _SCREENED_ROWS = 26
-"""Rows from which on a linear map of 13 columns says something."""
+"""FileRows from which on a linear map of 13 columns says something."""
 _GIVEN_ROUNDS = 12
 """Gauss-Newton steps for the columns as given, which must not lose by a poor start."""
 _QUIET = 2.0
 """Stated standard deviations of scatter up to which data fit and no other reading is looked for."""
-_STRAIN, _STRAIN_RATIO = 5.0, 4.0
-"""Standard deviations of a part beyond which the arm as given is not believed, and how many times less it must be."""
 _SHIFT_M = 0.02
 """Of the tool point from where the file starts it: of readings that fit alike, the one that moves it less is named."""
 _RATIO = 2.5
@@ -89,7 +87,7 @@ def fitting_readings(sample: Sample, arm: Arm, readings: Callable[[], Sequence[R
         readings: the list, made when it is needed: data within the noise are not doubted.
     """
     now = frame_fit(sample, rounds=_GIVEN_ROUNDS)
-    if now.scatter < _QUIET and now.strain < _STRAIN:
+    if now.scatter < _QUIET and now.strain**2 < 2 * _EVIDENCE:
         return now, []
     tried = [(r, _read(sample, r, arm)) for r in readings()]
     fits = [(r, frame_fit(read, r.scale)) for r, read in _screened(tried)]
@@ -108,7 +106,8 @@ def fitting_readings(sample: Sample, arm: Arm, readings: Callable[[], Sequence[R
 
 def _relieves(fit: FrameFit, given: FrameFit) -> bool:
     """Whether an arm within tolerances explains with this reading what takes one beyond them as given."""
-    return given.strain > _STRAIN and fit.strain * _STRAIN_RATIO < given.strain and fit.scatter <= given.scatter
+    gained = (given.strain**2 - fit.strain**2) / 2
+    return gained > _EVIDENCE and 2 * fit.strain < given.strain and fit.scatter < _ALIKE * given.scatter
 
 
 def better_reading(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Reading]]) -> BetterReading | None:
@@ -124,7 +123,7 @@ def better_reading(sample: Sample, arm: Arm, readings: Callable[[], Sequence[Rea
     return BetterReading(_words(reading, found), others[:_MAX_ALIKE], (now.left, found.left), turned, usable)
 
 
-def _words(reading: Reading, fit: FrameFit) -> Alternative:
+def _words(reading: Reading, fit: FrameFit) -> ReadingWords:
     """The reading in words, a scale with its size."""
     message, hint = reading.message, reading.hint
     if reading.scale:
@@ -132,12 +131,12 @@ def _words(reading: Reading, fit: FrameFit) -> Alternative:
         hint = (
             f"is the board {1 / fit.scale:.4g} times the size that was entered? else divide x, y, z by {fit.scale:.5g}"
         )
-    return Alternative(reading.id, message, hint, reading.column)
+    return ReadingWords(reading.id, message, hint, reading.column)
 
 
 def _read(sample: Sample, reading: Reading, arm: Arm) -> Sample:
     """The sample with its columns read otherwise."""
-    rows = reading.of(Rows(sample.commanded, sample.position, sample.rotation))
+    rows = reading.of(FileRows(sample.commanded, sample.position, sample.rotation))
     return replace(sample, q=carried_joint_values(arm, rows.q), position=rows.position, rotation=rows.rotation)
 
 

@@ -18,7 +18,7 @@ _ZEROS_DEG = (90, -90, 180)
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class FileRows:
     """What a reading changes, of m postures.
 
     Args:
@@ -49,7 +49,7 @@ class Reading:
     message: str
     hint: str
     column: str
-    of: Callable[[Rows], Rows]
+    of: Callable[[FileRows], FileRows]
     changes: int = 1
     scale: bool = False
     coupling: tuple[str, str, float] | None = None
@@ -94,7 +94,7 @@ def coupling_readings(robot: Robot) -> Iterator[Reading]:
             message = f"{names[b]} counts in the opposite direction and from {names[a]}"
             line = f"data: {{joint_signs: {{{names[b]}: -1}}}} and {effect}"
 
-        def of(rows: Rows, a: int = a, b: int = b, sign: float = sign, ratio: float = ratio) -> Rows:
+        def of(rows: FileRows, a: int = a, b: int = b, sign: float = sign, ratio: float = ratio) -> FileRows:
             q = rows.q.copy()
             q[:, b] = sign * q[:, b] + ratio * q[:, a]
             return replace(rows, q=q)
@@ -133,7 +133,7 @@ def axis_readings(named: list[str], base_free: bool) -> Iterator[Reading]:
         maps = [("two of the columns are swapped, or one has the opposite sign", {every[0]: (every[0], -1.0)})]
     for guess, changed in maps:
 
-        def of(rows: Rows, changed: dict[int, tuple[int, float]] = changed) -> Rows:
+        def of(rows: FileRows, changed: dict[int, tuple[int, float]] = changed) -> FileRows:
             assert rows.position is not None, "coordinates are measured"
             position = rows.position.copy()
             for i, (j, sign) in changed.items():
@@ -152,8 +152,8 @@ def orientation_readings(given: OrientationColumns, inverted: bool) -> Iterator[
         inverted: whether poses were inverted after reading.
     """
 
-    def turned(quaternions: Array) -> Callable[[Rows], Rows]:
-        def of(rows: Rows) -> Rows:
+    def turned(quaternions: Array) -> Callable[[FileRows], FileRows]:
+        def of(rows: FileRows) -> FileRows:
             if not inverted or rows.position is None or rows.rotation is None:
                 return replace(rows, rotation=quaternions)
             as_read = inverted_poses(rows.position, rows.rotation)[0]
@@ -170,7 +170,7 @@ def orientation_readings(given: OrientationColumns, inverted: bool) -> Iterator[
 def direction_reading(camera: bool, inverted: bool) -> Reading:
     """Every pose inverted: the camera in the board for the board in the camera, the base in the tool."""
 
-    def of(rows: Rows) -> Rows:
+    def of(rows: FileRows) -> FileRows:
         assert rows.position is not None, "poses are inverted"
         assert rows.rotation is not None, "poses are inverted"
         position, rotation = inverted_poses(rows.position, rows.rotation)
@@ -190,7 +190,7 @@ def _of_joints(
 ) -> Reading:
     """Joint i as ``factor · q_j + offset``, of ``changed`` i -> (j, factor, offset)."""
 
-    def of(rows: Rows) -> Rows:
+    def of(rows: FileRows) -> FileRows:
         q = rows.q.copy()
         for i, (j, factor, offset) in changed.items():
             q[:, i] = factor * rows.q[:, j] + offset

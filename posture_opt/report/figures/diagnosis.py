@@ -37,6 +37,8 @@ _MIN_BIN_ROWS = 5  # rows of such a bin
 
 _MAX_JOINTS = 6  # joints
 _OPEN_COLOUR = "#8c8c8c"  # grey with enough contrast for text
+_BEFORE = "without this joint's periodic errors in the model"
+_AFTER = "with all causes in the model: what is left above the dashed line is unexplained"
 _CYCLE_TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 
 
@@ -113,17 +115,18 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         mine = [s for s in chosen if s.what.spectral_lines and s.target == name]
         before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
         cycles, share = _spectrum(found, before, joint)
-        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
+        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label=_BEFORE, zorder=3)
         cycles, share = _spectrum(found, after, joint)
-        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        null = f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
+        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label=_AFTER, zorder=4)
+        null = f"significant: {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach it by chance"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, mark in enumerate(sorted(_marks(found, name))):
             _mark(axes, *mark, k)
-        axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
+        axes.set(title=name, ylabel="share explained [%]", xscale="log", ylim=(0, None))
     grid[-1].set_xticks(_CYCLE_TICKS, [f"{t:g}" for t in _CYCLE_TICKS])
     grid[-1].minorticks_off()
-    grid[-1].set_xlabel("cycles per revolution")
+    grid[-1].set_xlabel("cycles per revolution of the joint")
+    figure.suptitle("Share of the errors left that one sine wave in a joint's angle explains")
     legend_below(figure)
     return figure
 

@@ -29,8 +29,8 @@ _MAX_PAIRS = 8
 
 
 def batch_blocks(found: Batch) -> tuple[Block, ...]:
-    """Data, errors robot by robot, variation across the batch, correlations."""
-    return _data_block(found), _errors_block(found), _spread_block(found), _pairs_block(found)
+    """Variation across the batch, correlations, errors robot by robot, data."""
+    return _spread_block(found), _pairs_block(found), _errors_block(found), _data_block(found)
 
 
 def _data_block(found: Batch) -> Block:

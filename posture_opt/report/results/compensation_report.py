@@ -14,8 +14,8 @@ import numpy as np
 
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
-from posture_opt.report.figures.compensation import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
+from posture_opt.report.figures.row_errors import plot_compensation
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files

@@ -113,7 +113,7 @@ def observability_block(plan: MeasurementPlan) -> Block:
     names = plan.after.observability
     rows = tuple((f"{n}, {_INDEX_WORDS[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
     text = "Of the Jacobian, scaled so that each parameter moves the tool point equally; larger is better."
-    return Block("Observability", (text, Table(("index", *_STAGES), rows)))
+    return Block("Observability", (text, Table(("index", *_STAGES), rows)), brief=())
 
 
 def _index(value: float) -> str:
@@ -139,7 +139,7 @@ def postures_block(plan: MeasurementPlan) -> Block:
     table = Table(("no.", *headers, "x [mm]", "y [mm]", "z [mm]", *what), rows, text_columns=0, views=views)
     travel = f"{angle(plan.tour.travel)} in this order, {angle(plan.tour.unordered)} as selected"
     facts = [Facts((("Joint travel", travel),))] if len(plan.q) > 1 else []
-    return Block("Postures, in the order of measurement", (*facts, table, *more))
+    return Block("Postures, in the order of measurement", (*facts, table, *more), stays=True)
 
 
 def points_csv(plan: MeasurementPlan) -> str:
@@ -170,9 +170,9 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """What is planned, what it brings, the parameters, the postures in order."""
+        """What it brings, the postures in order, the parameters, what is planned."""
         plan = self.result
-        makers = (planned_block, gain_block, parameters_block, observability_block, postures_block)
+        makers = (gain_block, postures_block, parameters_block, planned_block, observability_block)
         return Document(self.problem.name or "Measurement plan", plan.statements, tuple(make(plan) for make in makers))
 
     def drawings(self) -> Drawings:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.errors import enumerated
-from posture_opt.report.figures.recheck import plot_recheck_changes, plot_recheck_rows
+from posture_opt.report.figures.row_errors import plot_recheck_changes, plot_recheck_rows
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import note_facts, robot_facts

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Mask, round_below
 from posture_opt.report.page.colours import GREY, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import WIDTH, Look
 from posture_opt.report.scene.arm_geometry import ARROW_SHARE, ArmGeometry
 from posture_opt.report.scene.arm_solids import COLOURS, Solid
-from posture_opt.report.scene.shaded_picture import Camera, best_camera, grid_step, picture_of
+from posture_opt.report.scene.shaded_picture import Camera, best_camera, picture_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,7 +87,7 @@ def draw_arm(
         axes.plot(*np.array([start, at]).T, color="#404040", lw=0.8, marker="o", ms=2.5, markevery=[1], zorder=6.5)
         shown = axes.text(edge, start[1], text, va="center", ha=ha, zorder=8, linespacing=1.1)
         shown.set_bbox({"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 1})
-    _axes_and_scale(axes, camera, grid_step(geometry.extent), left)
+    _axes_and_scale(axes, camera, round_below(geometry.extent / 5), left)
     taken, column = arm.copy(), np.array([[left - _EDGE, 0], [left + _COLUMN + _EDGE, height]]) / size
     for at in (column, *(camera.shares(mark.points) for mark in marks)):
         (x0, y0), (x1, y1) = np.stack([np.nanmin(at, axis=0), np.nanmax(at, axis=0)]) * taken.shape[::-1]

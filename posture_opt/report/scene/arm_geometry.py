@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from posture_opt.collision.facets import quads, rectangle
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, round_below
 from posture_opt.report.scene.arm_solids import ArmSolids, Solid
 from posture_opt.report.text.words import REGIONS
 from posture_opt.statements.notation import stated_length
@@ -233,11 +233,7 @@ def extent_of(points: Array) -> float:
 
 def enlargement(size: float, extent: float) -> float:
     """The round factor (1, 2, 5, 10, 20, …) that brings ``size`` [m] nearest below a sixth of ``extent`` [m]."""
-    if size <= 0:
-        return 1.0
-    wanted = max(_REGION_SHARE * extent / size, 1.0)
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
+    return round_below(max(_REGION_SHARE * extent / size, 1.0)) if size > 0 else 1.0
 
 
 def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:

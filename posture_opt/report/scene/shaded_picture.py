@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.numerics import Array, Codes, Mask, round_below
 from posture_opt.report.page.style import WIDTH
 from posture_opt.report.scene.arm_solids import COLOURS, Solid
 
@@ -201,7 +201,7 @@ def picture_of(
         above = lit[row, column] > sunlight.project(world)[:, 2] + 1e-3 * extent
         return np.where(above, _SHADOW, 1.0)
 
-    ground, step = _ground_depth(camera, axes, offset, (rows, columns)), grid_step(extent)
+    ground, step = _ground_depth(camera, axes, offset, (rows, columns)), round_below(extent / 5)
     everywhere = np.ones(ground.shape, dtype=bool)
     place = _world(camera, ground, everywhere) @ axes.T / step
     lines = np.any(np.abs(place - np.round(place)) * step < _GRID_HALF_WIDTH * extent, axis=1)
@@ -256,16 +256,6 @@ def _coarse_depth(view: Camera, points: Array) -> Array:
     column, row = (view.shares(points)[inside] * _COARSE).astype(int).T
     np.maximum.at(depth, (row, column), view.project(points)[inside, 2])
     return depth
-
-
-def grid_step(extent: float) -> float:
-    """The round distance of the lines on the ground [m], about a fifth of the arm's extent.
-
-    >>> grid_step(1.2)
-    0.2
-    """
-    power = 10.0 ** math.floor(math.log10(extent / 5))
-    return max(step * power for step in (1, 2, 5) if step * power <= extent / 5 * (1 + 1e-9))
 
 
 def _screen(camera: Camera, shape: tuple[int, ...]) -> tuple[Array, Array]:

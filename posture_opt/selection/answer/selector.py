@@ -327,7 +327,8 @@ class PostureSelector:
         if not by_starts and not by_sweep:
             notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
-        status: Status = "optimal" if best.optimal else "feasible"
+        refuted = confirmation is not None and confirmation.refutes
+        status: Status = "optimal" if best.optimal and not refuted else "feasible"
         seen = np.vstack([best.q, found.sampled.Q])
         return Solution(
             self._problem, problem, found.target, status, best.q, statistics, np.array([c.q for c in optima]), notes,

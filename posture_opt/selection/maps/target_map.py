@@ -20,7 +20,7 @@ from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.maps.confirmed_cells import confirmed_cells
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_collisions import clear_candidates
+from posture_opt.selection.maps.map_collisions import clear_candidates, in_the_way
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_rounds import worked_on
@@ -211,10 +211,14 @@ def _mapped(
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
     searched, cleared, spread = _parts(progress, len(targets), problem.scene.active)
     candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=searched)
+    unguarded = [candidate.best for candidate in candidates]
     candidates = clear_candidates(
         problem.scene, selector.clear_engine, targets, candidates, pairs, pool, seed=seed, progress=cleared
     )
-    map_points = _points(pool, engines[0], targets, candidates, spread)
+    map_points = [
+        found if found.feasible or best is None else replace(found, blocked_by=in_the_way(problem.scene, best.q))
+        for found, best in zip(_points(pool, engines[0], targets, candidates, spread), unguarded, strict=True)
+    ]
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):

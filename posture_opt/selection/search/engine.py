@@ -185,7 +185,7 @@ class Engine(DerivedAgain):
 
     def screened(self, Q: Array, parameters: Array) -> list[CandidatePosture]:
         """The postures (N, n) as candidates for the target of ``parameters`` (p,), or of one row (N, p) each."""
-        return [CandidatePosture(q, *row) for q, row in zip(Q, self._values(Q, parameters).tolist(), strict=True)]
+        return [CandidatePosture(*row) for row in zip(Q, *self._values(Q, parameters).T.tolist(), strict=True)]
 
     def _values(self, Q: Array, parameters: Array) -> Array:
         """(N, 3) objective, worst violation of a row and σ_max [m] of the postures (N, n)."""
@@ -220,10 +220,8 @@ class Engine(DerivedAgain):
         """
         counts, words = np.ones(len(found.q), dtype=int) if count is None else count, ("not converged", "converged")
         ends = [
-            CandidatePosture(q, cost, violation, sigma, yes, words[yes], n)
-            for (q, (cost, violation, sigma)), yes, n in zip(
-                self._tidy(found.q, target), found.optimal.tolist(), counts.tolist(), strict=True
-            )
+            CandidatePosture(*tidy, yes, words[yes], n)
+            for tidy, yes, n in zip(self._tidy(found.q, target), found.optimal.tolist(), counts.tolist(), strict=True)
         ]
         # Only where it would change the answer.
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
@@ -264,11 +262,11 @@ class Engine(DerivedAgain):
             return []
         tidy = self._tidy(np.array([candidate.q for candidate in candidates]), target)
         return [
-            CandidatePosture(q, cost, violation, sigma, given.optimal, given.message, given.count)
-            for (q, (cost, violation, sigma)), given in zip(tidy, candidates, strict=True)
+            CandidatePosture(*of, given.optimal, given.message, given.count)
+            for of, given in zip(tidy, candidates, strict=True)
         ]
 
-    def _tidy(self, Q: Array, target: TaskTarget) -> Iterator[tuple[Array, list[float]]]:
+    def _tidy(self, Q: Array, target: TaskTarget) -> Iterator[tuple[Array, float, float, float]]:
         """Tidy postures in place of Q (N, n), with their objective, violation and σ_max [m].
 
         A rounded angle is taken where neither objective nor violation gets worse by more than 1e-9.
@@ -283,7 +281,7 @@ class Engine(DerivedAgain):
         values = self._values(options, target.parameters).reshape(3, len(Q), 3)
         costs = np.any(values[:2, :, :2] > values[2, :, :2] + 1e-9, axis=2)
         chosen = np.where(costs[0], np.where(costs[1], 2, 1), 0), np.arange(len(Q))
-        return zip(options.reshape(3, *Q.shape)[chosen], values[chosen].tolist(), strict=True)
+        return zip(options.reshape(3, *Q.shape)[chosen], *values[chosen].T.tolist(), strict=True)
 
     @cached_property
     def _ends(self) -> tuple[Array, Array, Array, list[int]]:

@@ -26,6 +26,8 @@ def _confirmed(solution: Solution) -> Solution:
     given = solution.engine.candidates(solution.q[None], solution.target)[0]
     (best, *_), said = confirmed(solution.engine, [given], solution.target, solution.problem.scene)
     statistics = replace(solution.statistics, confirmation=said)
+    if said is not None and said.refutes:
+        return replace(solution, status="feasible", statistics=statistics)
     if said is None or not said.taken:
         return replace(solution, statistics=statistics)
     ended = np.vstack([best.q, solution.ended[1:]])

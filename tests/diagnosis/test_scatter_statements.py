@@ -1,4 +1,4 @@
-"""What the report of a diagnosis says of causes that stand together, and of what is left by noise."""
+"""What a diagnosis says of joints that scatter, of noise, and of postures to repeat."""
 
 from __future__ import annotations
 
@@ -9,18 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from posture_opt.report.measured_parts.causes_table import causes_table
-from posture_opt.report.measured_parts.diagnosis_errors import _beside, errors_block
-from posture_opt.report.measured_parts.diagnosis_open import _pattern_words, split_csv
-from posture_opt.report.measured_parts.diagnosis_sizes import NoiseFloor, largest_scatter, like_noise, noise_floor
 
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.report.measured_parts.error_table import rows_words
-from posture_opt.report.results.diagnosis_report import _rest, diagnosis_report
-from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.text import render
-from posture_opt.statements.notation import percent
+from posture_opt.report.measured_parts.split_file import split_csv
+from posture_opt.statements import Statement
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 
@@ -47,33 +41,21 @@ def diagnosed(folder: Path, visits: int) -> po.Diagnosis:
     return po.diagnose(problem, data)
 
 
-def text_of(found: po.Diagnosis) -> str:
-    return " ".join(render(diagnosis_report(found)).split())
-
-
-def test_what_each_geometric_cause_brings_is_said(noisy: po.Diagnosis) -> None:
-    text = text_of(noisy)
-    assert {f.kind for f in noisy.effects} == {"link_length", "joint_noise"}
-    gains = [f.gain for f in noisy.effects if f.kind == "link_length"]
-    assert [text.count(f"Gain reduces the RMS by {percent(gain)}, everything else fitted again") for gain in gains] == [
-        1,
-        1,
-    ]
+def said(found: po.Diagnosis) -> dict[str, Statement]:
+    return {one.id.removeprefix("diagnosis."): one for one in found.statements}
 
 
 def test_the_scatter_of_a_named_joint_is_that_of_repeats(noisy: po.Diagnosis) -> None:
-    floor = noise_floor(noisy)
+    floor = noisy.noise_floor
+    assert {f.kind for f in noisy.effects} == {"link_length", "joint_noise"}
     # The second joint stands 1 m from the tool point in every posture; 90 differences between repeats tell it to 7 %.
     assert floor.repeated
     assert floor.rms == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
-    text = text_of(noisy)
-    assert "joint2 scatters from repeat to repeat by 0." in text.partition("On rows held out")[0]
-    assert "which the file does not state" in text
-    tables = [item for item in errors_block(noisy).items if isinstance(item, Table)]
-    assert "measurement noise" in [row[0] for table in tables for row in table.rows]
-    assert f"of arm and instrument, accounts for {1e3 * floor.rms:.3f} mm" in text
-    assert "Measurement noise is the scatter of repeated postures" in text
-    assert "so nothing more can be gained" in text
+    ids = said(noisy)
+    assert ids["error-noise"].to_json()["values"]["noise"]["value"] == floor.rms
+    assert "joint2 scatters from repeat to repeat by 0." in ids["causes-explain"].text
+    assert "noise-reached" in ids
+    assert "measurement noise" in noisy.report()
 
 
 def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_path: Path) -> None:
@@ -86,36 +68,12 @@ def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_p
     (asked,) = answer["repeat"]
     assert (asked["target"], asked["times"], len(asked["lines"])) == ("joint2", 5, 5)
     assert asked["lines"] == [int(line) for line in found.repeat_plans[0].rows.line]
-    text = text_of(found)
-    asked_for = "repeat 5 postures 5 times each to tell scatter from a systematic error."
-    assert f"Errors are larger where joint2 moves the tool more: {asked_for}" in text
-    assert f"measure the postures of lines {', '.join(map(str, asked['lines']))} 5 times each" in text
-    assert "noise alone" not in text
-    assert "measurement noise" not in text
-    assert "the instrument as stated (0.02 mm in each of 2 coordinates) accounts for 0.0283 mm" in text
-
-
-@pytest.mark.parametrize(
-    ("low", "words"),
-    [
-        (
-            0.0520,
-            "; fitting 23 parameters to 240 numbers raises that to 0.0550 mm: about as large as the residual error",
-        ),
-        (0.0560, "; fitting 23 parameters to 240 numbers raises that to 0.0550 mm; the scatter of the arm itself adds"),
-        (0.0510, ": about as large as the residual error, so nothing more can be gained."),
-    ],
-)
-def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> None:
-    # 80 rows of three coordinates of 0.03 mm in 5 rounds: 0.05196 mm √(1 + 23/192) = 0.0550 mm.
-    residuals = SimpleNamespace(data=range(80), axes=range(3))
-    model = SimpleNamespace(count=23, residuals=residuals)
-    left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
-    request, groups = SimpleNamespace(folds=5), np.arange(80)
-    found: Any = SimpleNamespace(
-        errors={"extended": left}, model=model, verdict="effects_found", request=request, groups=groups
-    )
-    assert _beside(found, NoiseFloor(3e-5 * np.sqrt(3), repeated=False)).startswith(words)
+    ids = said(found)
+    assert ids["repeat-postures"].values == {"joints": ["joint2"], "postures": 5, "times": 5}
+    assert ids["repeat-plan"].about == "joint2"
+    assert ids["uneven"].about == "joint2"
+    assert "error-instrument" in ids
+    assert "measurement noise" not in found.report()
 
 
 @pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])
@@ -156,24 +114,14 @@ def test_a_joint_that_scatters_moves_the_tool_by_its_lever(noisy: po.Diagnosis) 
     (finding,) = [f for f in noisy.effects if f.noise is not None]
     # The tool point is 0.9991 m from the second joint in all postures.
     sigma = finding.estimate["sigma"][0]
-    assert largest_scatter(noisy, finding.noise) == pytest.approx(0.9991 * sigma, rel=1e-3)
-    (row,) = [row for row in causes_table(noisy).rows if "joint noise" in row[0]]
-    assert row[2] == f"σ {1e3 * 0.9991 * sigma:.3f} mm"
+    assert noisy.shift_at_tool(finding) == pytest.approx(0.9991 * sigma, rel=1e-3)
+    assert f"σ {1e3 * 0.9991 * sigma:.3f} mm" in noisy.report(full=False)
 
 
-@pytest.mark.parametrize(("low", "alike"), [(2.8e-5, True), (4.0e-5, False)])
-def test_a_rest_as_small_as_the_instrument_is_said_to_be_so(low: float, alike: bool, noisy: po.Diagnosis) -> None:
-    errors = {**noisy.errors, "extended": replace(noisy.errors["extended"], rms=2.5e-5, interval=(low, 6e-5))}
-    quiet = SimpleNamespace(**{n: getattr(noisy, n) for n in ("request", "groups", "model", "problem")})
-    quiet.errors, quiet.contrasts = errors, []
-    assert like_noise(quiet) is alike  # 0.02 mm in two coordinates: 0.0283 mm, and some more for what is fitted
-    assert ("about as large as noise" in _rest(quiet)) is alike
-    assert ("about as large as the instrument as stated (0.0283 mm), but not random" in _pattern_words(quiet)) is alike
-
-
-def test_what_repeats_scatter_by_beyond_the_instrument_is_told() -> None:
-    assert NoiseFloor(1.1e-4, True, stated=5.2e-5).clause == (
-        "the scatter of repeated postures, of arm and instrument, accounts for 0.110 mm, and the instrument as stated "
-        "for 0.0520 mm of it"
-    )
-    assert "as stated" not in NoiseFloor(5.5e-5, True, stated=5.2e-5).clause
+@pytest.mark.parametrize(("low", "alike"), [(0.9, True), (1.1, False)])
+def test_a_rest_as_small_as_noise_is_said_to_be_so(low: float, alike: bool, noisy: po.Diagnosis) -> None:
+    left = replace(noisy.errors["extended"], interval=(low * noisy.held_out_noise, 1.0))
+    unsure = replace(noisy.adequacy, structure=1e-9)
+    other = replace(noisy, errors={**noisy.errors, "extended": left}, verdict="unexplained", adequacy=unsure)
+    assert other.like_noise is alike
+    assert ("structure-small" in said(other)) is alike

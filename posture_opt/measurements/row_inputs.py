@@ -1,12 +1,17 @@
-"""Whether rows were read from a moving arm, and how fast its joints moved then."""
+"""The inputs of effects in every row, and whether the rows were read from a moving arm."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import SAME_POSTURE_RAD
+from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.numerics import Array, Codes
+from posture_opt.robot.robot import Robot
 
 STOP_S = 1.0
 """An arm does not stop, settle and get measured within a second: faster rows of other postures are of a moving arm."""
@@ -50,3 +55,23 @@ def _even_times(time: Array) -> Array:
         return np.asarray(even, dtype=float)
     least = 1e-3 * float(np.ptp(time)) / len(time)
     return np.asarray(np.maximum.accumulate(time) + least * rows)
+
+
+def inputs_of(data: Measurements, robot: Robot) -> Inputs:
+    """The inputs of effects in every row: temperature above the reference [K], time since the first row [s] or row
+    number.
+    """
+    n = len(data)
+    return Inputs(
+        speed=list(joint_speeds(data).T) if moves(data) else (),
+        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
+        approach=list(data.approach.T),
+        approach_length=list(data.approach_length.T),
+        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
+        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
+    )
+
+
+def arm_for(arm: Arm, data: Measurements) -> Arm:
+    """The arm under the inputs of every row; all sides of approach count as stated."""
+    return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
