@@ -53,9 +53,6 @@ def test_planes_find_the_arm_from_a_tool_that_is_off_by_a_quarter_of_a_metre() -
     for k, (normal, _) in enumerate(PLANES):
         toward = normal if k == 0 else -normal  # the base stands above the first plane and behind the others
         assert np.allclose(document["unknowns"][f"plate{k}"]["normal"], toward, atol=2e-3)
-    report = " ".join(found.report().split())
-    assert "Touches of planes alone do not determine the size of the arm: the lengths in the file hold it" in report
-    assert "add one known length" in report
 
 
 @pytest.mark.conformance

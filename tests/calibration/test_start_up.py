@@ -37,12 +37,8 @@ def test_a_cold_arm_is_told_with_what_to_do(logged: bool, tmp_path: Path) -> Non
     assert said["rows"] == 20
     assert said["seconds"] == (19 * 30.0 if logged else None)
     assert said["residual_rms"]["first"] > 1.8 * said["residual_rms"]["rest"]
-    text = " ".join(found.report().split())
-    assert "The first 20 rows" in text
-    assert "measure them again on the warm arm before leaving any out" in text
-    assert "at an end of the range" not in text  # these rows are spread as all others
-    warming = "(the temperature that was logged changed by +3.4 K in them and by +0.5 K in all others)"
-    assert (warming in text) is logged
+    said = {s["id"] for s in found.to_json()["statements"]}
+    assert ("calibration.start-up-temperature" in said) is logged
 
 
 def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_no_cold_arm(tmp_path: Path) -> None:
@@ -56,8 +52,7 @@ def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_n
     found = po.diagnose(problem, po.read_measurements(tmp_path / "data.csv", problem), plan=False)
     assert [(f.kind, f.target) for f in found.effects] == [("backlash", "joint2")]
     assert found.start_up is None
-    text = " ".join(found.report().split())
-    assert "Left out, as the side from which joints came there is not known: line 2." in text
+    assert "diagnosis.rows-without-side" in {s["id"] for s in found.to_json()["statements"]}
 
 
 def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:

@@ -139,7 +139,6 @@ def test_the_report_tells_the_pairs_and_the_postures(narrow: Any) -> None:
     _, document, text, _ = narrow
     block = text.split("Measurements that discriminate between causes")[1].split("Unexplained structure")[0]
     assert "above 99.9 %" in block
-    assert "split_measurements.csv" in block
     first = document["effects"][0]["split"]["postures"][0]["posture"]["joint1"]
     assert f"{np.degrees(first):.2f}" in block
     assert max(map(len, text.splitlines())) <= 100

@@ -32,7 +32,7 @@ def test_rows_that_an_effect_hid_are_left_out_and_named(seed: int, tmp_path: Pat
     gross = [40, 41, 90]
     found = diagnosed(tmp_path, seed, gross, 1.2e-3)  # less than the effect itself does, 60 times the noise
     assert [line - FIRST_LINE for line in found.calibration.lines] == gross
-    assert "Left out as outliers: lines 42, 43, 92" in " ".join(found.report().split())
+    assert "calibration.outliers" in {s["id"] for s in found.to_json()["statements"]}
     assert found.verdict == "effects_found"
     assert {(f.kind, f.target) for f in found.effects if f.effect is not None} == {("cyclic_error", "joint1")}
     assert found.errors["extended"].rms < 3 * NOISE
