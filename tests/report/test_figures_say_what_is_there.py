@@ -63,7 +63,7 @@ def test_sources_that_cancel_are_one_line_and_rounding_is_no_share() -> None:
     _, table, note = block.items
     assert isinstance(table, Table)
     assert [row[3] for row in table.rows] == ["100 %", "0 %"]
-    assert table.rows[0][:3] == ("joint1 angle and joint2 angle (correlated)", "joint1.theta, joint2.theta", "")
+    assert table.rows[0][:3] == ("joint1 angle, joint2 angle (correlated)", "joint1.theta, joint2.theta", "")
     assert isinstance(note, str)
     assert "only their combined share is meaningful" in note
     assert len(budget_block(problem, [ShareGroup(("joint1.a",), 1.0)], "Shares:").items) == 2
@@ -90,7 +90,7 @@ def test_names_are_drawn_as_they_are_written() -> None:
     }
     for name in NAMES:
         assert f"{name} [deg]" in told["path"]
-    assert "$a_$ angle | _b angle" in told["budget"]
+    assert "$a_$.theta | _b.theta" in told["budget"]
     for figure in figures.values():
         assert image(figure, "svg")
 

@@ -158,7 +158,7 @@ def motions() -> Iterator[Result]:
     assert isinstance(one, po.Solution)
     assert one.followed is not None
     path: Any = one.followed
-    breaks = tuple(PathBreak(1, 2, kind, "joint1", 3.0, "rad", 0.1) for kind in ("singular", "limits"))
+    breaks = tuple(PathBreak(1, 2, kind, "joint1", 3.0, "rad", 0.1, 0) for kind in ("singular", "limits"))
     fast = replace(path.law.robot, joints=tuple(replace(j, velocity=1.0) for j in path.law.robot.joints))
     around = path.law.Q.copy()
     around[-1] = around[0] + [2 * np.pi, 0]
@@ -226,7 +226,7 @@ def compensations() -> Iterator[Result]:
     one = MADE["Compensation"]()
     assert isinstance(one, po.Compensation)
     before = replace(one.before, off=one.before.off + 1e-4)
-    turned = one.q + np.array([[0.0, 0.0], [2.0, 0.0]])
+    turned = one.q * [[1, 1], [1, -1]]  # another elbow
     joints = np.array([[True, False], [False, False]])
     remarks = (state("compensation.near-first-row"),)
     yield replace(one, before=before, q=turned, unsettled=joints, remarks=remarks)

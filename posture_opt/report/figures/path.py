@@ -14,7 +14,6 @@ from posture_opt.numerics import Array, Codes
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import label_of, styled
-from posture_opt.report.text.words import source_words
 from posture_opt.statements.notation import joint_unit, length_unit
 
 if TYPE_CHECKING:
@@ -104,11 +103,9 @@ def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
     main = sorted(own, key=lambda name: -float(own[name].mean()))[:_MAX_SOURCES]
     shares = [np.maximum(every[name], 0.0) for name in main]
     left = 1.0 - np.sum(shares, axis=0) if shares else np.ones(len(points))
-    arm = found.optimisation_problem.arm
-    names = [source_words(name, arm) for name in main]
     if float(np.max(left)) < 1e-3:
-        return names, np.array(shares)
-    return [*names, "others"], np.array([*shares, np.maximum(left, 0.0)])
+        return main, np.array(shares)
+    return [*main, "others"], np.array([*shares, np.maximum(left, 0.0)])
 
 
 def _joints(axes: Axes, found: Solution) -> None:

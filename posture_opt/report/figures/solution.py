@@ -13,7 +13,7 @@ from posture_opt.report.figures.axis_names import critical_axis, with_letter
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, GREY, LIGHT, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_beside, styled
-from posture_opt.report.parts.budget_parts import group_words, main_groups, others_words
+from posture_opt.report.parts.budget_parts import main_groups, named, others_words
 from posture_opt.report.text.words import PARTS
 from posture_opt.statements.notation import joint_unit, length_unit, percent
 
@@ -52,9 +52,8 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
         groups: sources with their shares, those that correlate in one group.
         along: which axis it is, in words.
     """
-    arm = spread.tool_point.arm
     shown, rest = main_groups(groups)
-    names = [group_words(group, arm) for group in shown]
+    names = [named(group.parameters) for group in shown]
     values = [group.share for group in shown]
     if rest:
         names.append(others_words(rest))

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from posture_opt.errors import enumerated
 from posture_opt.model.arm import Arm
 from posture_opt.report.parts.parts import sigma_of
 from posture_opt.report.text.blocks import Block, Table
@@ -39,10 +38,10 @@ def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: s
     return Block("Error budget", items, figure="budget", brief=())
 
 
-def main_fact(arm: Arm, groups: Sequence[ShareGroup]) -> tuple[str, str]:
+def main_fact(groups: Sequence[ShareGroup]) -> tuple[str, str]:
     """The largest contributions in one line: at most three sources with their shares of the variance [%]."""
     largest = [
-        f"{group_words(group, arm)} {_share(group.share)}" for group in groups[:_MAX_NAMED_SOURCES] if group.share > 0
+        f"{named(group.parameters)} {_share(group.share)}" for group in groups[:_MAX_NAMED_SOURCES] if group.share > 0
     ]
     return "Main contributions", ", ".join(largest) or "none"
 
@@ -72,7 +71,7 @@ def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, flo
         total += group.share
         (first, *others) = group.parameters
         size = "" if others else source_size(first, sigma.get(first, math.nan), arm)
-        rows.append((group_words(group, arm), _named(group.parameters), size, _share(group.share), percent(total)))
+        rows.append((group_words(group, arm), named(group.parameters), size, _share(group.share), percent(total)))
     if rest:
         lumped = sum(group.share for group in rest)
         rows.append((others_words(rest), "", "", _share(lumped), percent(total + lumped)))
@@ -81,12 +80,8 @@ def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, flo
 
 def group_words(group: ShareGroup, arm: Arm) -> str:
     """A source in words; several that correlate by name, the first of many."""
-    words = [source_words(name, arm) for name in group.parameters]
-    if len(words) == 1:
-        return words[0]
-    more = len(words) - _MAX_NAMED_SOURCES
-    named = [*words[:_MAX_NAMED_SOURCES], *([f"{more} more"] if more > 0 else [])]
-    return f"{enumerated(named)} (correlated)"
+    words = named([source_words(name, arm) for name in group.parameters])
+    return words if len(group.parameters) == 1 else f"{words} (correlated)"
 
 
 def others_words(groups: Sequence[ShareGroup]) -> str:
@@ -94,7 +89,7 @@ def others_words(groups: Sequence[ShareGroup]) -> str:
     return f"{sum(len(group.parameters) for group in groups)} others"
 
 
-def _named(parameters: Sequence[str]) -> str:
+def named(parameters: Sequence[str]) -> str:
     """Names as the file has them, the first few of many."""
     more = len(parameters) - _MAX_NAMED_SOURCES
     return ", ".join([*parameters[:_MAX_NAMED_SOURCES], *([f"{more} more"] if more > 0 else [])])

@@ -105,7 +105,7 @@ def spread_block(solution: Solution) -> Block:
         *seen, *ellipse_facts(spread, among), mean_fact(spread, among),
         first_order_fact(critical.sigma_max, linear, among), *turned, method_fact(spread), *relative_fact(spread),
     )  # fmt: skip
-    contributions = main_fact(solution.problem.arm, solution.task_spread.budget_groups)
+    contributions = main_fact(solution.task_spread.budget_groups)
     brief = Facts((*seen, contributions))
     return Block("Spread of the tool point", (Facts(rows),), figure="cloud", brief=(brief,))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.budget_parts import budget_block, group_words, main_fact
+from posture_opt.report.parts.budget_parts import budget_block, main_fact, named
 from posture_opt.report.parts.parts import (
     brief_notes,
     ellipse_facts,
@@ -98,7 +98,7 @@ def spread_block(spread: Spread) -> Block:
     )
     task, seen = task_items(spread, semi_axes), spread.for_task
     groups = spread.budget_groups if seen is None else seen.budget_groups
-    brief = (*(task or (Facts(facts[:3]),)), Facts((main_fact(spread.tool_point.arm, groups),)))
+    brief = (*(task or (Facts(facts[:3]),)), Facts((main_fact(groups),)))
     return Block("Spread of the tool point", (*task, Table(headers, rows), Facts(facts)), figure="cloud", brief=brief)
 
 
@@ -132,7 +132,7 @@ def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
         ("Tool point", place(spread.position)),
         ("Standard deviations", lengths([float(s) for s in spread.ellipse.semi_axes[::-1]])),
         *((("For the task", part),) if part else ()),
-        ("Largest contribution", f"{group_words(first, spread.tool_point.arm)}, {percent(first.share)} of {axis}"),
+        ("Largest contribution", f"{named(first.parameters)}, {percent(first.share)} of {axis}"),
     )
 
 
