@@ -32,7 +32,7 @@ def problem(posts: int, points: np.ndarray) -> Any:
     """The insertion among the first posts of a row that is always the same."""
     rng, obstacles = np.random.default_rng(1), []
     while len(obstacles) < posts:
-        (radius, turn, length) = rng.uniform((0.25, -np.pi, 0.4), (1.0, np.pi, 1.0))
+        (radius, turn, length) = rng.uniform((0.37, -np.pi, 0.4), (1.0, np.pi, 1.0))
         x, y = radius * np.cos(turn), radius * np.sin(turn)
         if np.min(np.hypot(points[:, 0] - x, points[:, 1] - y)) > FREE_M:
             place = {"xyz": [f"{x} m", f"{y} m", f"{length / 2 - 0.1} m"], "length": f"{length} m", "radius": "30 mm"}

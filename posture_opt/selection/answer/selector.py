@@ -227,7 +227,7 @@ class PostureSelector:
         if not below:
             return None
         target = outcome.found.target
-        engine = self.engine(target, guarded=True)
+        engine = self.clear_engine(target)
         starts = engine.candidates(np.array([candidate.q for candidate in below]), target)
         ends = clear_ones(tuple(engine.polished(start, target) for start in starts), self._problem.scene)
         met = tuple(sorted((candidate for candidate in ends if candidate.feasible), key=rank))
