@@ -15,7 +15,7 @@ KEYS = {"position": ["0.4 m", "0.1 m", "0.3 m"], "direction": [0, 0, -1]}
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda", "scara"])
-def test_rounding_scatters_the_tool_point_less_than_its_errors_do(name: str) -> None:
+def test_rounding_adds_little_to_the_scatter_of_the_tool_point(name: str) -> None:
     """Drawn: postures within half a step of the last digit, beside J Σ Jᵀ; one digit less would be too few."""
     problem = po.problem_from_dict({
         "robot": {"kind": "preset", "name": name}, "uncertainty": {"repeatability": "0.03 mm"},
@@ -36,6 +36,6 @@ def test_rounding_scatters_the_tool_point_less_than_its_errors_do(name: str) -> 
         near = q + rng.uniform(-0.5, 0.5, (400, robot.n)) * steps
         return float(np.sqrt(np.mean([np.sum((pose(robot, p)[:3, 3] - pose(robot, q)[:3, 3]) ** 2) for p in near])))
 
-    assert moved(0) < 1.1 * scatter
-    assert moved(1) > scatter / 2
-    assert joint_digits(problem, q).turn < digits.turn / 10
+    assert moved(0) < 1.1 * 0.3 * scatter
+    assert moved(1) > 0.3 * scatter / 2
+    assert joint_digits(problem, q).turn < digits.turn / 3

@@ -50,7 +50,7 @@ _ONE_POSTURE_NOTE = (
     "exists is not known."
 )
 _MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
-_UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
+_UNCHECKED_NOTE = "Collisions are not checked: {} (robot: shape: {{radius: 60 mm}})."
 _LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
@@ -424,7 +424,8 @@ class PostureSelector:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
-        return (_UNCHECKED_NOTE + ("" if tipped or asked else _LINK_HEIGHT_HINT),)
+        why = "; ".join(self._problem.robot.shape_notes) or "the shape of the arm is not known"
+        return (_UNCHECKED_NOTE.format(why) + ("" if tipped or asked else _LINK_HEIGHT_HINT),)
 
 
 def task_of(problem: ProblemData) -> Task:
