@@ -426,7 +426,8 @@ class PostureSelector:
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
         hint = () if tipped or asked else (state("collision.link-height"),)
-        return (state("collision.shape-unknown"), *hint)
+        why = "; ".join(self._problem.robot.shape_notes) or "the shape of the arm is not known"
+        return (state("collision.shape-unknown", why=why), *hint)
 
 
 def task_of(problem: ProblemData) -> Task:

@@ -125,8 +125,10 @@ class Reasons:
     def _axis(self, missing: float) -> Reason:
         """The angle that the tool axis comes to."""
         reached, allowed = shown_apart(self.target.tilt + missing, self.target.tilt, "rad")
+        axis = ", ".join(f"{v:g}" for v in self.problem.task.tool_axis)
         message = (
-            f"at this target the tool axis comes no closer than {reached} to the direction, and {allowed} are allowed"
+            f"at this target the tool axis, [{axis}] of the tool frame, comes no closer than {reached} to the "
+            f"direction, and {allowed} are allowed"
         )
         return Reason(AXIS, message, missing, "rad")
 

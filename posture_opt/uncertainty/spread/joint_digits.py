@@ -20,6 +20,8 @@ from posture_opt.units import fixed
 
 ROUNDING_SHARE = 0.01
 """Share of the scatter by which rounding may move the tool point, every joint rounded to the worse side."""
+READABLE_SHARE = 0.3
+"""The same of values that people read and type in, as a standard deviation: the scatter grows by 5 %."""
 UNSTATED_SCATTER_M = 1e-4
 """The scatter that is assumed where none is stated; rounding then moves the tool point by less than 1 µm."""
 _MIN_STEP = 1e-12
@@ -62,8 +64,8 @@ def joint_digits(problem: HasSources, postures: ArrayLike, share: float = ROUNDI
 
 
 def readable_digits(problem: HasSources, postures: ArrayLike) -> JointDigits:
-    """The digits that the scatter supports: rounding moves the tool point by no more than that, as a standard
-    deviation; one decimal at least.
+    """The digits that people type in: rounding moves the tool point by no more than `READABLE_SHARE` of its scatter, as
+    a standard deviation; one decimal at least.
 
     An error of rounding by steps h has the standard deviation ``h / √12``, those of several joints
     ``√Σ |J_j|² h_j² / 12``; where joints turn and slide, each kind may take half.
@@ -72,7 +74,8 @@ def readable_digits(problem: HasSources, postures: ArrayLike) -> JointDigits:
         problem: names ``arm`` and ``sources``.
         postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
     """
-    found = _coarsest(problem, postures, math.sqrt(12.0), lambda lengths: float(np.linalg.norm(lengths)))
+    allowed = READABLE_SHARE * math.sqrt(12.0)
+    found = _coarsest(problem, postures, allowed, lambda lengths: float(np.linalg.norm(lengths)))
     return JointDigits(min(found.turn, math.radians(0.1)), min(found.slide, 1e-4))
 
 
