@@ -17,6 +17,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 KeyPath = tuple[str | int, ...]
@@ -33,6 +34,7 @@ class Issue:
         value: what was given.
         hint: what to write instead.
         file: name of the file; ``line`` counts from 1, 0 where no line is known.
+        id: ``room.what``, by which programs know it.
 
     Example:
         >>> print(Issue("the angle has no unit", ("joints", 0, "alpha"), 90, "write 90 deg", "arm.yaml", 7))
@@ -45,6 +47,7 @@ class Issue:
     hint: str = ""
     file: str = ""
     line: int = 0
+    id: str = "input.invalid"
 
     def __str__(self) -> str:
         """``file:line: key: message – hint``, without the parts that are not known."""
@@ -52,6 +55,18 @@ class Issue:
         key = f"{key_text(self.key)}: " if self.key else ""
         hint = f" – {self.hint}" if self.hint else ""
         return _escaped(f"{place}{key}{self.message}{hint}")
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of ``issues`` in the document of an error; what is not known is null."""
+        return {
+            "id": self.id,
+            "file": self.file or None,
+            "line": self.line or None,
+            "key": key_text(self.key) or None,
+            "value": None if self.value is None else as_given(self.value),
+            "message": self.message,
+            "hint": self.hint or None,
+        }
 
     def at(self, *prefix: str | int) -> Issue:
         """The same issue with ``prefix`` put before its key path."""
@@ -125,8 +140,17 @@ class PostureOptError(Exception):
     """
 
     exit_code = 1
+    answer: Mapping[str, Any] = MappingProxyType({})
+    """What the document of this error has besides, where not to have an answer is one."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of this error: its exit code and its issues."""
+        issues = getattr(self, "issues", ()) or (Issue(str(self), id=_IDS.get(self.exit_code, "input.invalid")),)
+        return {**self.answer, "error": {"code": self.exit_code, "issues": [issue.to_json() for issue in issues]}}
 
 
+_IDS = {3: "selection.no-solution", 4: "measurements.insufficient"}
+"""Exit code -> id of an error that is one text."""
 MAX_LISTED_ISSUES = 20
 """A file of another kind is wrong throughout; what is wrong is seen from the first issues."""
 

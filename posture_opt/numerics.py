@@ -80,6 +80,16 @@ def thin_svd(A: Array) -> tuple[Array, Array, Array]:
     return U, s, V
 
 
+def round_below(value: float) -> float:
+    """The largest of …, 0.5, 1, 2, 5, 10, … that does not exceed a positive value.
+
+    >>> round_below(0.24)
+    0.2
+    """
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in (1, 2, 5) if step * power <= value * (1 + 1e-9))
+
+
 def linked(points: Array, reach: float) -> Codes:
     """(N,) codes of points (N, d) that steps of at most ``reach`` in every coordinate lead from one to the other."""
     from scipy.spatial import cKDTree
@@ -99,11 +109,6 @@ def stacked_rows(vector: Sequence[Any], n: int) -> Array:
     if not len(vector):
         return np.zeros((n, 0))
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
-
-
-def turn_of(a: Array, b: Array, c: Array) -> float:
-    """Twice the area of the triangle a, b, c (2,), positive where it turns to the left."""
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 class DerivedAgain:

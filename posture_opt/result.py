@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from posture_opt.numerics import DerivedAgain, Json, Progress
 from posture_opt.registration import registered
+from posture_opt.statements import Statement, by_severity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,12 +43,26 @@ class Summarised(DerivedAgain):
 class Result(Summarised, ABC):
     """A frozen answer that prints in a few lines, reports, draws and saves itself.
 
-    Subclasses are dataclasses with ``repr=False``, add ``to_json``, and carry what their report states.
+    Subclasses are dataclasses with ``repr=False``, add ``fields_json`` and ``statements``, and carry what
+    their report states.
     """
 
+    @property
+    def statements(self) -> tuple[Statement, ...]:
+        """What this result has to say, as data: the answer first, then whatever limits it."""
+        return ()
+
     @abstractmethod
+    def fields_json(self) -> dict[str, Json]:
+        """The numbers of this result in SI units and radians: its document without the statements."""
+
     def to_json(self) -> dict[str, Json]:
-        """The JSON document of this result: SI units and radians."""
+        """The JSON document of this result: SI units and radians, and its statements, the gravest first."""
+        return {**self.fields_json(), "statements": [one.to_json() for one in by_severity(self.statements)]}
+
+    def document(self) -> Any:
+        """What every report of this result is made of: title, statements, tables, figures."""
+        return self._presenter.document().whole
 
     def report(self, *, full: bool = True) -> str:
         """The report as plain text, as the command line prints it: the whole, or what fits on one screen."""

@@ -33,5 +33,5 @@ def pytest_collection_modifyitems(config, items):
 @pytest.fixture
 def coarse(monkeypatch):
     """Pictures of arms of fewer points: what stands in them, and where labels go, does not depend on the grain."""
-    monkeypatch.setattr("posture_opt.report.scene.scene_image._DPI", 40)
-    monkeypatch.setattr("posture_opt.report.scene.scene_image._OVERSAMPLING", 1)
+    monkeypatch.setattr("posture_opt.report.scene.shaded_picture.DPI", 40)
+    monkeypatch.setattr("posture_opt.report.scene.shaded_picture.OVERSAMPLING", 1)

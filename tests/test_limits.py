@@ -10,7 +10,6 @@ import yaml
 
 import posture_opt as po
 from posture_opt import limits
-from posture_opt.errors import InputError
 from posture_opt.limits import LIMITS, Budget
 from posture_opt.problem.load import problems_folder
 
@@ -135,7 +134,7 @@ def test_every_limit_is_listed_and_asked_about() -> None:
 @pytest.mark.parametrize("name", ASKED)
 def test_one_more_is_refused_with_the_number_that_is_accepted(name: str) -> None:
     limit = limit_of(name)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         ASKED[name](limit.most + 1)
     assert str(limit.most) in str(caught.value)
 
@@ -143,7 +142,7 @@ def test_one_more_is_refused_with_the_number_that_is_accepted(name: str) -> None
 def test_tables_are_not_read_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("posture_opt.measurements.columns.MOST_CELLS", Budget("cells", 40, "", "", "thin them out"))
     assert len(measured(10)) == 10
-    with pytest.raises(InputError, match="more than the 40 cells that are accepted – thin them out"):
+    with pytest.raises(po.errors.InputError, match="more than the 40 cells that are accepted – thin them out"):
         measured(11)
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
+import posture_opt as po
 from posture_opt import output, staging
-from posture_opt.errors import InputError
 from posture_opt.manifest import MANIFEST
 from posture_opt.output import writable_folder, write_file, write_folder
 from posture_opt.staging import PREFIX
@@ -151,7 +151,9 @@ def test_files_of_others_are_never_overwritten(way: str, tmp_path: Path) -> None
             (out / MANIFEST).unlink()
     before = names(out)
     for attempt in (lambda: write_folder(out, {"a0": b"2", "b": b"2"}, ("--out",)), lambda: enter(out)):
-        with pytest.raises(InputError, match=r"--out: cannot write to .*out: a0 .*move away what you want to keep"):
+        with pytest.raises(
+            po.errors.InputError, match=r"--out: cannot write to .*out: a0 .*move away what you want to keep"
+        ):
             attempt()
     assert names(out) == before
     assert os.listdir(tmp_path / "out") == os.listdir(out)
@@ -201,7 +203,7 @@ def test_a_disk_that_is_full_leaves_what_was_there(tmp_path: Path) -> None:
             lambda: write_folder(out, {"a": b"2", "b": b"2" * 20_000}),
             lambda: write_file(tmp_path / "f", b"2" * 20_000),
         ):
-            with pytest.raises(InputError, match=r"cannot write to .*: file too large"):
+            with pytest.raises(po.errors.InputError, match=r"cannot write to .*: file too large"):
                 write()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -217,6 +219,6 @@ def test_one_file_is_replaced_whole(tmp_path: Path) -> None:
         assert path.read_bytes() == text
     assert os.listdir(tmp_path) == ["f"]
     for wrong in (tmp_path, path / "below"):
-        with pytest.raises(InputError, match="cannot write to"):
+        with pytest.raises(po.errors.InputError, match="cannot write to"):
             write_file(wrong, b"3")
     assert os.listdir(tmp_path) == ["f"]

@@ -15,7 +15,6 @@ import pytest
 from matplotlib.figure import Figure
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.output import finite
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.result import Result
@@ -155,13 +154,13 @@ def test_postures_with_units_are_read_or_refused(posture: Any, message: str) -> 
     problem = po.load_problem("insert_planar_2r")
     by_name = po.propagate(problem, {"joint1": "30 deg", "joint2": -1.0})
     assert by_name.q == pytest.approx(po.propagate(problem, "30 deg, -1 rad").q, abs=0)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(po.errors.InputError, match=message):
         po.propagate(problem, posture)
 
 
 def test_without_pandas_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="needs the library pandas"):
+    with pytest.raises(po.errors.InputError, match="needs the library pandas"):
         MADE["Spread"]().to_dataframe()
 
 
@@ -183,6 +182,6 @@ def test_it_draws_and_saves_itself(result: Result, tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("precious", encoding="utf-8")
-    with pytest.raises(InputError, match="cannot write to"):
+    with pytest.raises(po.errors.InputError, match="cannot write to"):
         MADE["Spread"]().save(tmp_path / "file")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

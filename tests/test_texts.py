@@ -12,7 +12,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.csv_text import csv_line, unguarded
-from posture_opt.errors import InputError
 from posture_opt.uncertainty.sources.covariance_file import covariance_text, read_covariance
 from tests.helpers.command_line import invoke
 
@@ -42,7 +41,7 @@ def test_every_text_of_a_problem_is_refused_with_its_key(character: str) -> None
         for part in place[:-1]:
             entry = entry[part]
         entry[place[-1]] = f"{entry[place[-1]]}{character}x"
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(po.errors.InputError) as caught:
             po.problem_from_dict(data)
         (mine,) = [issue for issue in caught.value.issues if issue.key == place]
         assert f"U+{ord(character):04X}" in mine.message
@@ -52,7 +51,9 @@ def test_every_text_of_a_problem_is_refused_with_its_key(character: str) -> None
 
 def test_names_in_yaml_urdf_and_csv_are_refused_with_their_line(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text('robot: {kind: preset, name: planar_2r}\ntask:\n  kind: "insert\\n#"\n')
-    with pytest.raises(InputError, match=r"p\.yaml:3: task\.kind: the text holds a line break \(U\+000A\) – write it"):
+    with pytest.raises(
+        po.errors.InputError, match=r"p\.yaml:3: task\.kind: the text holds a line break \(U\+000A\) – write it"
+    ):
         po.load_problem(tmp_path / "p.yaml")
     (tmp_path / "a.urdf").write_text(
         '<robot name="r&#10;cell: none">\n<link name="b"/><link name="t"/>\n<joint name="j&#10;x: 1" type="revolute">'
@@ -63,7 +64,7 @@ def test_names_in_yaml_urdf_and_csv_are_refused_with_their_line(tmp_path: Path) 
     assert answer.output.count("U+000A") == 2
     assert "a.urdf:3" in answer.output
     (tmp_path / "d.csv").write_text('joint1 [deg], joint2 [deg], x [m], y [m],pose\n1,2,3,4,"a\nb"\n1,2,3,4,c\u2028d\n')
-    with pytest.raises(InputError, match=r"U\+000A(.|\n)*U\+2028"):
+    with pytest.raises(po.errors.InputError, match=r"U\+000A(.|\n)*U\+2028"):
         po.read_measurements(tmp_path / "d.csv", po.load_problem("insert_planar_2r_measured"))
 
 

@@ -4,4 +4,4 @@ A part is a module with ``measure(quick)``, which yields sections. Every part ru
 that crashes or takes too long becomes a line with its reason.
 """
 
-PARTS = ("peers", "covariance", "c", "targets", "joints", "cells", "sources", "rows", "workers", "start")
+PARTS = ("peers", "covariance", "c", "targets", "joints", "cells", "sources", "rows", "workers", "start", "limits")

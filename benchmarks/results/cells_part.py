@@ -51,7 +51,7 @@ def measure(quick: bool) -> Iterator[Section]:
     first, selectors = {}, {}
     for posts in POSTS:
         began = time.perf_counter()
-        selectors[posts] = po.PostureSelector(problem(posts, points))
+        selectors[posts] = po.PostureSelector(problem(posts, points), explains=False)
         _solved(selectors[posts], points[0])
         first[posts] = time.perf_counter() - began
     found = np.array([[_solved(selectors[posts], point) for posts in POSTS] for point in points])

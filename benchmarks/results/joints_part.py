@@ -46,7 +46,7 @@ def measure(quick: bool) -> Iterator[Section]:
         spread(Q)
         nanoseconds = 1e9 * timed(lambda s=spread, q=Q: s(q), 5)[0] / count
         seconds = []
-        for position in _reached(given, spread, rng, targets):
+        for position in reached(given, spread, rng, targets):
             answered, found = timed(lambda s=selector, p=position: _solved(s, p), 1)
             seconds.append((answered, found))
         solved = [t for t, found in seconds if found]
@@ -58,7 +58,7 @@ def measure(quick: bool) -> Iterator[Section]:
     )  # fmt: skip
 
 
-def _reached(given: Any, spread: Any, rng: np.random.Generator, count: int) -> Iterator[tuple[float, ...]]:
+def reached(given: Any, spread: Any, rng: np.random.Generator, count: int) -> Iterator[tuple[float, ...]]:
     """Tool points of random postures whose tool axis points down within 50°."""
     n, found = given.robot.n, 0
     while found < count:

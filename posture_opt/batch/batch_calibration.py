@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,11 +28,14 @@ from posture_opt.measurements.thinning import thin_each_robot
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.coverage import REGION_PROBABILITY, share_interval, squared_distances
 from posture_opt.validation.spread_check import held_out_predictions
 
+_ROBOTS_FOR_CORRELATIONS = 10  # robots: with fewer, a correlation is hardly determined
+_MAX_NAMED = 4  # parameters in a sentence
 MIN_ROBOTS = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
@@ -71,12 +76,36 @@ class Batch(Result):
     notes: tuple[str, ...] = ()
     total: int = 0
 
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """The strongest correlation; what the data refute; errors, variation, what is open, what to do next."""
+        return (_answer(self), *batch_findings(self))
+
+    @property
+    def off_nominal(self) -> Mask:
+        """(k,) whether the mean over the robots exceeds t(0.975, robots − 1) of its standard errors."""
+        from scipy.special import stdtrit
+
+        sure = float(stdtrit(len(self.robots) - 1, 0.975))
+        return np.asarray(np.abs(self.spread.mean) > sure * self.spread.mean_std)
+
+    @property
+    def known_pairs(self) -> tuple[CorrelatedPair, ...]:
+        """Pairs that are significant, stated, or known to within an interval shorter than 1; else the first."""
+        known = tuple(p for p in self.pairs if p.significant or p.stated or np.ptp(p.interval) < 1)
+        return known or self.pairs[:1]
+
+    @property
+    def worst(self) -> int:
+        """The robot with the largest error when calibrated."""
+        return int(np.argmax([c.calibrated.rms for c in self.calibrations]))
+
     @property
     def names(self) -> tuple[str, ...]:
         """(k,) of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``calibration.json`` of a batch: the type as a whole, and every robot under ``batch``."""
         first, worst = self.calibrations[0], min(self.calibrations, key=lambda c: c.identifiability.rank)
         gone = [int(rows[i]) for rows, c in zip(self.rows, self.calibrations, strict=True) for i in c.outliers]
@@ -136,6 +165,45 @@ class Batch(Result):
             "deviations": self.estimates[k].tolist(),
             "outliers": [int(self.rows[k][i]) for i in found.outliers],
         }
+
+
+def _answer(found: Batch) -> Statement:
+    """The strongest significant correlation with its interval, or that there is none."""
+    robots, first = len(found.robots), next((pair for pair in found.pairs if pair.significant), None)
+    if first is None:
+        return state("batch.uncorrelated", robots=robots)
+    (low, high), rho = first.interval, first.correlation
+    return state("batch.correlated", robots=robots, a=first.a, b=first.b, correlation=rho, low=low, high=high)
+
+
+def batch_findings(found: Batch) -> Iterator[Statement]:
+    """What the data of the robots refute; their errors, what varies, what is open, what to do next."""
+    robots = len(found.robots)
+    causes = (contradiction.cause for c in found.calibrations for contradiction in c.contradictions)
+    for (target, what), count in Counter((cause.target, cause.words) for cause in causes).items():
+        yield state("batch.refuted", target, robots=count, all=robots, what=what)
+    yield state("batch.errors", before=Quantity(found.nominal.rms), after=Quantity(found.calibrated.rms))
+    largest = Quantity(found.calibrations[found.worst].calibrated.rms)
+    yield state("batch.worst-robot", found.robots[found.worst], error=largest)
+    varying = [
+        f"{p.name} {Quantity(float(sigma), 'angle' if p.unit == 'rad' else 'length')}"
+        for p, sigma, (low, _) in zip(found.parameters, found.spread.sigma, found.spread.interval, strict=True)
+        if low > 0
+    ]
+    yield state("batch.varying", parameters=_first(varying)) if varying else state("batch.constant")
+    if found.undetermined:
+        yield state("batch.undetermined", parameters=_first(found.undetermined))
+    few = robots < _ROBOTS_FOR_CORRELATIONS
+    yield state("batch.measure-more-robots", robots=_ROBOTS_FOR_CORRELATIONS) if few else state("batch.plan-for-type")
+    significant = sum(pair.significant for pair in found.pairs)
+    pairs = state("batch.significant-pairs", significant=significant, pairs=len(found.pairs))
+    yield pairs if found.pairs else state("batch.one-parameter")
+
+
+def _first(names: Sequence[str]) -> list[str]:
+    """The first of many names."""
+    more = len(names) - _MAX_NAMED
+    return [*names[:_MAX_NAMED], f"{more} more"] if more > 1 else [*names]
 
 
 @interruptible()

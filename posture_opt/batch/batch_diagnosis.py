@@ -7,14 +7,16 @@ Noise of a joint is common to the type too; the residuals of all robots together
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
-from posture_opt.batch.batch_calibration import Batch, calibrate_batch
+from posture_opt.batch.batch_calibration import Batch, batch_findings, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.estimation.error_statistics import By
 from posture_opt.diagnosis.causes.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.diagnosis.open_statements import uneven_statements
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.interrupts import interruptible
@@ -23,6 +25,7 @@ from posture_opt.model.effects import CorrelatedLengths
 from posture_opt.numerics import Json, Progress
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Statement, state
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,12 +44,21 @@ class BatchDiagnosis(Result):
     by: By
     uneven: tuple[UnevenErrors, ...] = ()
 
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """The causes; errors that only look like noise; what the batch itself has to say."""
+        if self.effects:
+            first = state("batch.causes", causes=[f.cause.label for f in self.effects])
+        else:
+            first = state("batch.unidentified") if self.uneven else state("batch.explained")
+        return (first, *uneven_statements(self.uneven), *batch_findings(self.batch))
+
     @property
     def verdict(self) -> Outcome:
         """``unexplained`` where errors are uneven and repeats do not show why."""
         return "unexplained" if self.uneven else "effects_found" if self.effects else "none_found"
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``diagnosis.json`` of a batch."""
         rms = {"nominal": self.batch.nominal.rms, "calibrated": self.batch.calibrated.rms}
         shares = {name: share for name, (share, _) in self.batch.coverage.items()}
@@ -67,7 +79,7 @@ class BatchDiagnosis(Result):
             ],
             "notes": list(self.batch.notes),
             **self.batch.thinned_json,
-            "batch": self.batch.to_json()["batch"],
+            "batch": self.batch.fields_json()["batch"],
         }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.calibration.assumptions.frames import far_frames
+from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN, statements_of
 from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
@@ -34,6 +35,7 @@ from posture_opt.numerics import Array, Codes, Json, Mask
 from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Statement
 
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.contradictions import Contradiction
@@ -43,7 +45,6 @@ if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
 _MAX_DEVIATION_RATIO = 5.0  # times its tolerance, or its standard error
-CORRELATION_SHOWN = 0.9  # from here on, one of two estimates leans on the other
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,7 +270,13 @@ class Calibration(Result):
         """The preset whose link lengths the data have in place of the file's; None where there is none."""
         return other_preset(self.residuals.take(self.kept_rows), self.x_nominal)
 
-    def to_json(self) -> dict[str, Json]:
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What it has to say, the answer first, and what follows from what it is held against."""
+        evaluated: tuple[Statement, ...] = self.evaluation.statements
+        return (*statements_of(self), *evaluated)
+
+    def fields_json(self) -> dict[str, Json]:
         """The document ``calibration.json``: SI units and radians; what the calibration is held against included."""
         evaluated: dict[str, Json] = self.evaluation.to_json()
         return self.estimates_json() | evaluated

@@ -88,7 +88,7 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
     order = [*first, *(i for i in np.argsort(-shares, kind="stable").tolist() if i not in first)]
     changes = tuple(_change(models, i, estimates[i], float(shares[i])) for i in order)
     asks = verdict in ("several", "unclear") or bool(shared)
-    plan, why = _next_postures(problem, used, seed) if asks else (None, ())
+    plan, why = _next_postures(problem, used, seed) if asks else (None, "")
     after = _errors(rows, kept, changes[: len(named)])
     single = verdict == "changed" and not shared
     updated = changed_problem(problem, changes[0].possible, changes[0].deviations) if single else None
@@ -96,8 +96,8 @@ def recheck(problem: ProblemData, data: Measurements, *, seed: int | None = None
         problem=problem, data=used, verdict=verdict, changes=changes, probabilities=found,
         visible=visibilities(models), errors_before=_errors(rows, kept, ())[kept], errors_after=after[kept],
         gross=tuple(_gross_row(data, after, i) for i in sorted({*range(len(data))} - {*kept.tolist()})),
-        named_count=len(named), shared_count=len(shared), updated=updated, plan=plan,
-        notes=(*rows.notes, *why),
+        named_count=len(named), shared_count=len(shared), updated=updated, plan=plan, unplanned=why,
+        notes=rows.notes,
     )  # fmt: skip
 
 
@@ -106,17 +106,15 @@ def _gross_row(data: Measurements, errors: Array, row: int) -> GrossRow:
     return GrossRow(int(data.line[row]), float(np.linalg.norm(errors[row])))
 
 
-def _next_postures(
-    problem: ProblemData, data: Measurements, seed: int | None
-) -> tuple[MeasurementPlan | None, tuple[str, ...]]:
+def _next_postures(problem: ProblemData, data: Measurements, seed: int | None) -> tuple[MeasurementPlan | None, str]:
     """The postures that tell changes apart best on top of the rows; none, and why, where none can be planned."""
     try:
         plan = plan_measurements(
             problem, NEXT_POSTURES, given=data, purpose="recheck", seed=seed, candidates=_CANDIDATES
         )
     except (InputError, InsufficientDataError, NoSolutionError) as error:
-        return None, (f"no further postures are proposed: {str(error).splitlines()[0]}",)
-    return plan, ()
+        return None, str(error).splitlines()[0]
+    return plan, ""
 
 
 def verdict_of(models: Hypotheses) -> tuple[Verdict, tuple[int, ...], tuple[int, ...]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.changes.hypotheses import Hypotheses
+from posture_opt.experiments.possible_changes import change_name
 from posture_opt.numerics import Array, Json, finite_or_none
 
 POWER = 0.9
@@ -37,6 +38,16 @@ class Visibility:
     shift: float
     size: float
     unit: str
+
+    @property
+    def name(self) -> str:
+        """The name of the change."""
+        return change_name(self.kind, self.target)
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is a size from which on the change is detected: a turn of half a revolution is none."""
+        return not (self.unit == "rad" and math.pi < self.size < math.inf)
 
     def to_json(self) -> dict[str, Json]:
         """The entry of the document."""

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.changes.gaussian_evidence import Estimate
 from posture_opt.changes.hypotheses import Probabilities
-from posture_opt.changes.visibility import Visibility
-from posture_opt.experiments.measurement_plan import MeasurementPlan
-from posture_opt.experiments.possible_changes import PossibleChange
+from posture_opt.changes.visibility import POWER, REFERENCE_M, Visibility
+from posture_opt.errors import enumerated
+from posture_opt.experiments.measurement_plan import MeasurementPlan, tour_statements
+from posture_opt.experiments.possible_changes import PossibleChange, change_name
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Json, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
 
 Verdict = Literal["unchanged", "changed", "several", "unclear"]
 RIVAL_SHARE = 0.05
 """Of the probability of the likeliest change: what is likelier than this is a rival of it."""
+_MAX_RIVALS = 3  # named in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +53,26 @@ class LikelyChange:
     def target(self) -> str:
         """``tool``, ``base``, a joint, or a length or twist of a link: ``elbow.a``."""
         return self.possible.target
+
+    @property
+    def name(self) -> str:
+        """The name of the change: "zero of elbow"."""
+        return change_name(self.kind, self.target)
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """How large it is: its one parameter; of a frame the length of its shift, and its turn where it is found."""
+        mean, covariance = self.estimate.mean, self.estimate.covariance
+        if len(mean) == 1:
+            unit, effect = self.possible.parameters[0].unit, self.possible.effect
+            dimension = effect.dimensions[0][1] if effect is not None else "angle" if unit == "rad" else "length"
+            return (Quantity(float(mean[0]), dimension, math.sqrt(covariance[0, 0])),)
+        shift, turn = mean[:3], mean[3:]
+        size = float(np.linalg.norm(shift))
+        std = math.sqrt(max(float(shift @ covariance[:3, :3] @ shift), 0.0)) / size if size else 0.0
+        turned = np.any(np.abs(turn) > 2 * np.sqrt(np.diag(covariance)[3:]))
+        turns = (Quantity(float(np.linalg.norm(turn)), "angle"),) if turned else ()
+        return (Quantity(size, "length", std), *turns)
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -101,7 +128,8 @@ class Recheck(Result):
         updated: the problem with the one change; None where none is named alone.
         gross: the rows that are left out, as all others contradict them.
         plan: the postures to measure next, where more than one thing changed or it is not clear which.
-        notes: sentences for the report.
+        unplanned: why no postures are proposed where they would be of use; empty otherwise.
+        notes: sentences on what was assumed of the rows.
     """
 
     problem: ProblemData
@@ -117,7 +145,19 @@ class Recheck(Result):
     updated: ProblemData | None
     gross: tuple[GrossRow, ...] = ()
     plan: MeasurementPlan | None = None
+    unplanned: str = ""
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What changed, what else it could be, and what to do; or what could be detected."""
+        return recheck_statements(self)
+
+    def stated_size(self, change: LikelyChange) -> str:
+        """The size of an effect that the file states already; empty otherwise."""
+        effect = change.possible.effect
+        same = (e for e in self.problem.arm.effects if effect and (e.kind, e.target) == (effect.kind, effect.target))
+        return next((e.stated_size for e in same), "")
 
     @property
     def before(self) -> float:
@@ -158,7 +198,7 @@ class Recheck(Result):
             found[visible.kind] = max(found.get(visible.kind, 0.0), visible.shift)
         return found
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``recheck.json``: SI units and radians."""
         p = self.probabilities
         return {
@@ -175,5 +215,92 @@ class Recheck(Result):
             "rows": len(self.data),
             "gross": [{"line": row.line, "error": row.error} for row in self.gross],
             "measure": [] if self.plan is None else [dict(posture) for posture in self.plan.postures],
-            "notes": list(self.notes),
+            "notes": [*self.notes, *(s.text for s in self.statements if s.id == "changes.no-further-postures")],
         }
+
+
+def recheck_statements(found: Recheck) -> tuple[Statement, ...]:
+    """The verdict, the rows that were left out, errors, rivals, what to look at or could be detected."""
+    gross = (state("changes.gross-row", str(row.line), error=Quantity(row.error)) for row in found.gross)
+    plan = (
+        ()
+        if found.plan is None
+        else (state("changes.measure-next", postures=len(found.plan.q)), *tour_statements(found.plan))
+    )
+    unplanned = (state("changes.no-further-postures", reason=found.unplanned),) if found.unplanned else ()
+    return (_verdict(found), *gross, *_details(found), *plan, *unplanned)
+
+
+def _verdict(found: Recheck) -> Statement:
+    """What changed, with its probability and the condition of that."""
+    first = found.changes[0]
+    several = Quantity(found.probabilities.several, "share")
+    if found.verdict == "unchanged":
+        return state("changes.unchanged", probability=Quantity(found.unchanged, "share"))
+    if found.shared:
+        either = (first, *found.shared)
+        total = Quantity(sum(change.probability for change in either), "share")
+        return state("changes.one-of", changes=_names(either), probability=total, several=several)
+    if found.verdict == "changed":
+        size, p = enumerated(map(str, first.sizes)), Quantity(first.probability, "share")
+        if stated := found.stated_size(first):
+            return state("changes.changed-from", first.name, size=size, probability=p, several=several, stated=stated)
+        return state("changes.changed", first.name, size=size, probability=p, several=several)
+    if found.verdict == "unclear":
+        return state("changes.unclear", changes=_names((first, *found.rivals)))
+    if not found.named:
+        return state("changes.unexplained")
+    second, sizes = found.changes[1], [enumerated(map(str, change.sizes)) for change in found.named]
+    return state("changes.several", first.name, size=sizes[0], other=second.name, other_size=sizes[1])
+
+
+def _details(found: Recheck) -> Iterator[Statement]:
+    """What follows the verdict."""
+    if found.verdict == "unchanged":
+        yield from _power(found)
+        return
+    before, rows = Quantity(found.before), len(found.data)
+    if found.after < found.before:
+        yield state("changes.errors-explained", before=before, rows=rows, after=Quantity(found.after))
+    else:
+        yield state("changes.errors", before=before, rows=rows)
+    if found.verdict != "changed":
+        return
+    if not found.shared:
+        alike = found.changes[0].possible.alike
+        if alike:
+            yield state("changes.alike", changes=alike)
+        rivals = _names(found.rivals[:_MAX_RIVALS])
+        yield state("changes.rivals", changes=rivals) if rivals else state("changes.no-rival")
+    yield from _inspections(found)
+
+
+def _inspections(found: Recheck) -> Iterator[Statement]:
+    """What to look at on the arm: of everything that may be the one change."""
+    either = (found.changes[0], *found.shared)
+    names: dict[str, str] = {}
+    for change in either:
+        names.setdefault(_inspection(found, change), change.name)
+    yield from (state("changes.inspect", name, what=what) for what, name in names.items())
+    effects = (change.possible.effect for change in either)
+    if found.data.payload is None and any(e is not None and "payload" in e.asks for e in effects):
+        yield state("changes.payload-unstated", payload=found.problem.arm.inputs.payload)
+
+
+def _inspection(found: Recheck, change: LikelyChange) -> str:
+    """What to look at of one change."""
+    known = change.possible
+    cause = GeometricDeviation.of(known.parameters[0]) if known.effect is None else known.effect
+    return cause.inspect(found.problem.robot)
+
+
+def _power(found: Recheck) -> Iterator[Statement]:
+    """How many changes of 0.1 mm would be detected, and which is the hardest to detect."""
+    seen = sum(visible.power >= POWER for visible in found.visible)
+    yield state("changes.power", seen=seen, changes=len(found.visible), motion=Quantity(REFERENCE_M, "stated length"))
+    least = min(found.visible, key=lambda visible: visible.power)
+    yield state("changes.least-power", least.name, power=Quantity(least.power, "share"))
+
+
+def _names(changes: tuple[LikelyChange, ...]) -> tuple[str, ...]:
+    return tuple(change.name for change in changes)

@@ -22,7 +22,7 @@ from posture_opt.cli.robot_programs import ProgramRequest, program_options
 @click.command("compensate")
 @click.argument("targets", type=PATH, metavar="TARGETS.csv")
 @problem_options
-@program_options(0.0)
+@program_options(0.0, touching=True)
 @common_options
 def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **given: str | None) -> None:
     """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.

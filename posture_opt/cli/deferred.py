@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from posture_opt.cli.problem_texts import listing as listing
     from posture_opt.cli.problem_texts import schema_text as schema_text
     from posture_opt.cli.problem_texts import starter as starter
+    from posture_opt.cli.problem_texts import statement_listing as statement_listing
     from posture_opt.export.export_files import export_kinds as export_kinds
     from posture_opt.export.export_files import program_files as program_files
     from posture_opt.export.known_programs import compensated_program as compensated_program
@@ -49,6 +50,7 @@ _HOMES = {
     "requested_problem": "cli.asked.request",
     "schema_text": "cli.problem_texts",
     "starter": "cli.problem_texts",
+    "statement_listing": "cli.problem_texts",
     "with_columns": "cli.asked.request",
 }
 

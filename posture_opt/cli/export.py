@@ -15,7 +15,7 @@ from posture_opt.cli import deferred
 from posture_opt.cli.asked.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import OUT, output, show
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.robot_programs import motion_options
+from posture_opt.cli.robot_programs import approach_option, motion_options
 from posture_opt.export import ARM_FORMATS, PROGRAM_FORMATS
 from posture_opt.output import write_folder
 
@@ -41,17 +41,14 @@ class ExportCommand(click.Command):
 @task_options
 @click.option("--to", type=click.Choice([*ARM_FORMATS, *PROGRAM_FORMATS]), required=True, help="The format: see below.")
 @click.option("--name", default="", metavar="NAME", help="Of functions, programs and files.")
-@click.option(
-    "--approach",
-    metavar="LENGTH",
-    help="Come from that far in front of each stop on a line, and go back so; default: 50 mm for a path, else 0 mm.",
-)
+@approach_option
+@click.option("--with-breaks", is_flag=True, help="Write a path that the arm has to leave on its way in parts.")
 @click.option("--posture", metavar="TEXT", help="Stop of a robot program; default: the best posture, planned.")
 @motion_options(0.0)
 @common_options
 def export_command(
     common: Common, to: str, name: str, approach: str | None, posture: str | None, speed: float, wait: float,
-    **given: str | None,
+    with_breaks: bool, **given: str | None,
 ) -> None:  # fmt: skip
     """The arm, its covariance as code, or its posture as a robot program, in another format."""
     problem = deferred.requested_problem(**given)
@@ -60,8 +57,8 @@ def export_command(
     with output(common), deferred.placed(problem):
         with progress_bar(common, "exporting"):
             found = po.export_files(
-                problem, to, name=name, posture=q, speed=speed, wait=wait, approach=distance, seed=common.seed,
-                workers=common.workers,
+                problem, to, name=name, posture=q, speed=speed, wait=wait, approach=distance,
+                with_breaks=with_breaks, seed=common.seed, workers=common.workers,
             )  # fmt: skip
         if common.out is not None:
             write_files(common.out, found.files)

@@ -8,6 +8,7 @@ signal.
 from __future__ import annotations
 
 import gc
+import json
 import os
 import sys
 import traceback
@@ -131,7 +132,7 @@ class PostureCommands(click.Group):
                 code = self._run(list(words), prog_name or "optimize-posture", extra)
                 sys.stdout.flush()
         except (Exception, KeyboardInterrupt) as error:
-            sys.exit(_report_error(error, debug="--debug" in words))
+            sys.exit(_report_error(error, debug="--debug" in words, as_json="--json" in words))
         sys.exit(code)
 
     def _run(self, words: list[str], prog_name: str, extra: dict[str, Any]) -> int:
@@ -160,13 +161,26 @@ def _check_words(words: Sequence[str]) -> None:
         raise InputError([Issue("the argument is not UTF-8", (word,), word, "write it as UTF-8") for word in wrong])
 
 
-def _report_error(error: BaseException, debug: bool) -> int:
-    """The exit code of an error, which is reported on standard error where that takes anything."""
+def _report_error(error: BaseException, debug: bool, as_json: bool) -> int:
+    """The exit code of an error, which is reported on standard error where that takes anything.
+
+    Its document goes to standard output where JSON was asked for, unless that has the document of a solution already.
+    """
+    solved = getattr(error, "solution", None) is not None
     try:
+        if as_json and not solved and isinstance(error, PostureOptError | click.ClickException):
+            click.echo(_error_json(error))
         return _exit_code(error, debug)
     except OSError:
         discard(sys.stderr)
         return _exit_code(error, debug)
+
+
+def _error_json(error: PostureOptError | click.ClickException) -> str:
+    """The document of an error, as JSON text."""
+    if isinstance(error, click.ClickException):
+        error = InputError(Issue(error.format_message(), id="input.usage"))
+    return json.dumps(error.to_json(), indent=2, ensure_ascii=False)
 
 
 def _exit_code(error: BaseException, debug: bool) -> int:

@@ -18,7 +18,7 @@ import posture_opt as po
 from posture_opt.cli import deferred
 from posture_opt.cli.asked.named_values import PATH
 from posture_opt.cli.asked.options import Command, Common, add_options, common_options, problem_options
-from posture_opt.cli.output import output, save_result, show, show_result, write_text
+from posture_opt.cli.output import output, save_result, show_result, write_text
 from posture_opt.cli.progress import progress_bar
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.files import content, is_file
@@ -268,12 +268,5 @@ def _diagnosed(
                 **session.most_rows,
             )  # fmt: skip
     except InsufficientDataError as error:
-        _report_insufficient_data(common, error)
+        error.answer = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
         raise
-
-
-def _report_insufficient_data(common: Common, error: InsufficientDataError) -> None:
-    """The verdict on data that do not suffice is an answer too: with ``--json`` it is a document."""
-    if common.json:
-        document = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
-        show(common, lambda: document, str)

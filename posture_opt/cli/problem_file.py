@@ -14,10 +14,11 @@ from posture_opt.files import preset_names
 
 @click.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else.")
+@click.option("--statements", is_flag=True, help="List what results can say, by id, with severity and sentence.")
 @click.option("--debug", is_flag=True, hidden=True)
-def list_command(as_json: bool, debug: bool) -> None:
+def list_command(as_json: bool, statements: bool, debug: bool) -> None:
     """List tasks, effects, presets, solvers, terms, exports and built-in problems."""
-    click.echo(deferred.listing(as_json))
+    click.echo(deferred.statement_listing(as_json) if statements else deferred.listing(as_json))
 
 
 @click.command("new")

@@ -26,6 +26,7 @@ from posture_opt.robot import load_preset
 from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS
 from posture_opt.selection.terms import TERMS
+from posture_opt.statements import every_entry
 
 _MAX_SCHEMA_BYTES = 10_000_000  # bytes of a schema, which has some hundred thousand
 Row = dict[str, str]
@@ -139,3 +140,9 @@ def schema_text(out: Path | None) -> str:
         raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), hint))
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}
     return json.dumps(schema, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def statement_listing(as_json: bool) -> str:
+    """All statements that results can make: id, severity and sentence, as text or as a JSON document."""
+    rows = [{"id": id, "severity": one.severity, "sentence": one.text} for id, one in every_entry().items()]
+    return json_text({"statements": rows}) if as_json else _table(rows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -23,15 +23,14 @@ class ProgramRequest:
 
     Args:
         kind: its language, as ``--to`` of ``export`` names it; None: no program.
-        speed: percent of what the language takes for full; ``wait`` at every stop [s].
+        motion: speed in percent of what the language takes for full, wait at every stop [s], and approach [m].
     """
 
     kind: str | None
-    speed: float
-    wait: float
+    motion: Mapping[str, float | None]
 
-    def files(self, common: Common, name: str, program: Callable[[float, float], RobotProgram]) -> dict[str, bytes]:
-        """The program of ``program(speed, wait)`` by file name; nothing where none is asked for.
+    def files(self, common: Common, name: str, program: Callable[..., RobotProgram]) -> dict[str, bytes]:
+        """The program of ``program(speed=…, wait=…)`` by file name; nothing where none is asked for.
 
         Raises:
             UsageError: a program without a folder.
@@ -41,7 +40,7 @@ class ProgramRequest:
             return {}
         if common.out is None:
             raise click.UsageError("--program goes with --out DIR, which it is written to.")
-        found = deferred.program_files(program(self.speed, self.wait), self.kind, name)
+        found = deferred.program_files(program(**self.motion), self.kind, name)
         return {file: text.encode() for file, text in found.files.items()}
 
 
@@ -64,22 +63,37 @@ def motion_options(wait: float) -> Callable[[Command], Command]:
     return added
 
 
-def program_options(wait: float) -> Callable[[Command], Command]:
+def approach_option(command: Command) -> Command:
+    """Adds ``--approach`` of programs whose stops touch something."""
+    option = click.option(
+        "--approach", metavar="LENGTH",
+        help="Come from that far in front of each stop on a line, and back; default: 50 mm where the task touches.",
+    )  # fmt: skip
+    return add_options(command, option)
+
+
+def program_options(wait: float, touching: bool = False) -> Callable[[Command], Command]:
     """Adds the options of a program that is written with other files; the command gets them as ``motion``.
 
     Args:
         wait: default at every stop [s].
+        touching: whether the stops may touch something.
     """
 
     def added(command: Command) -> Command:
         @wraps(command)
         def with_motion(*args: Any, program: str | None, speed: float, wait: float, **others: Any) -> Any:
-            return command(*args, motion=ProgramRequest(program, speed, wait), **others)
+            motion: dict[str, float | None] = {"speed": speed, "wait": wait}
+            if touching:
+                given = others.pop("approach")
+                motion["approach"] = None if given is None else deferred.distance_of("--approach", given)
+            return command(*args, motion=ProgramRequest(program, motion), **others)
 
         option = click.option(
             "--program", type=click.Choice(list(PROGRAM_FORMATS)),
             help="Write a robot program through the postures too.",
         )  # fmt: skip
-        return add_options(motion_options(wait)(with_motion), option)
+        found = add_options(motion_options(wait)(with_motion), option)
+        return approach_option(found) if touching else found
 
     return added

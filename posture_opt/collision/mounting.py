@@ -16,6 +16,8 @@ from posture_opt.model.chain import walk
 from posture_opt.numerics import Array, Json
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import WordOrSection
+from posture_opt.statements import Quantity, Statement, state
+from posture_opt.statements.notation import stated_length
 from posture_opt.units import Length
 
 MOUNTING_PLANE = "mounting plane"
@@ -71,7 +73,7 @@ class Mounting:
         """
         if stated is not None:
             return None if stated.below is None else cls(stated.below)
-        if not robot.links_have_shape or any(_carries(robot, obstacle) for obstacle in obstacles):
+        if not robot.links_have_shape or any(carries(robot, obstacle) for obstacle in obstacles):
             return None
         return cls(robot.mounting_below, assumed=True)
 
@@ -82,25 +84,20 @@ class Mounting:
         offset = round(float(normal @ origin) - self.below, 15) + 0.0
         return HalfSpace(name=MOUNTING_PLANE, kind="half_space", normal=(x, y, z), offset=f"{offset} m")
 
-    def note(self, depth: float) -> str:
-        """What the reader of an answer has to know of it, in a sentence; empty for a plane that is stated.
+    def statement(self, depth: float) -> Statement | None:
+        """What the reader of an answer has to know of it; None of a plane that is stated.
 
         Args:
             depth: how far the arm reaches below the plane [m].
         """
         if self.dropped:
-            return (
-                f"The arm reaches {depth * 1e3:.0f} mm below its mounting plane, assumed {self._height}, above which "
-                "the task cannot be done: state cell: {mounting: none} or a table."
-            )
-        if self.assumed:
-            return f"The arm stays above its mounting plane, assumed {self._height} (cell: mounting)."
-        return ""
+            return state("collision.mounting-dropped", depth=Quantity(depth), place=self._height)
+        return state("collision.mounting-assumed", place=self._height) if self.assumed else None
 
     @property
     def _height(self) -> str:
         """Where the plane is."""
-        return f"{self.below * 1e3:g} mm below the base frame" if self.below else "at its base"
+        return f"{stated_length(self.below)} below the base frame" if self.below else "at its base"
 
     def to_json(self) -> dict[str, Json]:
         """The key ``mounting`` of a document."""
@@ -113,8 +110,8 @@ def base_frame(robot: Robot) -> tuple[Array, Array]:
     return np.array(reached.position, dtype=float), np.array(reached.columns[2], dtype=float)
 
 
-def below_base_note(placed: PlacedCapsules, Q: Array) -> str:
-    """Which link ends lowest below the xy plane of the base, where nothing says what the arm stands on; else empty.
+def below_base(placed: PlacedCapsules, Q: Array) -> Statement | None:
+    """Which link ends lowest below the xy plane of the base, where nothing says what the arm stands on; else None.
 
     Links are points here: their ends. That a tool point, or the end of the first link, is below the plane tells that
     the arm does not stand on it.
@@ -127,16 +124,11 @@ def below_base_note(placed: PlacedCapsules, Q: Array) -> str:
     least = heights.min(axis=0)
     lowest = int(np.argmin(least[1:-1]))
     if least[lowest + 1] > -_BELOW_BASE_M or min(least[1], least[-1]) < -_BELOW_BASE_M:
-        return ""
-    return (
-        f"Before driving there: the link behind {placed.robot.joint_names[lowest]} ends "
-        f"{-least[lowest + 1] * 1e3:.0f} mm below the xy plane of the base, and the file states neither the shape of "
-        "the arm nor what it stands on. If that plane is the table, state cell: {mounting: {below: 0 m}} and plan "
-        "again; if nothing is there, cell: {mounting: none}."
-    )
+        return None
+    return state("collision.link-below-base", placed.robot.joint_names[lowest], depth=Quantity(-least[lowest + 1]))
 
 
-def _carries(robot: Robot, obstacle: Obstacle) -> bool:
+def carries(robot: Robot, obstacle: Obstacle) -> bool:
     """Whether an obstacle is the floor or the table that the arm stands on: below its foot, and level or near."""
     origin, normal = base_frame(robot)
     foot = origin - robot.mounting_below * normal

@@ -43,7 +43,7 @@ class Checked(NamedTuple):
     left_out: tuple[int, ...]
 
 
-def checked_pairs(distances: Array, clearance: float, still: Mask) -> Checked:
+def checked_pairs(distances: Array, clearance: float, still: Mask, joined: bool = True) -> Checked:
     """Which pairs are checked, and the distance that each is to keep.
 
     A pair that is ever apart is checked. Of links that are near each other by design not all postures have the
@@ -53,8 +53,9 @@ def checked_pairs(distances: Array, clearance: float, still: Mask) -> Checked:
         distances: (N, k) of the pairs at random postures [m]; negative where they overlap.
         clearance: least distance to keep [m].
         still: (k,) whether a pair may be left out, or kept nearer than the clearance, at all.
+        joined: whether bodies may overlap in every posture, as links of one arm, and an arm with what carries it.
     """
-    overlapping = still & (distances < 0).all(axis=0)
+    overlapping = still & joined & (distances < 0).all(axis=0)
     usual = np.floor((np.median(distances, axis=0) - _HELD_BELOW_M) * 1e3) / 1e3
     required = np.where(still, np.clip(usual, 0.0, clearance), clearance)
     chosen = np.flatnonzero(~overlapping)
@@ -79,17 +80,20 @@ def apart_pairs(placed: PlacedCapsules) -> tuple[Pair, ...]:
     )
 
 
-def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float) -> Checked:
+def checked_own(placed: PlacedCapsules, pairs: Sequence[Pair], clearance: float, assumed: Array) -> Checked:
     """What is checked of pairs of capsules of an arm.
 
     Args:
         placed: the capsules of the arm; ``pairs`` (k,) of them.
         clearance: least distance to keep [m].
+        assumed: (c,) what of each radius is assumed [m]: by that two bodies may overlap.
     """
     if not pairs:
         return Checked((), (), ())
     found = own_distances(placed, *placed.segments(random_postures(placed, _POSTURE_COUNT)), pairs)
-    return checked_pairs(found, clearance, np.ones(len(pairs), dtype=bool))
+    more = assumed[np.array(pairs)].sum(axis=1)
+    checked = checked_pairs(found + more, clearance, np.ones(len(pairs), dtype=bool))
+    return checked._replace(required=tuple((np.array(checked.required) - more[list(checked.chosen)]).tolist()))
 
 
 def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Sequence[Pair]) -> Array:
@@ -109,23 +113,26 @@ def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Seque
     )
 
 
-def checked_against(placed: PlacedCapsules, obstacle: Obstacle, moving: Sequence[int], clearance: float) -> Checked:
+def checked_against(
+    placed: PlacedCapsules, obstacle: Obstacle, moving: Sequence[int], clearance: float, carries: bool
+) -> Checked:
     """What is checked of capsules of an arm against an obstacle.
 
-    What belongs to the first link, or keeps its distance within 50 mm, may always touch the obstacle or be nearer than
-    the clearance: the shoulder above the table that the arm is mounted on.
+    What belongs to the first link, or keeps its distance within 50 mm, may be nearer to it than the clearance, and
+    always touch what carries the arm: the shoulder above its table.
 
     Args:
         placed: the capsules of the arm; ``moving`` (k,) indices of those that may be checked.
         obstacle: in the world.
         clearance: least distance to keep [m].
+        carries: whether the arm stands on it.
     """
     if not moving:
         return Checked((), (), ())
     start, end = placed.segments(random_postures(placed, _POSTURE_COUNT))
     away = obstacle_distances(placed, obstacle, start, end, moving)
     still = (np.array([placed.bodies[k] for k in moving]) == _FIRST_BODY) | (np.ptp(away, axis=0) <= _MOUNTED_RANGE_M)
-    return checked_pairs(away, clearance, still)
+    return checked_pairs(away, clearance, still, carries)
 
 
 def moving_capsules(placed: PlacedCapsules, behind: int = 0) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.contacts import Apart, Contacts
-from posture_opt.collision.mounting import Mounting, below_base_note
+from posture_opt.collision.mounting import MOUNTING_PLANE, Mounting, below_base, carries
 from posture_opt.collision.nearest import Clearance, Nearest
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import (
@@ -33,6 +33,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import stand_in, tool_capsule, tool_radius
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import TOOL, Capsule
+from posture_opt.statements import Statement, state
 
 SELF_CLEARANCE_ROW = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
@@ -47,6 +48,8 @@ _FREE_END_RADII = 2.0
 leaning up to 60 deg from a flat surface's normal."""
 _ROW_TOLERANCE_M = 2e-6
 """Taken off each row [m]: more than a solver may leave of a row that counts as met."""
+_SHORT_LINK_M = 0.01
+"""Offset [m] of a link that its neighbours hide: corrections alone are shorter."""
 _SURFACE_M = 1e-4
 """Depth [m] up to which a point is on the surface of a solid, and not inside of it."""
 
@@ -78,7 +81,8 @@ class Scene:
         margin: least distance to keep [m].
         own: pairs of capsules that are checked against each other.
         against: for each obstacle the capsules that are checked against it.
-        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have.
+        required: (k,) least distance [m] of each pair in the order of `pairs`: the margin, or what it can have; below
+            zero for an assumed tool, by its radius.
         left_out: names of the pairs that overlap whatever the posture, which are not checked.
         mounting: the surface that the arm stands on; None where there is none.
         assumed: whether the shape is not known, and capsules along the links are taken in its place.
@@ -100,8 +104,8 @@ class Scene:
 
     @classmethod
     def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False, without_mounting: bool = False) -> Scene:
-        """An arm of known shape is checked against itself, all obstacles and the surface that it stands on; one of
-        unknown shape against obstacles and a surface that is stated.
+        """Links of known shape are checked against each other, all obstacles and the surface that the arm stands on;
+        those of unknown shape against obstacles and a surface that is stated.
 
         The tool is part of the arm, but for its end near the target, where it has to touch. Nothing is checked where
         the cell says so.
@@ -125,14 +129,21 @@ class Scene:
         assumed = bool(stand_ins)
         free_end = 0.0 if guessed else _FREE_END_RADII * (tool_radius(robot) + asked.clearance)
         capsules = stand_ins + robot.shape
+        stated = len(capsules)
         capsules += tool_capsule(robot, free_end) if capsules else ()
         placed = PlacedCapsules(robot, capsules)
-        pairs = () if assumed and not guessed else apart_pairs(placed)
+        known = 0 if guessed else len(stand_ins)  # what stands in for a link overlaps its neighbours
+        pairs = tuple(pair for pair in apart_pairs(placed) if min(pair) >= known)
         # The first link turns on what the arm stands on, so the mounting plane is none of its.
         exposed = [moving_capsules(placed, int(standing and k == len(asked.obstacles))) for k in range(len(obstacles))]
-        own = checked_own(placed, pairs, asked.clearance)
+        # Of a tool whose radius nobody states, the axis alone must not pass through the arm.
+        assumes = robot.tool_radius is None and not guessed
+        unsure = np.array([c.radius * (assumes and k >= stated) for k, c in enumerate(capsules)])
+        own = checked_own(placed, pairs, asked.clearance, unsure)
         others = [
-            checked_against(placed, obstacle, chosen, asked.clearance)
+            checked_against(
+                placed, obstacle, chosen, asked.clearance, obstacle.name == MOUNTING_PLANE or carries(robot, obstacle)
+            )
             for obstacle, chosen in zip(obstacles, exposed, strict=True)
         ]
         return cls(
@@ -193,7 +204,7 @@ class Scene:
         return tuple(
             (names, distance)
             for names, distance in zip(self.pairs, self.required, strict=True)
-            if distance < self.margin
+            if 0 <= distance < self.margin
         )
 
     @cached_property
@@ -205,9 +216,9 @@ class Scene:
         empty = [
             joint.name
             for joint, link in zip(self.robot.joints, self.robot.links, strict=True)
-            if joint.name not in shaped and any(f.kind == "translate" and f.nominal for f in link)
+            if joint.name not in shaped and any(f.kind == "translate" and abs(f.nominal) > _SHORT_LINK_M for f in link)
         ]
-        return () if self.assumed else self.robot.unshaped or tuple(empty)
+        return self.robot.unshaped or (() if self.assumed else tuple(empty))
 
     def distances(self, Q: Array) -> Array:
         """(N, k) exact distance of every pair at the postures Q (N, n) [m].
@@ -237,15 +248,26 @@ class Scene:
         return np.asarray(np.min(self.distances(Q) - np.array(self.required), axis=1))
 
     def mounting_note(self, Q: Array) -> str:
-        """What a reader of the postures Q (N, n) has to know of the surface that the arm stands on; else empty."""
+        """The sentence of `mounting_statement`; empty without one."""
+        found = self.mounting_statement(Q)
+        return "" if found is None else found.text
+
+    def mounting_statement(self, Q: Array) -> Statement | None:
+        """What a reader of the postures Q (N, n) has to know of the surface that the arm stands on."""
         if self.stands_anywhere:
-            return below_base_note(self.placed, np.atleast_2d(Q))
+            return below_base(self.placed, np.atleast_2d(Q))
         if self.mounting is None:
-            return ""
+            return None
         chosen = moving_capsules(self.placed, 1)
         plane = self.mounting.plane(self.robot)
         away = obstacle_distances(self.placed, plane, *self.placed.segments(np.atleast_2d(Q)), chosen)
-        return self.mounting.note(-float(np.min(away, initial=0.0)))
+        return self.mounting.statement(-float(np.min(away, initial=0.0)))
+
+    def statements(self, Q: Array) -> tuple[Statement, ...]:
+        """What the reader of the postures Q (N, n) [rad or m] must know before anyone drives there."""
+        mounting, names = self.mounting_statement(Q), self.pierced(Q)
+        pierced = [state("collision.tool-pierces", obstacles=names)] if names else []
+        return (*([] if mounting is None else [mounting]), *pierced)
 
     def clearance(self, Q: Array) -> Clearance | None:
         """The least distances over the postures Q (N, n) or (n,), and between which; None where nothing is checked."""
@@ -294,12 +316,21 @@ class Scene:
                 found.append(obstacle.name)
         return tuple(found)
 
-    def nearest(self, row: str, q: Array) -> float:
-        """The exact distance [m] in the posture q (n,) of the pairs that a row of `rows` is of, by its name."""
-        own = row == SELF_CLEARANCE_ROW
+    def closest(self, row: str, q: Array) -> tuple[tuple[str, str], float, float]:
+        """Of the pairs that a row of `rows` is of, by its name, the one that lacks most of what it is to keep.
+
+        Args:
+            q: (n,) posture [rad or m].
+
+        Returns:
+            its names, its distance there and the distance that it is to keep [m].
+        """
+        mine = [
+            k < len(self.own) if row == SELF_CLEARANCE_ROW else row_name(p[1]) == row for k, p in enumerate(self.pairs)
+        ]
         distances = self.distances(q)[0]
-        mine = [k < len(self.own) if own else row_name(pair[1]) == row for k, pair in enumerate(self.pairs)]
-        return float(distances[mine].min(initial=np.inf))
+        k = int(np.argmin(np.where(mine, distances - np.array(self.required), np.inf)))
+        return self.pairs[k], float(distances[k]), self.required[k]
 
     def rows(self, q: ca.SX, obstacles: Sequence[Obstacle] | None = None) -> list[ClearanceRow]:
         """A lower bound of the least distance [m] to each obstacle, and of the arm to itself, at joint values ``q``

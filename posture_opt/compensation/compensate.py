@@ -90,7 +90,7 @@ def _compensated(problem: ProblemData, rows: Targets) -> Compensation:
         problem, rows, wanted, start.near, q, digits, reached, refused, start.notes,
         before=expected_miss(arm, problem.sources, rows, wanted, start.near, arrivals_of(arm, rows, start.near)),
         after=expected_miss(arm, problem.sources, rows, wanted, q, came),
-        unsettled=sided_joints(arm) & (came.side != solved_for.side),
+        side=came.side, unsettled=sided_joints(arm) & (came.side != solved_for.side),
     )  # fmt: skip
     if not reached.all():
         raise NoSolutionError(refusal_text(found), found)

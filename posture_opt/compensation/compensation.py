@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from posture_opt.collision.nearest import Clearance
-from posture_opt.compensation.arrival_sides import sided_joints
+from posture_opt.compensation.compensation_statements import JUMP_RAD, cautions, compensation_statements
+from posture_opt.compensation.configuration_choice import changes_of
 from posture_opt.compensation.expected_miss import ExpectedMiss
 from posture_opt.compensation.nearest_postures import Poses
 from posture_opt.compensation.targets import Targets
@@ -18,13 +19,24 @@ from posture_opt.csv_text import csv_line
 from posture_opt.numerics import Array, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
+from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Statement
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
 _LENGTH_DECIMALS = 5  # of a mm: off and left to 10 nm
-_JUMP_RAD = math.radians(60.0)  # of a joint from one row to the next: more is worth a look before the program runs
-_MAX_LISTED_LINES = 8  # lines named in a note
+Origin = Literal["given", "given as targets", "first row", "task"]
+"""Where the joint values of targets come from."""
+
+
+class ConfigurationChange(NamedTuple):
+    """The line that the arm leaves for another in another configuration, and how far [rad] a joint moves at most."""
+
+    first: int
+    last: int
+    joint: str
+    moved: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,6 +52,7 @@ class Compensation(Result):
         reached: (N,) whether the arm comes to the target; ``reasons`` row -> why it is refused, where that is known.
         remarks: on where the postures come from.
         before: what is expected with ``near``; after: with ``q``.
+        side: (N, n) +1 where a joint arrives with increasing values, −1 with decreasing ones, 0 where unknown.
         unsettled: (N, n) joints that hardly move, so that rounding decides from which side they arrive.
     """
 
@@ -51,9 +64,10 @@ class Compensation(Result):
     digits: JointDigits
     reached: Mask
     reasons: Mapping[int, str]
-    remarks: tuple[str, ...]
+    remarks: tuple[Statement, ...]
     before: ExpectedMiss
     after: ExpectedMiss
+    side: Array
     unsettled: Mask
 
     def __len__(self) -> int:
@@ -129,7 +143,7 @@ class Compensation(Result):
         """The header of column k of the targets as it was given."""
         return self.targets.headers[k].strip()
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``compensation.json``: SI units and radians."""
         rows = zip(self.targets.line, self.postures, self.reached, strict=True)
         return {
@@ -151,59 +165,50 @@ class Compensation(Result):
             "off_rms": rms(self.off),
             "left_rms": rms(self.left),
             "largest_joint_change": float(np.abs(self.q - self.near).max()),
+            "configuration_changes": [change._asdict() for change in self.changes],
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             "beyond_measured": [found.to_json() for found in self.problem.arm.beyond_measured(self.q)],
             "notes": list(self.notes),
         }
 
+    @cached_property
+    def cautions(self) -> tuple[Statement, ...]:
+        """What to check before the rows run, and where their postures come from."""
+        return (*self.remarks, *cautions(self))
+
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know."""
-        return (*self.remarks, *self._jumps, *self._uncertain_sides, *self._other_sides)
+        """The sentences of the cautions."""
+        return tuple(map(str, self.cautions))
 
-    @property
-    def _jumps(self) -> tuple[str, ...]:
-        """The largest move of a joint from one row to the next, where the arm changes its configuration there."""
-        turns = [joint.type == "revolute" for joint in self.problem.robot.joints]
-        steps = np.abs(np.diff(self.q, axis=0))[:, turns]
-        if self._joints_given or not steps.size or steps.max() < _JUMP_RAD:
-            return ()
-        row, joint = np.unravel_index(int(np.argmax(steps)), steps.shape)
-        name = [name for name, turning in zip(self.problem.robot.joint_names, turns, strict=True) if turning][joint]
-        first, last = (int(line) for line in self.targets.line[row : row + 2])
-        return (
-            f"{name} moves by {math.degrees(steps[row, joint]):.0f} deg from line {first} to line {last}, as the arm "
-            "changes its configuration: check the motion between them",
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the compensation has to say, the answer first."""
+        return compensation_statements(self)
+
+    @cached_property
+    def changes(self) -> tuple[ConfigurationChange, ...]:
+        """From which rows to which the arm changes its configuration; of arms whose configurations have no names, where
+        a joint turns by more than 60 deg.
+        """
+        robot, steps = self.problem.robot, np.abs(np.diff(self.q, axis=0))
+        turns = np.array([joint.type == "revolute" for joint in robot.joints])
+        named = any(configurations(robot, self.q[:1]))
+        far = np.flatnonzero((steps * turns).max(axis=1, initial=0.0) >= JUMP_RAD).tolist()
+        rows = changes_of(robot, self.q) if named else far
+        joints = [int(np.argmax(steps[k] * turns)) for k in rows]
+        lines = self.targets.line
+        return tuple(
+            ConfigurationChange(int(lines[k]), int(lines[k + 1]), robot.joint_names[j], float(steps[k, j]))
+            for k, j in zip(rows, joints, strict=True)
         )
 
     @property
-    def _uncertain_sides(self) -> tuple[str, ...]:
-        """Joints that hardly move, of which rounding decides from which side they arrive."""
-        joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
-        if not joints:
-            return ()
-        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_MAX_LISTED_LINES])
-        verb = "moves" if len(joints) == 1 else "move"
-        return (
-            f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
-            f"a column {joints[0]}.approach and arrive from there",
-        )
-
-    @property
-    def _other_sides(self) -> tuple[str, ...]:
-        """Lines that state another side of arrival than the way from the row before them has."""
-        moved = np.sign(np.diff(self.q, axis=0))
-        stated = self.targets.side[1:]
-        lines = self.targets.line[1:][
-            np.any(sided_joints(self.problem.arm) & (stated != 0) & (moved != stated), axis=1)
-        ]
-        if not len(lines):
-            return ()
-        shown = ", ".join(str(line) for line in lines[:_MAX_LISTED_LINES])
-        return (
-            f"the way from the row before comes to line {shown} from another side than the file states: come from "
-            "that one, as the program of --program does",
-        )
+    def origin(self) -> Origin:
+        """Where the joint values of the rows come from."""
+        if self._joints_given:
+            return "given" if self.targets.position is not None else "given as targets"
+        return "first row" if self.problem.task is None or self.remarks else "task"
 
 
 def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from posture_opt.compensation.configuration_choice import in_fewest_configurations
 from posture_opt.compensation.nearest_postures import NearestPostures, Poses
 from posture_opt.compensation.targets import Targets
 from posture_opt.compensation.task_postures import Found, TaskPostures
@@ -23,6 +24,7 @@ from posture_opt.selection.program.task_target import spin_axis
 from posture_opt.selection.search.inverse_kinematics import InverseKinematics
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.selection.tasks import Task
+from posture_opt.statements import Statement, state
 
 _TOOL_AXIS = (0.0, 0.0, 1.0)
 _RANDOM_STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
@@ -47,7 +49,7 @@ class StartingPostures:
     kept: Array
     aim: Poses
     refused: Mapping[int, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Statement, ...] = ()
 
 
 def starting_postures(
@@ -73,17 +75,18 @@ def starting_postures(
 def _near_plan(problem: ProblemData, wanted: Poses) -> StartingPostures:
     """The postures that the task allows at the targets, near those of its plan."""
     plan: tuple[Solution, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Statement, ...] = ()
     if problem.task is not None:
         try:
             plan = select_posture(problem).stations
         except (NoSolutionError, InputError):
-            notes = ("the task of the file has no posture of its own: the targets are near the first of them",)
+            notes = (state("compensation.near-first-row"),)
     search = TaskPostures(problem, plan, wanted.rotation is not None)
     found: list[Found] = []
     for row, p in enumerate(wanted.position):
         R = None if wanted.rotation is None else wanted.rotation[row]
         found.append(search.at(p, R, found[-1].q if found else None))
+    found = in_fewest_configurations(search, found, wanted.position, wanted.rotation)
     kept = np.array([one.q for one in found])
     refused = {row: one.reason for row, one in enumerate(found) if one.reason}
     aim = wanted if wanted.rotation is not None else _axis_held(problem, wanted, kept, as_reached=True)

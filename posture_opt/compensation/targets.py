@@ -9,10 +9,12 @@ import numpy as np
 
 from posture_opt.limits import MOST_COMPENSATED
 from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
+from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, known_columns
 from posture_opt.measurements.measurements import nominal_poses, still_axes
-from posture_opt.measurements.orientation_columns import incomplete_orientation, is_oriented, rotation_of
+from posture_opt.measurements.orientation_columns import incomplete_orientation, is_oriented, orientation_of
+from posture_opt.measurements.rotations import rotation_matrices
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
@@ -87,29 +89,15 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     check_inputs(cells, robot, faults)
     near = _near_postures(cells, columns, robot, faults)
     position = _wanted_positions(cells, columns, robot)
-    rotation = rotation_of(cells, columns, robot, faults)
+    turned = orientation_of(cells, columns, robot, DataSpec(), faults)
     faults.refuse()
     texts = [[_cell_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
     return Targets(
         table.titles, tuple(map(tuple, texts)), columns, position,
-        None if rotation is None else rotation_matrices(rotation), near, _stated_sides(cells, robot),
+        None if turned is None else rotation_matrices(turned.quaternions()), near, _stated_sides(cells, robot),
         cells.number("payload"), cells.number("temperature"), cells.number("time"), cells.line, faults.file,
         table.separator, cells.marks.decimal,
     )  # fmt: skip
-
-
-def rotation_matrices(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first.
-
-    ``T_world_tool`` turns tool vectors into the world.
-    """
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _check_missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:

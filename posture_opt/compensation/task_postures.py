@@ -16,12 +16,14 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.model.reach_bound import stretched
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget, spin_axis
 from posture_opt.selection.search.batches import until_found_often
 from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.tasks.custom import Custom
 from posture_opt.selection.tasks.direction import Direction
@@ -33,6 +35,7 @@ from posture_opt.units import JointQuantity, number
 _DIMENSIONS = {"revolute": "angle", "prismatic": "length"}
 _ANY_SIGMA = 1e-6  # rad or m, of the first joint, where no row asks for the spread: a program has some spread
 _SEED = 0
+_BRANCH_STARTS = 200  # random postures that are led to a target: of eight configurations each is found then
 _MAX_EXPLAINED = 3  # targets of which is asked what keeps the arm from them, a second each
 _UNEXPLAINED = "no posture that the task and the cell allow was found"
 
@@ -110,6 +113,21 @@ class TaskPostures:
                 if end.feasible and is_clear(self.problem.scene, end.q[None])[0]:
                     return self._kept(end.q)
         return self._searched(selector, target, start)
+
+    def branches(self, p: Array, R: Array | None) -> dict[tuple[str, ...], Array]:
+        """Configuration -> the posture (n,) in it at a target; arguments as of `at`."""
+        station = self._nearest_station(p)
+        selector, reference = self._selector(station, p), self._reference(station)
+        target, rng = self._target(selector, station, p, R), np.random.default_rng(_SEED)
+        engine, robot = selector.engine(target, guarded=True), self.problem.robot
+        Q, errors = engine.ik.solve(engine.ik.random_postures(_BRANCH_STARTS, rng),
+                                    engine.request(target, _BRANCH_STARTS, rng))  # fmt: skip
+        led = Q[errors < TOLERANCE]
+        led = led[np.argsort(np.abs(led - reference).max(axis=1), kind="stable")]
+        nearest = dict(zip(configurations(robot, led[::-1]), led[::-1], strict=True))
+        ends = [_followed(engine, q, target) for q in nearest.values()]
+        kept = [end.q for end in ends if end.feasible and is_clear(self.problem.scene, end.q[None])[0]]
+        return dict(zip(configurations(robot, np.reshape(kept, (-1, robot.n))), kept, strict=True))
 
     def _searched(self, selector: PostureSelector, target: TaskTarget, start: Array) -> Found:
         """What random starts lead to; of the first targets that are out of reach, which requirement is in the way."""

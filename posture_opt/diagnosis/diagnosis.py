@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.weights import Reading
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
@@ -20,6 +19,9 @@ from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.scatter_change import ScatterChange, scatter_change
 from posture_opt.calibration.start_up import StartUp, start_up
+from posture_opt.calibration.weights import Reading
+from posture_opt.diagnosis.cause_actions import CauseAction, cause_actions
+from posture_opt.diagnosis.cause_statements import geometric
 from posture_opt.diagnosis.causes.causes import (
     Finding,
     tool_shifts,
@@ -28,11 +30,14 @@ from posture_opt.diagnosis.causes.causes import (
 from posture_opt.diagnosis.causes.delivered_effects import Delivery
 from posture_opt.diagnosis.causes.extended_arm import extended_arm
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
+from posture_opt.diagnosis.diagnosis_statements import statements_of
 from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
+from posture_opt.diagnosis.geometry_corrections import Correction, determined_corrections, largest_correction
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.diagnosis.noise.noise_causes import known_sides, sided_joints
 from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
+from posture_opt.diagnosis.noise_floor import NoiseFloor
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
@@ -46,9 +51,11 @@ from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Statement
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.repeat_scatter import prismatic_joints
 
+_MAX_SCATTERING_JOINTS = 2  # joints that one arm may have scattering at once
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
 
@@ -156,12 +163,92 @@ class Diagnosis(Result):
         """What each model would have chosen of the postures measured; None without a comparison, or without such."""
         return None if self.comparison is None else measured_goals(self.model.residuals.data, self.held, self.models)
 
-    def to_json(self) -> dict[str, Json]:
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What it has to say, the errors first."""
+        return statements_of(self)
+
+    @property
+    def fitted_effects(self) -> tuple[tuple[int, Finding], ...]:
+        """(place among the effects of the model, finding) of every named effect."""
+        return tuple((f.place, f) for f in self.effects if f.place is not None)
+
+    @property
+    def periodic_joints(self) -> list[int]:
+        """Joints of which a line of the periodogram is named, largest contribution first."""
+        names = list(self.model.residuals.data.joint_names)
+        effects = [f.effect for f in self.effects if f.effect is not None and f.effect.spectral_lines]
+        return [names.index(joint) for joint in dict.fromkeys(effect.moved_joint for effect in effects)]
+
+    @cached_property
+    def actions(self) -> tuple[CauseAction, ...]:
+        """What is to be done about each cause, in the order of ``effects``."""
+        return cause_actions(self.effects, self.test, self.request.data.touches)
+
+    @property
+    def overfitted(self) -> bool:
+        """Whether causes are found, and yet every fit predicts unseen rows worse than the arm of the file does."""
+        fitted = min(self.errors[name].rms for name in ("calibrated", "extended"))
+        return bool(self.effects) and fitted > self.errors["nominal"].rms
+
+    @cached_property
+    def corrections(self) -> tuple[Correction, ...]:
+        """The geometric parameters of the arm with its effects that the data determine."""
+        return determined_corrections(self.calibration, self.model)
+
+    @property
+    def unbuildable(self) -> Correction | None:
+        """The largest certain correction, where the geometry is a cause and no arm is built with it."""
+        largest = largest_correction(self.corrections)
+        return largest if largest is not None and largest.excess > 1 and geometric(self) else None
+
+    @cached_property
+    def noise_floor(self) -> NoiseFloor:
+        """The error that no model can explain."""
+        return NoiseFloor.of(self.problem, self.model, self.contrasts)
+
+    @property
+    def rounds(self) -> int:
+        """Rounds of the cross-validation."""
+        return min(self.request.folds, len(np.unique(self.groups)))
+
+    @property
+    def held_out_noise(self) -> float:
+        """RMS error [m] of held-out rows by noise alone, with what it costs to fit the parameters."""
+        return self.noise_floor.held_out(self.model, self.rounds)
+
+    @property
+    def like_noise(self) -> bool:
+        """Whether the residual error is about as large as noise: nothing more than that is left on average."""
+        return self.noise_floor.rms > 0 and self.held_out_noise >= self.errors["extended"].interval[0]
+
+    @property
+    def repeats_decide(self) -> bool:
+        """Whether repeats of postures are all that is missing to separate scatter from structure."""
+        structured = self.unexplained or self.adequacy.p_value < levels.LACK_OF_FIT_LEVEL
+        return 0 < len(self.repeat_plans) <= _MAX_SCATTERING_JOINTS and not structured
+
+    def shift_at_tool(self, finding: Finding) -> float | None:
+        """RMS shift [m] of the tool point in the data that geometry could not imitate; of scatter, its largest σ.
+
+        None of causes that move nothing, or by an open size. ``σ max |J_j|`` of a joint that scatters.
+        """
+        if not finding.determined:
+            return None
+        if finding.noise is None or not finding.noise.moved_joint:
+            return None if finding.place is None else rms(tool_shifts(self.model, finding)[1])
+        residuals = self.model.residuals
+        (sigma,) = finding.noise.scatter(residuals.robot).values()
+        joint = residuals.robot.joint_names.index(finding.noise.moved_joint)
+        moved = residuals.metres(self.linearised.sensitivities.joints[joint][:, : len(residuals.axes)])
+        return sigma * float(np.linalg.norm(moved, axis=1).max())
+
+    def fields_json(self) -> dict[str, Json]:
         """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
         if self.comparison is None:
             return self.findings_json()
         goals = {} if self.goals is None else {"goals": self.goals.to_json()}
-        return self.findings_json() | {"posture": goals | self.comparison.to_json()}
+        return self.findings_json() | {"posture": goals | self.comparison.fields_json()}
 
     def findings_json(self) -> dict[str, Json]:
         """The part of the document that the diagnosis itself knows.
@@ -328,7 +415,9 @@ class Diagnosis(Result):
         gain, split = self.test_gain(i), self.split
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
         document["inspect"] = self.effects[i].inspect(self.problem.robot)
+        document |= {"action": self.actions[i].action, "reason": self.actions[i].reason or None}
         place = self.effects[i].place
+        document |= {} if place is None else {"delivered": self.delivery.status(place)}
         if place is not None and self.effects[i].determined:
             alone, beyond = (rms(v) for v in tool_shifts(self.model, self.effects[i]))
             document["tool_shift_rms"] = {"alone": alone, "beyond_geometry": beyond}

@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.assumptions.weights import (
-    MIN_EVIDENCE,
-    Reading,
-    better_gravity,
-    refuted_masses,
-)
 from posture_opt.calibration.calibrate import of_problem, restated, reweighed
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.prior import known_rows
 from posture_opt.calibration.estimation.progress import Stages
+from posture_opt.calibration.weights import (
+    MIN_EVIDENCE,
+    Reading,
+    better_gravity,
+    refuted_masses,
+)
 from posture_opt.diagnosis.causes.mass_errors import with_mass_errors
 from posture_opt.diagnosis.causes.predictive_effects import PredictiveModel
 from posture_opt.diagnosis.causes.selected_sizes import choice_deviations, with_choice_errors

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,12 +21,14 @@ from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
+from posture_opt.uncertainty.regions.critical import PARTS
 
 Purpose = Literal["parameters", "task", "recheck"]
 INSTRUMENT = "instrument"
 """Column that says which instrument measured a row."""
 _WRITTEN = {"revolute": ("deg", math.degrees(1.0)), "prismatic": ("mm", 1e3)}
-_NO_TABLE_NOTE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
+_EXACT_STD = 1e-7  # m, rad: rounding of a covariance in which parameters are correlated
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +92,7 @@ class MeasurementPlan(Result):
         columns_by_row: the same where a posture has several rows, as one for each marker that a camera sees: the cells
             of all rows of each posture.
         second: the joints of a second arm that is touched.
-        notes: sentences for the report.
+        notes: sentences on what was assumed of instrument and data; ``remarks`` what the plan itself has to remark.
     """
 
     problem: ProblemData
@@ -123,6 +126,22 @@ class MeasurementPlan(Result):
     columns_by_row: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     second: tuple[SecondJoint, ...] = ()
     notes: tuple[str, ...] = ()
+    remarks: tuple[Statement, ...] = ()
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the plan is worth, what to know before running it, and what it leaves open."""
+        return plan_statements(self)
+
+    @property
+    def listed(self) -> list[int]:
+        """Indices of the parameters that can be determined and are not as good as exact already."""
+        return np.flatnonzero(self.settled & ~(self.before.std < _EXACT_STD)).tolist()
+
+    @property
+    def arm_scatter(self) -> float:
+        """The arm's own part ``σ sqrt(spread² − 1)`` of the standard deviation of a measured coordinate [m]."""
+        return self.sigma * math.sqrt(max(self.spread**2 - 1, 0.0))
 
     @property
     def robot(self) -> Robot:
@@ -177,7 +196,7 @@ class MeasurementPlan(Result):
         every = {name: (cells[k],) * count for name, cells in self.columns.items()} | by_row
         return [*zip(*every.values(), strict=True)] or [()]
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``plan.json``: SI units and radians."""
         stages = {"before": self.before, "after": self.after, "random": self.random}
         return {
@@ -204,7 +223,10 @@ class MeasurementPlan(Result):
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
-            "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE_NOTE])],
+            "notes": [
+                *self.notes,
+                *(s.text for s in self.statements if s in self.remarks or s.id == "experiments.table-unstated"),
+            ],
         }
 
     def _beside(self, k: int) -> dict[str, Json]:
@@ -234,3 +256,67 @@ def _written(one: SecondJoint, k: int) -> str:
 def _finite_or_none(value: float) -> float | None:
     """A number of a document: None in place of NaN and infinity, which JSON does not have."""
     return float(value) if np.isfinite(value) else None
+
+
+def plan_statements(plan: MeasurementPlan) -> tuple[Statement, ...]:
+    """What the plan is worth and brings; surface, height and moves; what is assumed, and what stays open."""
+    return (_worth(plan), *_surface(plan), *_task_error(plan), *tour_statements(plan), *plan.remarks, *_open(plan))
+
+
+def _worth(plan: MeasurementPlan) -> Statement:
+    """How many random postures the planned ones are worth."""
+    count = len(plan.q)
+    if plan.equivalent is None:
+        return state("experiments.worth-more", postures=count, random=plan.tried, purpose=plan.purpose)
+    if plan.equivalent <= count:
+        return state("experiments.worth-as-many", postures=count, purpose=plan.purpose)
+    return state("experiments.worth", postures=count, random=plan.equivalent, purpose=plan.purpose)
+
+
+def _surface(plan: MeasurementPlan) -> Iterator[Statement]:
+    """What the arm stands on, and how low it may reach."""
+    if mounting := plan.workspace.scene.mounting_statement(plan.q):
+        yield mounting
+    yield from _height(plan)
+
+
+def _height(plan: MeasurementPlan) -> tuple[Statement, ...]:
+    """That nothing keeps the arm from reaching below the table."""
+    return () if plan.keeps_height else (state("experiments.table-unstated"),)
+
+
+def _task_error(plan: MeasurementPlan) -> Iterator[Statement]:
+    """The expected error at the posture of the task, where there is one."""
+    if plan.target is None or math.isnan(plan.after.task):
+        return
+    part, error = PARTS[plan.target.within], Quantity(plan.after.task)
+    if math.isnan(plan.before.task):
+        yield state("experiments.task-error", part=part, error=error)
+    else:
+        yield state("experiments.task-error-reduced", part=part, error=error, before=Quantity(plan.before.task))
+
+
+def tour_statements(plan: MeasurementPlan) -> Iterator[Statement]:
+    """Moves that collide, what the others keep clear of, and joints that arrive from one side alone."""
+    tour, scene = plan.tour, plan.workspace.scene
+    if len(plan.q) > 1:
+        last = [f"{len(plan.q)} to 1"] if tour.back and plan.repeats > 1 else []
+        bodies = ("the arm itself", *(obstacle.name for obstacle in scene.obstacles))
+        if tour.blocked or last:
+            yield state("experiments.moves-blocked", legs=[*(f"{k + 1} to {k + 2}" for k in tour.blocked), *last])
+        elif plan.keeps_height:
+            yield state("experiments.moves-clear", bodies=bodies)
+        else:
+            yield state("experiments.moves-clear-unmounted", bodies=bodies)
+        sides = zip(plan.robot.joint_names, tour.sides, strict=True)
+        if joints := [name for name, share in sides if share in (0.0, 1.0)]:
+            yield state("experiments.one-sided", joints=joints)
+    if plan.second:
+        yield state("experiments.second-arm")
+
+
+def _open(plan: MeasurementPlan) -> Iterator[Statement]:
+    """What is not checked, and what no posture can separate."""
+    yield state("experiments.run-slowly")
+    for what in plan.undetermined:
+        yield state("experiments.inseparable", what=what)

@@ -34,12 +34,9 @@ from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
+from posture_opt.statements import Statement, state
 from posture_opt.workers import Executor, Serial, Workers, opened
 
-NO_TOOL_NOTE = (
-    "the tool is free and starts at the flange: the plan is better where the measured point is roughly stated "
-    "(tool: {xyz: [...], free: true})"
-)
 _RANDOM_PLANS = 21  # random plans of the same size that the chosen one is compared with
 _MAX_SHOWN_POINTS = 1500  # random postures that are kept to be drawn
 
@@ -119,13 +116,13 @@ def plan_measurements(
             height = height if link_height is None else link_height
             scene = Scene.of(one.robot, one.cell, guessed=True, without_mounting=one.without_mounting)
             workspace = Workspace.of(one.robot, scene, height=height, margin=margin, box=within or ANYWHERE)
-            target, notes = _planned_target(one, needed=purpose == "task")
+            target, remarks = _planned_target(one, needed=purpose == "task")
             floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
             floored = floored or workspace.scene.plane is not None or not _least_height(one)
-            notes += (NO_TOOL_NOTE,) * (given is None and _at_flange(one))
+            remarks += (state("experiments.no-tool"),) * (given is None and _at_flange(one))
             return plan_postures(
                 one, workspace, count, given=given, purpose=purpose, target=target, seed=seed or 0,
-                candidates=candidates, repeats=repeats, keeps_height=floored, notes=notes, workers=pool,
+                candidates=candidates, repeats=repeats, keeps_height=floored, remarks=remarks, workers=pool,
                 progress=progress,
             )  # fmt: skip
 
@@ -153,7 +150,7 @@ def _at_flange(problem: ProblemData) -> bool:
     return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
 
 
-def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
+def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[Statement, ...]]:
     """The task's best posture; where none is needed, its lack is only remarked on.
 
     Raises:
@@ -173,14 +170,14 @@ def _planned_target(problem: ProblemData, needed: bool) -> tuple[Target | None, 
         if needed:
             raise
         why = error.issues[0].message if isinstance(error, InputError) else str(error).splitlines()[0]
-        return None, (f"the task's posture is not known ({why})",)
+        return None, (state("experiments.task-posture-unknown", reason=why),)
     return Target(np.array(solution.q), solution.basis.T, solution.optimisation_problem.task.within), ()
 
 
 def plan_postures(
     problem: ProblemData, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
-    notes: tuple[str, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
+    remarks: tuple[Statement, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
     """The ``count`` postures that add most information, by exchange among random candidates and postures near them.
 
@@ -233,7 +230,7 @@ def plan_postures(
         axes=tuple(residuals.data.kind.axis_names[i] for i in residuals.axes), targets=measuring.targets,
         columns=_columns(measuring, q), second=_second(measuring, q),
         columns_by_row={} if measuring.places is None else measuring.places.columns_by_row(q),
-        keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
+        keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes))), remarks=remarks,
     )  # fmt: skip
 
 

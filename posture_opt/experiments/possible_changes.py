@@ -19,6 +19,19 @@ An assumption and no count. A factor of two in it moves a verdict only where the
 _EFFECTS: tuple[tuple[type[Effect], float], ...] = ((Backlash, 0.075), (JointCompliance, 0.075))
 """Effects that joints come to have, with the probability of their kind."""
 FRAME_PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
+_LENGTHS = ("a", "d", "x", "y", "z")
+
+
+def change_name(kind: str, target: str) -> str:
+    """The name of a change: "zero of elbow", "twist elbow.alpha"."""
+    part = "length" if target.rpartition(".")[2] in _LENGTHS else "twist"
+    names = {
+        "tool_frame": "tool",
+        "base_frame": "base",
+        "joint_offset": f"zero of {target}",
+        "link": f"{part} {target}",
+    }
+    return names.get(kind, f"{kind.replace('_', ' ')} of {target}")
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,11 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles
-from posture_opt.report.page.colours import BLUE, GREY, LIGHT, ORANGE
-from posture_opt.report.scene.arm_solids import Role, Solid
+from posture_opt.report.scene.arm_solids import COLOURS, Role, Solid
 
 if TYPE_CHECKING:
     import viser
 
-_COLOURS: dict[Role, str] = {
-    "base": GREY, "link": LIGHT, "joint": BLUE, "tool": ORANGE, "obstacle": GREY, "floor": LIGHT, "region": ORANGE,
-}  # fmt: skip
 _HANDLE_PIXELS, _HANDLE_LINE_PIXELS = 100.0, 6.0
 """Of the handles: a finger meets what is 24 pixels wide (WCAG 2.2, 2.5.8); of an arrow 4.5 lines are."""
 OPACITY: dict[Role, float] = {"obstacle": 0.55, "floor": 0.6, "region": 0.5}
@@ -37,7 +33,7 @@ def add_solid(server: viser.ViserServer, name: str, solid: Solid) -> Any:
     """A solid on the page; obstacles let through what is behind them."""
     flat = solid.role in ("obstacle", "floor", "base")
     mesh, near_side = Triangles.of([solid.faces]), solid.role == "obstacle"
-    colour, opacity = _COLOURS[solid.role], OPACITY.get(solid.role, 1.0)
+    colour, opacity = COLOURS[solid.role], OPACITY.get(solid.role, 1.0)
     return add_mesh(server, name, _outward(mesh) if near_side else mesh, colour, opacity, flat, near_side)
 
 
@@ -85,14 +81,6 @@ def add_grid(server: viser.ViserServer, name: str, surface: Array, colour: str) 
 def add_lines(server: viser.ViserServer, name: str, segments: Array, colour: str, thickness: float) -> Any:
     """Segments (k, 2, 3) [m], so many pixels thick."""
     return server.scene.add_line_segments(name, segments, rgb(colour), thickness=thickness, thickness_units="screen")
-
-
-def frame_along(axis: Array) -> Array:
-    """(3, 3) a right-handed frame whose z axis is the given one."""
-    z = axis / np.linalg.norm(axis)
-    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def wxyz(R: Array) -> Array:

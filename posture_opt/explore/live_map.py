@@ -17,7 +17,7 @@ from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import VERMILLION, mapped_colours
 from posture_opt.report.parts.parts import sentence
-from posture_opt.report.text.units_text import stated
+from posture_opt.statements.notation import stated
 
 if TYPE_CHECKING:
     import viser

@@ -19,7 +19,6 @@ from posture_opt.explore.drawing import (
     add_lines,
     add_mesh,
     add_solid,
-    frame_along,
     rgb,
     wxyz,
 )
@@ -27,9 +26,16 @@ from posture_opt.explore.live_cell import LiveCell
 from posture_opt.explore.viewpoint import look_at
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow
-from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.scene.arm_geometry import ArmGeometry, ErrorRegion, TargetGeometry, enlargement
-from posture_opt.report.scene.arm_solids import ArmSolids
+from posture_opt.report.page.colours import BLUE, PURPLE, VERMILLION
+from posture_opt.report.scene.arm_geometry import (
+    ARROW_SHARE,
+    ArmGeometry,
+    ErrorRegion,
+    TargetGeometry,
+    enlargement,
+    frame_along,
+)
+from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
@@ -39,8 +45,6 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
 
 _PALE = 0.25  # opacity of the last posture where there is none for the target
-_ARROW_SHARE = 0.28  # of the arm's extent: the direction of the task
-_RIM_POINTS = 64
 _DRAWS = 2000  # of the Monte Carlo cloud: takes 2 ms
 _POINT_SHARE, _BALL_SHARE = 0.006, 0.02  # of the arm's extent: a draw, and the ball at the nearest point
 _LABEL_ROOM = 0.3  # of the arm's extent: what is seen below the tool point: the label
@@ -91,6 +95,7 @@ class LiveScene:
         self.cell: LiveCell = LiveCell(server, geometry, obstacle_moved)
         self.handle: Any = self._handle(geometry.planar, moved)
         self._label: Any = None
+        self._ring_label: Any = None
         self._reachable = server.scene.add_icosphere(
             "/reachable", _BALL_SHARE * self._extent, rgb(VERMILLION), visible=False, cast_shadow=False
         )
@@ -160,7 +165,7 @@ class LiveScene:
     def _region(self, region: ErrorRegion) -> None:
         """The error region, and how much it is enlarged."""
         mesh = Triangles.of([region.faces()])
-        add_mesh(self._server, "/answer/region", mesh, ORANGE, OPACITY["region"])
+        add_mesh(self._server, "/answer/region", mesh, COLOURS["region"], OPACITY["region"])
         text, place = region.label, region.center + _LABEL_SHARE * self._extent * self._down
         if self._label is None:
             self._label = self._server.scene.add_label(
@@ -169,18 +174,22 @@ class LiveScene:
         self._label.text, self._label.position = text, tuple(place)
 
     def _target(self, target: TargetGeometry, region: ErrorRegion, tool_point: Array) -> None:
-        """The direction of the task and the play of the hole, enlarged as the region is."""
-        place = tool_point if target.kind != "point" else target.lower
-        shaft = arrow()
-        corners = place + self._extent * _ARROW_SHARE * (shaft.corners - [0, 0, 1.0]) @ frame_along(target.direction).T
-        add_mesh(self._server, "/answer/direction", Triangles(corners, shaft.faces, shaft.owner), VERMILLION, 1.0)
-        if target.clearance is None:
+        """The direction of the task and the rim of the hole with its label, enlarged as the region is."""
+        scene, place, shaft = self._server.scene, tool_point if target.kind != "point" else target.lower, arrow()
+        corners = place + self._extent * ARROW_SHARE * (shaft.corners - [0, 0, 1.0]) @ frame_along(target.direction).T
+        arrow_mesh = Triangles(corners, shaft.faces, shaft.owner)
+        add_mesh(self._server, "/answer/direction", arrow_mesh, COLOURS["direction"], 1.0)
+        ring = target.ring(region.factor, place, self._extent)
+        if ring is None:
+            scene.remove_by_name("/answer/ring")
+            self._ring_label = None
             return
-        angle = np.linspace(0.0, 2 * np.pi, _RIM_POINTS + 1)
-        ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) @ frame_along(target.direction).T
-        points = place + region.factor * target.clearance * ring
+        points = ring.points()
         segments = np.stack([points[:-1], points[1:]], axis=1)
-        add_lines(self._server, "/answer/clearance", segments, CLEARANCE_COLOUR, 3.0)
+        add_lines(self._server, "/answer/ring/rim", segments, COLOURS["ring"], 3.0)
+        if self._ring_label is None:
+            self._ring_label = scene.add_label("/answer/ring/label", ring.label, anchor="center-left")
+        self._ring_label.text, self._ring_label.position = ring.label, tuple(points[np.argmax(points[:, 0])])
 
     def _handle(self, planar: bool, moved: Moved) -> Any:
         handle = add_handle(self._server, "/target", planar)

@@ -21,7 +21,7 @@ from posture_opt.numerics import Array, Mask, rms_length
 from posture_opt.problem.problem import Problem
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.report.text.units_text import stated
+from posture_opt.statements.notation import stated
 
 if TYPE_CHECKING:
     import viser

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
@@ -22,7 +23,7 @@ from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.report.parts.parts import sentence
-from posture_opt.report.parts.solution_checks import gain_facts
+from posture_opt.statements.notation import length
 
 if TYPE_CHECKING:
     import viser
@@ -212,9 +213,9 @@ def _small(html: str) -> str:
 
 
 def _gain(found: Solution) -> str:
-    """How the answer compares with a typical posture; nothing for stations, whose table says it."""
-    facts = [] if found.points else gain_facts(found)
-    return _line(sentence(facts[0][1])) if facts else ""
+    """What a typical posture would give; nothing for stations, whose table says it."""
+    typical = math.nan if found.points else found.statistics.typical
+    return _line(f"Typical feasible posture: {length(typical)}.") if math.isfinite(typical) else ""
 
 
 def _line(text: str, alarm: bool = False) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
-from posture_opt.report.text.units_text import stated
+from posture_opt.statements.notation import stated
 from posture_opt.units import parse_quantity
 
 _DECADES = 1.0

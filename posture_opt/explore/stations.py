@@ -16,7 +16,7 @@ from posture_opt.problem.plain_data import Plain
 from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import GREY, mapped_colours
 from posture_opt.report.scene.arm_geometry import ArmGeometry
-from posture_opt.report.text.units_text import stated
+from posture_opt.statements.notation import stated
 
 if TYPE_CHECKING:
     import viser

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import get_args
 
 from posture_opt.errors import InputError, Issue, one_of
-from posture_opt.export import EXPORTS
+from posture_opt.export import EXPORTS, PROGRAM_FORMATS
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.export.program_format import ProgramFormat
-from posture_opt.export.robot_program import RobotProgram, program_through
+from posture_opt.export.robot_program import MotionRequest, RobotProgram, posture_program
 from posture_opt.interrupts import interruptible
 from posture_opt.robot.posture import PostureLike, read_posture
 from posture_opt.selection.problem_data import ProblemData
@@ -39,6 +39,7 @@ def export_files(
     speed: float = 10.0,
     wait: float = 0.0,
     approach: float | None = None,
+    with_breaks: bool = False,
     seed: int | None = None,
     workers: int = 1,
 ) -> Exported:
@@ -50,8 +51,9 @@ def export_files(
         name: of functions, programs and files; each format has one of its own.
         posture: (n,) the stop of a robot program [rad or m]; default: the answer to the problem, which is planned.
         speed: of robot programs [percent]; wait: at every stop [s].
-        approach: distance [m] of a point in front of every stop, or of a path, and of one to retract to; None: 50 mm
-            in front of and behind a path.
+        approach: distance [m] of a point in front of every stop, or of a path, and of one to retract to; None: 50 mm,
+            or what part and clearance of the cell need, where the task touches its target.
+        with_breaks: whether a path that the arm has to leave on its way is written in parts.
         seed, workers: of the planning.
 
     Returns:
@@ -70,11 +72,10 @@ def export_files(
     kinds = export_kinds()
     if to not in kinds:
         raise InputError(Issue("there is no such export", ("--to",), to, one_of(to, kinds, "formats")))
-    given = None
-    if posture is not None:
-        q = [read_posture(problem.robot, posture)]
-        given = program_through(problem, "the given posture", q, [""], speed=speed, wait=wait)
-    source = ExportSource(problem, seed, workers, speed, wait, approach, given)
+    asked, given = MotionRequest(speed, wait, approach, with_breaks), None
+    if posture is not None and to in PROGRAM_FORMATS:
+        given = posture_program(problem, "the given posture", read_posture(problem.robot, posture), [""], asked)
+    source = ExportSource(problem, asked, seed, workers, given)
     return kinds[to](name=name).write(source)
 
 

@@ -10,8 +10,9 @@ from functools import cached_property
 from typing import ClassVar
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.export.robot_program import RobotProgram, program_of
+from posture_opt.export.robot_program import MotionRequest, RobotProgram, answer_programs
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.selection.select_posture import select_posture
 from posture_opt.spec import Spec
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -36,30 +37,28 @@ class ExportSource:
 
     Args:
         problem: what is exported.
+        asked: of a program.
         seed, workers: of the planning.
-        speed: of programs, in percent of what the format takes for full; wait: at every stop [s].
-        approach: of points in front of and behind stops [m]; None: of a path only.
         given: the program, where it is known already.
     """
 
     problem: ProblemData
+    asked: MotionRequest
     seed: int | None = None
     workers: int = 1
-    speed: float = 10.0
-    wait: float = 0.0
-    approach: float | None = None
     given: RobotProgram | None = None
 
     @cached_property
-    def program(self) -> RobotProgram:
-        """The motion to write.
+    def programs(self) -> list[RobotProgram]:
+        """The motion to write: one program, or the parts of a path.
 
         Raises:
             NoSolutionError, InputError: as of `select_posture`.
         """
         if self.given is not None:
-            return self.given
-        return program_of(self.problem, self.seed, self.workers, self.speed, self.wait, self.approach)
+            return [self.given]
+        answer = select_posture(self.problem, seed=self.seed, workers=self.workers)
+        return answer_programs(answer.problem, answer, self.asked)
 
 
 class ExportFormat(Spec):

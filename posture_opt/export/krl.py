@@ -2,7 +2,8 @@
 
 A program is a ``.src`` file with the motions and a ``.dat`` file of the same name with its data. ``E6AXIS`` holds six
 robot axes A1 … A6 and six external ones E1 … E6, in degrees or mm. ``LIN`` takes a pose, which ``FORWARD`` makes of
-axis values with the tool and base that are set: ``$TOOL`` in mm and degrees, A about Z, B about Y, C about X.
+axis values with the tool and base that are set: ``$TOOL`` in mm and degrees, A about Z, B about Y, C about X;
+``$LOAD`` in kg, its centre in the flange.
 ``$VEL.CP`` in m/s; ``C_DIS`` rounds a corner within ``$APO.CDIS`` [mm].
 Source: KUKA, "KUKA System Software 8.x, Operating and Programming Instructions for System Integrators".
 """
@@ -11,6 +12,8 @@ from __future__ import annotations
 
 import math
 from typing import ClassVar, Literal
+
+import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.program_format import ProgramFormat, axes_of, seconds
@@ -62,6 +65,10 @@ class Krl(ProgramFormat):
         moves = ["&ACCESS RVP", f"DEF {name}()", *head, *lines, "BAS(#INITMOV, 0)"]
         moves += [f"BAS(#VEL_PTP, {program.speed:g})", f"BAS(#ACC_PTP, {program.speed:g})"]
         if program.has_lines:
+            centre = np.eye(4)
+            centre[:3, 3] = program.tool[:3, 3]
+            load = f"$LOAD={{M {program.payload:g},CM {_frame(centre)},J {{X 0,Y 0,Z 0}}}}"
+            moves += [load] if program.payload else []
             moves += [f"$TOOL={_frame(program.tool)}", "$BASE=$NULLFRAME", f"$VEL.CP={fixed(program.line_speed, 6)}"]
         stops = zip(program.degrees, program.labels, program.moves, strict=True)
         own, external = axes_of(program.robot)

@@ -35,7 +35,12 @@ class ProgramFormat(ExportFormat):
     """What a comment begins with, to the end of its line."""
 
     def write(self, source: ExportSource) -> Exported:
-        return self.written(source.program)
+        programs, stem = source.programs, self.stem
+        if len(programs) == 1:
+            return self.written(programs[0])
+        parts = [self.model_copy(update={"name": f"{stem}_{k}"}).written(p) for k, p in enumerate(programs, start=1)]
+        notes = dict.fromkeys(note for part in parts for note in part.notes)
+        return Exported({name: text for part in parts for name, text in part.files.items()}, tuple(notes))
 
     def written(self, program: RobotProgram) -> Exported:
         """A program in this language.

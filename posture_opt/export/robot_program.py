@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt import __version__
-from posture_opt.errors import listed
+from posture_opt.errors import NoSolutionError, listed
+from posture_opt.export.arrival_stops import with_arrivals
+from posture_opt.export.arrivals import task_sides
 from posture_opt.export.fixed_pose import fixed_pose
-from posture_opt.export.tool_moves import DEFAULT_APPROACH_M, REDUCED_SPEED, Move, path_moves, with_way
-from posture_opt.model.arm import Arm
+from posture_opt.export.tool_moves import (
+    DEFAULT_APPROACH_M,
+    REDUCED_SPEED,
+    Move,
+    Stop,
+    blocked_legs,
+    path_moves,
+    with_way,
+)
 from posture_opt.numerics import Array
 from posture_opt.robot.posture import joints_at_limits
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.selection.select_posture import Answer, select_posture
+from posture_opt.selection.select_posture import Answer
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 
@@ -27,7 +37,9 @@ CONVENTION = (
     "Check that the controller counts the same before the first run.",
 )
 
+_FIRST_WAY_NOTE = "The way to the first stop is not checked for collisions: drive it slowly the first time."
 _UNCHECKED_NOTE = "The way from stop to stop is not checked for collisions: drive it slowly the first time."
+_NO_LOAD_NOTE = "No payload is stated: set the load of tool and part in the controller."
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +53,7 @@ class RobotProgram:
         digits: what rounding may cost.
         speed: percent of what the language takes for full; wait: at every stop [s].
         notes: sentences for the first lines of the program.
-        given_moves: (N,) how each stop is reached; empty: joint by joint, with the wait at each.
+        moves: (N,) how each stop is reached.
         line_speed: of the tool point on lines [m/s]; to and from stops it is no faster than at ``speed``.
         payload: mass at the tool point [kg].
     """
@@ -55,7 +67,7 @@ class RobotProgram:
     speed: float = 10.0
     wait: float = 0.0
     notes: tuple[str, ...] = ()
-    given_moves: tuple[Move, ...] = ()
+    moves: tuple[Move, ...] = ()
     line_speed: float = REDUCED_SPEED
     payload: float = 0.0
 
@@ -67,11 +79,6 @@ class RobotProgram:
         """The first lines of the program: title, version, convention of the joints, notes."""
         what = f"{self.title}: {self.what}" if self.title else self.what
         return (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)
-
-    @property
-    def moves(self) -> tuple[Move, ...]:
-        """(N,) how each stop is reached."""
-        return self.given_moves or (Move(),) * len(self)
 
     @property
     def has_lines(self) -> bool:
@@ -106,86 +113,145 @@ class RobotProgram:
         ]
 
 
-def program_of(
-    problem: ProblemData, seed: int | None, workers: int, speed: float, wait: float, approach: float | None = None
-) -> RobotProgram:
-    """The answer to a problem as a program: its posture, those of its features in order, or the points of its path.
-
-    Raises:
-        NoSolutionError, InputError: as of `select_posture`.
-    """
-    answer = select_posture(problem, seed=seed, workers=workers)
-    return answer_program(answer.problem, answer, speed, wait, approach)
-
-
-def answer_program(
-    problem: ProblemData, answer: Answer, speed: float = 10.0, wait: float = 0.0, approach: float | None = None
-) -> RobotProgram:
-    """The program of an answer that is known: a path on lines, other stops joint by joint.
+@dataclass(frozen=True)
+class MotionRequest:
+    """What is asked of a program beside its stops.
 
     Args:
         speed: percent of what the language takes for full; of a path whose task states no speed, of 250 mm/s.
         wait: at every stop [s].
-        approach: distance [m] of a point in front of each stop, or of a path, and of one to retract to; None: 50 mm of
-            a path, else none.
+        approach: distance [m] of a point in front of each stop, or of a path, and of one to retract to; None: what
+            `default_approach` says.
+        with_breaks: whether a path that is broken is driven in parts.
+    """
+
+    speed: float = 10.0
+    wait: float = 0.0
+    approach: float | None = None
+    with_breaks: bool = False
+
+
+def default_approach(problem: ProblemData) -> float:
+    """50 mm [m], or the length of the held part and the clearance of the cell; zero for tasks that touch nothing."""
+    task = problem.task
+    if task is None or not (task.touches or task.on_path):
+        return 0.0
+    part = 0.0 if task.part is None else task.part.length
+    return max(DEFAULT_APPROACH_M, part + problem.scene.margin)
+
+
+def answer_program(problem: ProblemData, answer: Answer, asked: MotionRequest = MotionRequest()) -> RobotProgram:
+    """The program of an answer that is known, which is not broken: a path on lines, other stops joint by joint."""
+    (program,) = answer_programs(problem, answer, replace(asked, with_breaks=False))
+    return program
+
+
+def answer_programs(problem: ProblemData, answer: Answer, asked: MotionRequest) -> list[RobotProgram]:
+    """The program of an answer, or one of each part of a path that the arm has to leave.
+
+    Raises:
+        NoSolutionError: a broken path that is to be driven in one; a way in against the side of arrival.
     """
     what, answers, labels = _stops(answer)
-    q = np.array([one.q for one in answers])
-    moves, line_speed = [Move()] * len(q), REDUCED_SPEED * speed / 100
-    on_path = answer.followed is not None
+    on_path, sides = answer.followed is not None, task_sides(problem)
+    moves, line_speed = [Move()] * len(answers), REDUCED_SPEED * asked.speed / 100
     if on_path:
         stated = getattr(answer.task, "speed", None)
         line_speed = line_speed if stated is None else answer.law.speed or line_speed
-        moves = path_moves(np.array([problem.arm.position(row) for row in q]), answer.law.lengths, line_speed)
-    distance = (DEFAULT_APPROACH_M if on_path else 0.0) if approach is None else approach
-    ways: list[str] = []
+        positions = np.array([problem.arm.position(one.q) for one in answers])
+        moves = path_moves(positions, answer.law.lengths, line_speed)
+    stops = [Stop(one.q, label, move, sides) for one, label, move in zip(answers, labels, moves, strict=True)]
+    backs = [_way_back(one) for one in answers]
+    ends = [one.step + 1 for one in answer.breaks] if on_path else []
+    if ends and not asked.with_breaks:
+        broken = listed(f"{one.first} and {one.last}" for one in answer.breaks)
+        raise NoSolutionError(
+            f"no motion leads on between points {broken}: --with-breaks exports the parts of the path"
+        )
+    parts = list(pairwise([0, *ends, len(stops)]))
+    one = partial(_program, problem, what, asked=asked, line_speed=line_speed, together=on_path)
+    return [one(stops=_begun(stops[a:b]), backs=backs[a:b]) for a, b in parts]
+
+
+def _begun(stops: list[Stop]) -> list[Stop]:
+    """The stops of a part of a path, its first one driven to joint by joint."""
+    return [stops[0]._replace(move=replace(stops[0].move, line=False)), *stops[1:]]
+
+
+def _program(
+    problem: ProblemData, what: str, *, stops: Sequence[Stop], backs: Sequence[Array], asked: MotionRequest,
+    line_speed: float, together: bool,
+) -> RobotProgram:  # fmt: skip
+    """The program through stops, each of them or all ``together`` approached and left, from their sides."""
+    distance = default_approach(problem) if asked.approach is None else asked.approach
+    groups = [range(len(stops))] if together else [range(k, k + 1) for k in range(len(stops))]
+    rows, notes = list(stops), list[str]()
     if distance > 0:
-        backs = np.array([_way_back(one) for one in answers])
-        q, labels, moves, ways = with_way(problem, q, labels, moves, backs, distance, on_path)
-    found = program_through(problem, what, q, labels, speed=speed, wait=wait)
-    sides = arrival_notes(problem.arm, problem.robot.joint_names)
-    return replace(found, notes=(*ways, *sides, *found.notes), given_moves=tuple(moves), line_speed=line_speed)
+        of = "the path" if together else "each stop"
+        notes = [f"A line of {distance * 1e3:g} mm leads to {of} and off it (--approach)."]
+        ways = [with_way(problem, [stops[k] for k in g], (backs[g[0]], backs[g[-1]]), distance) for g in groups]
+        rows = [row for found, _ in ways for row in found]
+        notes += [note for _, said in ways for note in said]
+    rows, said = with_arrivals(problem, rows)
+    found = program_of_stops(problem, what, rows, asked)
+    return replace(found, notes=(*notes, *said, *found.notes), line_speed=line_speed)
+
+
+def posture_program(problem: ProblemData, what: str, Q: ArrayLike, labels: Sequence[str], asked: MotionRequest,
+                    sides: Array | None = None) -> RobotProgram:  # fmt: skip
+    """The program through postures (N, n) [rad or m] that do the task of a problem, approached along the tool axis.
+
+    Args:
+        sides: (N, n) as of `Stop`; default: those of the task.
+    """
+    Q = np.atleast_2d(np.asarray(Q, dtype=float))
+    task, given = problem.task, np.tile(task_sides(problem), (len(Q), 1)) if sides is None else sides
+    stops = [Stop(q, label, Move(), side) for q, label, side in zip(Q, labels, given, strict=True)]
+    axis = np.array([0.0, 0.0, 1.0] if task is None else task.tool_axis)
+    backs = [-(np.asarray(problem.arm.pose(q), dtype=float)[:3, :3] @ axis) for q in Q]
+    speed = REDUCED_SPEED * asked.speed / 100
+    return _program(problem, what, stops=stops, backs=backs, asked=asked, line_speed=speed, together=False)
 
 
 def program_through(
     problem: ProblemData, what: str, q: ArrayLike, labels: Sequence[str], *, speed: float = 10.0, wait: float = 0.0
 ) -> RobotProgram:
-    """The program through postures (N, n) [rad or m].
-
-    Values have so many digits that rounding moves the tool point by less than a tenth of its σ. Notes say what the
-    reports say of the surface that the arm stands on and, with several stops, that the way between them is not checked.
-    """
+    """The program that drives through postures (N, n) [rad or m] joint by joint."""
     rows = np.asarray(q, dtype=float)
-    digits = joint_digits(problem, rows)
-    scene = problem.scene
+    stops = [Stop(row, label, Move(), np.zeros(len(row))) for row, label in zip(rows, labels, strict=True)]
+    return program_of_stops(problem, what, stops, MotionRequest(speed, wait))
+
+
+def program_of_stops(problem: ProblemData, what: str, stops: Sequence[Stop], asked: MotionRequest) -> RobotProgram:
+    """The program through stops, as they are.
+
+    Values have so many digits that rounding moves the tool point by less than a hundredth of its σ. Notes say what the
+    reports say of the surface that the arm stands on, and which ways between stops are not clear.
+    """
+    rows = np.array([stop.q for stop in stops]).reshape(len(stops), problem.robot.n)
+    digits, scene = joint_digits(problem, rows), problem.scene
     mounting = [note] if len(rows) and (note := scene.mounting_note(rows)) else []
-    bare = [f"Not checked for collisions, as no shape is known: {listed(scene.unchecked)}."] if scene.unchecked else []
-    way = [_UNCHECKED_NOTE] if len(rows) > 1 else []
+    why = "as cell: none says" if scene.switched_off else "as no shape is known"
+    bare = [f"Not checked for collisions, {why}: {listed(scene.unchecked)}."] if scene.unchecked else []
+    blocked = blocked_legs(problem, stops) if scene.active else []
+    way = [_FIRST_WAY_NOTE if scene.active else _UNCHECKED_NOTE] if len(rows) > 1 else []
+    way += [f"A straight move of the joints does not keep clear from {listed(blocked)}: add stops on the way."
+            for _ in blocked[:1]]  # fmt: skip
     at = joints_at_limits(problem.robot, rows) if len(rows) else []
     limits = [f"At a limit, where controllers seldom let a joint go: {listed(at)}."] if at else []
-    notes = (*mounting, *bare, *limits, *way)
-    carried = float(problem.arm.inputs.payload)
+    carried, moves = float(problem.arm.inputs.payload), tuple(stop.move for stop in stops)
+    load = [] if carried or not any(move.line for move in moves) else [_NO_LOAD_NOTE]
     return RobotProgram(
-        problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes, payload=carried
-    )
-
-
-def arrival_notes(arm: Arm, joints: Collection[str], where: str = "") -> Iterator[str]:
-    """From which sides joints are to arrive, where an effect of theirs depends on it and the task says so.
-
-    Args:
-        joints: that it is said of; where: it holds, in words.
-    """
-    for joint in dict.fromkeys(effect.target for effect in arm.effects if "approach" in effect.needs):
-        if joint in arm.inputs.stated and joint in joints:
-            upwards = arm.inputs.side(arm.robot.joint_names.index(joint)) > 0
-            yield f"{joint} must arrive{where} with {'increasing' if upwards else 'decreasing'} values."
+        problem.name, what, problem.robot, rows, tuple(stop.label for stop in stops), digits, asked.speed, asked.wait,
+        (*mounting, *bare, *limits, *way, *load), moves, REDUCED_SPEED * asked.speed / 100, payload=carried,
+    )  # fmt: skip
 
 
 def _stops(answer: Answer) -> tuple[str, list[Answer], list[str]]:
     """What the stops are, the answer at each of them, and their labels."""
     if answer.followed is not None:
-        return "along the path", list(answer.points), [f"point {k}" for k in range(1, len(answer.points) + 1)]
+        labels = np.where(answer.followed.listed, answer.names, "").tolist()
+        return "along the path", list(answer.points), labels
     if not answer.points:
         return "the best posture", [answer], [""]
     order = answer.order.order

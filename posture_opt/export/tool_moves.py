@@ -6,11 +6,15 @@ stands where it was planned, corrections included. Only the way between two stop
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from posture_opt.export.arrivals import from_sides
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
 from posture_opt.selection.answer.held_joints import held_joints
@@ -24,7 +28,11 @@ BLENDS_M = (1e-3, 0.3e-3)
 """Radii within which the tool may round a corner: the finest two that ABB predefines (z1, z0), for all languages."""
 _MAX_BLEND_SHARE = 0.25
 """Of the distance to the next point, so that two corners never meet."""
-_ITERATIONS, _STEPS = 30, 5
+_ITERATIONS = 30
+_LINE_STEP_M = 0.01
+"""Between two postures of a line that are looked at."""
+_LEG_STEP_RAD = math.radians(3.0)
+"""Of the joint that moves most, or m, between two postures of a move that are looked at."""
 _DIFFERENCE = 1e-6
 """Step [rad or m] of the central differences of the pose."""
 _REACHED = 1e-7
@@ -50,6 +58,20 @@ class Move:
     length: float | None = None
 
 
+class Stop(NamedTuple):
+    """A posture that a program drives to.
+
+    Args:
+        q: (n,) [rad or m]; ``label`` a text, empty for none; ``move`` how it is reached.
+        sides: (n,) +1 where a joint is to arrive with increasing values, −1 with decreasing ones, 0 either way.
+    """
+
+    q: Array
+    label: str
+    move: Move
+    sides: Array
+
+
 def path_moves(positions: Array, lengths: Array, speed: float) -> list[Move]:
     """The moves along a path: joint by joint to its first point, on lines to the others.
 
@@ -67,43 +89,43 @@ def path_moves(positions: Array, lengths: Array, speed: float) -> list[Move]:
 def beside(problem: ProblemData, q: Array, back: Array, distance: float) -> tuple[Array, float] | None:
     """A posture (n,) whose tool is back from its place at ``q`` (n,), and how far [m]; None where there is none.
 
-    Half and a quarter of the distance are tried where the arm cannot go farther, or is not clear of obstacles there.
-    Joints that the task holds stay where they are.
+    The arm is clear all along the line between the two. Half and a quarter of the distance are tried where it cannot go
+    farther. Joints that the task holds stay where they are.
 
     Args:
         back: (3,) the way back, world.
     """
-    arm = problem.arm
     held = [] if problem.task is None else list(held_joints(problem.robot, problem.task))
     free = np.setdiff1d(np.arange(problem.robot.n), held)
     for share in (1.0, 0.5, 0.25):
-        found = _shifted(arm, q, share * distance * back / np.linalg.norm(back), free)
-        if found is not None and bool(is_clear(problem.scene, found[None])[0]):
-            return found, share * distance
+        line = _line(problem.arm, q, share * distance * back / np.linalg.norm(back), free)
+        if line is not None and bool(is_clear(problem.scene, line).all()):
+            return line[-1], share * distance
     return None
 
 
-def _shifted(arm: Arm, q: Array, shift: Array, free: Codes) -> Array | None:
-    """The posture (n,) near ``q`` whose tool is moved by ``shift`` (3,) [m] and turned the same; None without one.
+def _line(arm: Arm, q: Array, shift: Array, free: Codes) -> Array | None:
+    """Postures (K, n) from ``q`` on, the tool moved by up to ``shift`` (3,) [m] and turned the same; None without any.
 
-    Only the ``free`` joints move.
-
-    An arm with fewer than six joints keeps the turn as far as it can.
+    Only the ``free`` joints move. An arm with fewer than six joints keeps the turn as far as it can.
     """
     start = np.asarray(arm.pose(q), dtype=float)
-    for k in range(1, _STEPS + 1):
+    lower, upper, found = np.array(arm.robot.lower), np.array(arm.robot.upper), []
+    for share in np.linspace(0, 1, max(math.ceil(float(np.linalg.norm(shift)) / _LINE_STEP_M), 2) + 1)[1:]:
         wanted = start.copy()
-        wanted[:3, 3] += shift * k / _STEPS
+        wanted[:3, 3] += share * shift
         for _ in range(_ITERATIONS):
             miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
             if np.linalg.norm(miss) < _REACHED:
                 break
             step = np.linalg.lstsq(_slopes(arm, q)[:, free], miss, rcond=1e-6)[0]
             q = q + np.bincount(free, step, minlength=len(q))
-    miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
-    inside = np.all((np.array(arm.robot.lower) <= q) & (q <= np.array(arm.robot.upper)))
-    wanted_of = miss if len(free) >= 6 else miss[:3]
-    return q if inside and np.linalg.norm(wanted_of) < 10 * _REACHED else None
+        miss = _twist(np.asarray(arm.pose(q), dtype=float), wanted)
+        counted = miss if len(free) >= 6 else miss[:3]
+        if np.any((q < lower) | (q > upper)) or np.linalg.norm(counted) >= 10 * _REACHED:
+            return None
+        found.append(q)
+    return np.array(found)
 
 
 def _twist(T: Array, wanted: Array) -> Array:
@@ -121,35 +143,46 @@ def _slopes(arm: Arm, q: Array) -> Array:
 
 
 def with_way(
-    problem: ProblemData, q: Array, labels: Sequence[str], moves: Sequence[Move], backs: Array, distance: float,
-    together: bool,
-) -> tuple[Array, list[str], list[Move], list[str]]:  # fmt: skip
-    """Stops with an approach point in front and a retract behind: of all together, as along a path, or of each.
+    problem: ProblemData, group: Sequence[Stop], backs: Sequence[Array], distance: float
+) -> tuple[list[Stop], list[str]]:
+    """A stop, or the stops of a path, with an approach point in front and a retract behind.
+
+    The approach point lies so far beside the line that joints which are to arrive from a side do.
 
     Args:
-        backs: (N, 3) the way back from each stop, world.
+        backs: (3,) each, the way back from the first stop and from the last one, world.
 
     Returns:
-        stops (M, n), their labels and moves, and notes on those that could not be had as asked.
+        the stops, and notes on points that could not be had as asked.
+
+    Raises:
+        NoSolutionError: the way in moves a joint against its side.
     """
-    rows: list[tuple[Array, str, Move]] = []
-    notes: list[str] = []
-    groups = [range(len(q))] if together else [range(k, k + 1) for k in range(len(q))]
-    for group in groups:
-        name = f" of {labels[group[0]]}" if labels[group[0]] and not together else ""
-        ways = [beside(problem, q[k], backs[k], distance) for k in (group[0], group[-1])]
-        for word, way in zip(("approach", "retract"), ways, strict=True):
-            if way is None:
-                notes.append(f"There is no {word} point{name}: the arm cannot stand clear {distance * 1e3:g} mm back.")
-            elif way[1] < distance:
-                notes.append(f"The {word} point{name} is {way[1] * 1e3:g} mm back, not {distance * 1e3:g} mm.")
-        if ways[0] is not None:
-            rows.append((ways[0][0], f"approach{name}", Move(waits=False)))
-        for k in group:
-            move = moves[k]
-            if k == group[0] and ways[0] is not None:
-                move = replace(move, line=True, length=ways[0][1])
-            rows.append((q[k], labels[k], move))
-        if ways[1] is not None:
-            rows.append((ways[1][0], f"retract{name}", Move(True, waits=False, length=ways[1][1])))
-    return np.array([row[0] for row in rows]), [row[1] for row in rows], [row[2] for row in rows], notes
+    first, last = group[0], group[-1]
+    name = f" of {first.label}" if first.label and len(group) == 1 else ""
+    ways = [beside(problem, stop.q, back, distance) for stop, back in zip((first, last), backs, strict=True)]
+    notes, rows, inner = [], [], list(group)
+    for word, way in zip(("approach", "retract"), ways, strict=True):
+        if way is None:
+            notes.append(f"There is no {word} point{name}: the arm cannot stand clear {distance * 1e3:g} mm back.")
+        elif way[1] < distance:
+            notes.append(f"The {word} point{name} is {way[1] * 1e3:g} mm back, not {distance * 1e3:g} mm.")
+    if ways[0] is not None:
+        start = from_sides(problem, ways[0][0], first.q, first.sides, ways[0][1], name)
+        rows = [Stop(start, f"approach{name}", Move(waits=False), first.sides)]
+        inner[0] = first._replace(move=replace(first.move, line=True, length=ways[0][1]))
+    if ways[1] is not None:
+        move = Move(True, waits=False, length=ways[1][1])
+        inner.append(Stop(ways[1][0], f"retract{name}", move, np.zeros(len(last.q))))
+    return [*rows, *inner], notes
+
+
+def blocked_legs(problem: ProblemData, stops: Sequence[Stop]) -> list[str]:
+    """From which stop to which one an even move of the joints does not keep clear, in words."""
+    found = []
+    for a, b in pairwise(stops):
+        count = math.ceil(float(np.abs(b.q - a.q).max()) / _LEG_STEP_RAD)
+        shares = np.linspace(0, 1, count + 1)[1:-1, None]
+        if len(shares) and not is_clear(problem.scene, (1 - shares) * a.q + shares * b.q).all():
+            found.append(f"{a.label or 'the stop'} to {b.label or 'the stop'}")
+    return found

@@ -3,7 +3,7 @@
 Source: Universal Robots, "The URScript Programming Language", module motion: ``movej(q, a, v, t, r)``, joint positions
 as lists of six numbers in rad, ``a`` in rad/s², ``v`` in rad/s; ``movel(pose, a, v, t, r)`` in m/s² and m/s with the
 corner radius r in m, whose pose may be joint positions, of which the controller takes the forward kinematics;
-``set_tcp(pose)`` with a rotation vector; ``sleep(t)`` in s.
+``set_tcp(pose)`` with a rotation vector; ``set_payload(m, cog)`` in kg and m; ``sleep(t)`` in s.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ class UrScript(ProgramFormat):
         share = program.speed / 100
         lines = [*self.comments(*program.head), f"def {self.stem}():"]
         lines += [f"  set_tcp({_tcp(program.tool)})"] if program.has_lines else []
+        centre = ", ".join(fixed(float(v), 6) for v in program.tool[:3, 3])
+        lines += [f"  set_payload({program.payload:g}, [{centre}])"] if program.payload else []
         turning = f"a={_ACCELERATION * share:.4g}, v={_SPEED * share:.4g}"
         for values, label, move in zip(program.si, program.labels, program.moves, strict=True):
             lines += [f"  {line}" for line in self.comments(label)]

@@ -10,7 +10,7 @@ from posture_opt.errors import BadValueError
 from posture_opt.measurements.camera_section import CameraSpec, MarkersSpec
 from posture_opt.measurements.kinds import AnchorSpec, PairSpec, PlaneSpec
 from posture_opt.spec import Spec
-from posture_opt.units import Length
+from posture_opt.units import JointValue, Length
 
 Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
 """Two touched points and their known distance [m]."""
@@ -31,6 +31,20 @@ class DataSpec(Spec):
     anchors: dict[str, AnchorSpec] = Field({}, description="anchor of distances: what is known of the lengths to it")
     frame: Literal["camera"] | None = Field(
         None, description="camera: poses (x, y, z, orientation) are those of a board that a camera on the tool reports"
+    )
+    orientation: Literal["rpy", "intrinsic_xyz", "abc", "wpr", "zyz", "rotation_vector", "matrix"] | None = Field(
+        None,
+        description="how the orientation columns are read: rpy, wpr (FANUC): about fixed x, y, z; abc (KUKA): about "
+        "z, y', x''; where left out, as their names say",
+    )
+    direction: Literal["as_named", "inverted"] = Field(
+        "as_named", description="inverted: every pose is the other way round, as base in tool, or camera in board"
+    )
+    joint_zeros: dict[str, JointValue] = Field(
+        {}, description="joint: its number in the file where the joint of the robot is at zero"
+    )
+    joint_signs: dict[str, Literal[-1, 1]] = Field(
+        {}, description="joint: -1 where its numbers in the file count in the opposite direction"
     )
     cameras: dict[str, CameraSpec] = Field({}, description="camera: where it is mounted, and its intrinsics")
     markers: dict[str, MarkersSpec] = Field({}, description="board: where it is mounted, and its points")

@@ -25,7 +25,8 @@ class Faults:
         self._kept: dict[tuple[str, str], list[Issue]] = {}
         self._more: dict[tuple[str, str], list[int]] = {}
 
-    def add(self, message: str, column: str = "", value: object = None, hint: str = "", line: int = 0) -> None:
+    def add(self, message: str, column: str = "", value: object = None, hint: str = "", line: int = 0,
+            id: str = "input.invalid") -> None:  # fmt: skip
         """Add one fault.
 
         Args:
@@ -34,13 +35,14 @@ class Faults:
             value: what was given.
             hint: how to fix it.
             line: where, from 1; 0 where it concerns no single line.
+            id: of the issue, for programs.
         """
         self.count += 1
         alike = (column, hint or message)
         kept = self._kept.setdefault(alike, [])
         if len(kept) < _MAX_ALIKE_FAULTS or not line:
             key: KeyPath = (column,) if column else ()
-            kept.append(Issue(message, key, value, hint, self.file, line))
+            kept.append(Issue(message, key, value, hint, self.file, line, id))
         else:
             self._more.setdefault(alike, []).append(line)
 

@@ -65,7 +65,7 @@ def robot_world_hand_eye(A: Array, B: Array, points: Array, on_tool: bool) -> tu
     """
     kept = np.ones(len(A), dtype=bool)
     for _ in range(3):
-        turns = [solve(A[kept], B[kept]) for solve in (_by_shah, _by_li)]
+        turns = [closed_rotations(A[kept, :3, :3], B[kept, :3, :3]), _by_li(A[kept], B[kept])]
         solutions = [_with_shifts(A[kept], B[kept], Z, X, on_tool) for Z, X in turns]
         misfits = [_misfit(A, Z @ B @ W, points) for Z, W in solutions]
         best = int(np.argmin([float(np.median(m[kept])) for m in misfits]))
@@ -185,9 +185,9 @@ def _polished(T: Array, points: Array, rays: Array) -> tuple[float, Array]:
     return cost, best
 
 
-def _by_shah(A: Array, B: Array) -> tuple[Array, Array]:
-    """Rotations of Z and W⁻¹ of `robot_world_hand_eye`, by themselves: the largest singular pair of ``Σ R_B ⊗ R_A``."""
-    K = np.einsum("nij,nkl->ikjl", B[:, :3, :3], A[:, :3, :3]).reshape(9, 9)
+def closed_rotations(R_A: Array, R_B: Array) -> tuple[Array, Array]:
+    """Rotations of Z and W⁻¹ with ``R_A = Z R_B W``, (n, 3, 3) each: the largest singular pair of ``Σ R_B ⊗ R_A``."""
+    K = np.einsum("nij,nkl->ikjl", R_B, R_A).reshape(9, 9)
     U, _, Vt = np.linalg.svd(K)
     X, Z = Vt[0].reshape(3, 3).T, U[:, 0].reshape(3, 3).T
     sign = np.sign(np.linalg.det(Z)) or 1.0

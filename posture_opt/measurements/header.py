@@ -12,9 +12,9 @@ from posture_opt.measurements.columns import AXES, LABELS, CellKind, Column
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.kinds import KINDS, Position
-from posture_opt.measurements.kinds.pose_columns import QUATERNION
+from posture_opt.measurements.kinds.pose_columns import ORIENTATION_GROUPS
 from posture_opt.measurements.layout import BRACKETED_HEADER, ROUND_HEADER
-from posture_opt.measurements.orientation_columns import angle_columns, incomplete_orientation
+from posture_opt.measurements.orientation_columns import angle_columns, incomplete_orientation, number_columns
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 
@@ -53,7 +53,9 @@ def column_dimensions(robot: Robot, spec: DataSpec) -> dict[str, str]:
 
 def column_kinds(robot: Robot, spec: DataSpec | None = None) -> dict[str, CellKind]:
     """Every column that a file of this robot may have, with how its cells are read."""
-    kinds: dict[str, CellKind] = dict.fromkeys((*column_dimensions(robot, spec or DataSpec()), *QUATERNION), "number")
+    kinds: dict[str, CellKind] = dict.fromkeys(
+        (*column_dimensions(robot, spec or DataSpec()), *number_columns(robot)), "number"
+    )
     kinds |= dict.fromkeys(LABELS, "label")
     return kinds | {f"{name}.approach": "side" for name in robot.joint_names}
 
@@ -66,7 +68,22 @@ def data_issues(spec: DataSpec, robot: Robot) -> list[Issue]:
         for key, given in (("columns", spec.columns), ("units", spec.units))
         for name in given
         if name not in known
+    ] + [
+        issue
+        for key, named in (("joint_zeros", spec.joint_zeros), ("joint_signs", spec.joint_signs))
+        for name in named
+        if (issue := _joint_issue(key, name, spec, robot)) is not None
     ]
+
+
+def _joint_issue(key: str, name: str, spec: DataSpec, robot: Robot) -> Issue | None:
+    """What is wrong with the zero or the sign of a joint; None where nothing is."""
+    if name not in robot.joint_names:
+        return Issue("no such joint", (key, name), name, one_of(name, robot.joint_names, "known"))
+    turns = robot.joints[robot.joint_names.index(name)].type == "revolute"
+    if key == "joint_zeros" and not spec.joint_zeros[name].suits("angle" if turns else "length"):
+        return Issue("the zero has the wrong unit", (key, name), hint=f"write {'180 deg' if turns else '10 mm'}, say")
+    return None
 
 
 @dataclass
@@ -310,7 +327,13 @@ def _unit_scale(name: str, unit: str, dimension: str, line: int, header: Header,
 
 def _name_clashes(robot: Robot, faults: Faults) -> None:
     """A fault for each joint that is named like a column of measurements."""
-    taken = {*AXES, *QUATERNION, *LABELS, *_INPUT_DIMENSIONS, *(f"{name}.approach" for name in robot.joint_names)}
+    taken = {
+        *AXES,
+        *ORIENTATION_GROUPS["quaternion"],
+        *LABELS,
+        *_INPUT_DIMENSIONS,
+        *(f"{name}.approach" for name in robot.joint_names),
+    }
     for name in robot.joint_names:
         if name in taken:
             faults.add("a joint has the name of a column of measurements", name, hint="rename the joint in the problem")

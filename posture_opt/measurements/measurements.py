@@ -12,12 +12,13 @@ import numpy as np
 
 from posture_opt.measurements.kinds import Kind, PointContact, Pose, Position, Seen
 from posture_opt.measurements.kinds.kind import Vector
+from posture_opt.measurements.readings.better_reading import BetterReading
 from posture_opt.model.arm import Arm
-from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
+from posture_opt.statements import Statement, state
 
 _POSITION, _POSE, _POINT = Position(), Pose(), PointContact()
 _MIN_SESSION_ROWS = 20
@@ -62,6 +63,8 @@ class Measurements(Summarised):
         joint_units: (n,) rad or m; empty where all joints turn.
         warnings: sentences on what looks wrong but can be used.
         notes: sentences on how the file was read.
+        turned_joints: whose values beyond their limits were read a turn nearer.
+        better_reading: another reading of the columns that explains the rows far better; None where there is none.
 
     Example:
         >>> from posture_opt import load_problem, read_measurements
@@ -106,6 +109,8 @@ class Measurements(Summarised):
     lever: Array | None = None
     part: Codes | None = None
     inverted: bool = False
+    better_reading: BetterReading | None = None
+    turned_joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -156,6 +161,12 @@ class Measurements(Summarised):
     def weighed(self) -> tuple[Sequence[str], Codes]:
         """What may have a standard deviation of its own, as planes of another flatness, and which of it each row is."""
         return self.kind.weighed(self.point_names, self.point, self.part)
+
+    @property
+    def reading_statements(self) -> tuple[Statement, ...]:
+        """How the columns were read, and how they might be."""
+        better = () if self.better_reading is None else (self.better_reading.statement,)
+        return (*better, *([state("reading.modulo", joints=self.turned_joints)] if self.turned_joints else []))
 
     def without_orientation(self) -> Measurements:
         """The same rows as positions; they themselves where no orientation was measured."""
@@ -276,6 +287,8 @@ _FIELDS_OF_FILE = {
     "point_names",
     "second_names",
     "inverted",
+    "better_reading",
+    "turned_joints",
     "file",
     "warnings",
     "joint_units",
@@ -310,28 +323,6 @@ def still_axes(robot: Robot) -> Mask:
     # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
     extent = np.ptp(points, axis=0)
     return np.asarray(extent < _REST_TOLERANCE_M + 2 * robot.skew * extent.max())
-
-
-def inputs_of(data: Measurements, robot: Robot) -> Inputs:
-    """The inputs of effects in every row: temperature above the reference [K], time since the first row [s] or row
-    number.
-    """
-    from posture_opt.measurements.motion import joint_speeds, moves
-
-    n = len(data)
-    return Inputs(
-        speed=list(joint_speeds(data).T) if moves(data) else (),
-        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
-        approach=list(data.approach.T),
-        approach_length=list(data.approach_length.T),
-        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
-        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
-    )
-
-
-def arm_for(arm: Arm, data: Measurements) -> Arm:
-    """The arm under the inputs of every row; all sides of approach count as stated."""
-    return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
 
 
 def carried_joint_values(arm: Arm, q: Array) -> Array:

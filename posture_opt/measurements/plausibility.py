@@ -6,30 +6,34 @@ What is guessed is reported and never applied: the user knows what was measured.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 
-from posture_opt.measurements.affine_fit import AffineFit, Misfit, affine_fit, reach, sample_rows, touch_misfit
+from posture_opt.measurements.affine_fit import AffineFit, affine_fit, reach, sample_rows, touch_misfit
 from posture_opt.measurements.columns import AXES, Column
+from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
-from posture_opt.measurements.measurements import Measurements, nominal_poses
+from posture_opt.measurements.measurements import Measurements, carried_joint_values, nominal_poses
+from posture_opt.measurements.orientation_columns import OrientationColumns
+from posture_opt.measurements.readings.better_reading import BetterReading
+from posture_opt.measurements.readings.reading_search import better_reading, sample_of
+from posture_opt.measurements.readings.readings import (
+    SCALE,
+    Reading,
+    axis_readings,
+    coupling_readings,
+    direction_reading,
+    joint_readings,
+    orientation_readings,
+    unit_readings,
+)
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
 _LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
 """Units of length -> [m], in which coordinates may have been written."""
-_POOR_MISFIT = 0.03
-"""Unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave as much."""
-_POOR_ERROR = 0.012
-"""What is left over the reach of the arm, from which on columns may be exchanged or reversed: `_POOR_MISFIT` of the
-motion through a whole workspace. In a small volume joint errors of 2 deg leave up to 0.19 of the motion, and 0.007."""
-_GOOD_MISFIT = 0.05
-"""Unexplained share that a guess must leave at most."""
-_IMPROVEMENT_FACTOR = 5.0
-"""How many times less than the columns as given a guess must leave."""
 _UNLIKE_MISFIT = 0.1
 """Unexplained share from which a warning says that another robot may have been measured."""
 _MAX_DISTANCE_RATIO = 1e4
@@ -38,59 +42,78 @@ _TRUSTED_MISFIT = 0.2
 """Unexplained share up to which scale and sign of the fitted map mean something."""
 
 
-@dataclass(frozen=True)
-class Guess:
-    """Columns read in another way.
+class HasData(Protocol):
+    """Anything that names a robot, and what is known about data and instruments, such as a ``Problem``."""
 
-    Args:
-        q: (m, n) the joint values that follow [rad or m].
-        message: what is assumed.
-        hint: how to correct the file.
-        column: the key of the message.
-        unit: whether it is the unit, by which a value is many times another one; else joints are exchanged or reversed.
-    """
+    @property
+    def arm(self) -> Arm: ...
+    @property
+    def robot(self) -> Robot: ...
 
-    q: Array
-    message: str
-    hint: str
-    column: str
-    unit: bool = False
+    @property
+    def data(self) -> DataSpec: ...
+
+    @property
+    def measurement(self) -> object: ...
 
 
-def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Column], faults: Faults) -> list[str]:
-    """Warnings on data that can be used; what cannot be meant as it is joins ``faults``.
+def plausibility_checks(
+    data: Measurements, problem: HasData, columns: dict[str, Column], turned: OrientationColumns | None, faults: Faults
+) -> tuple[list[str], BetterReading | None]:
+    """Warnings on data that can be used, and a reading that explains them better; faults where they cannot be.
 
     Args:
         data: all rows; a sample of at most 400 is checked.
-        robot: the nominal arm.
+        problem: the nominal arm, and how its data are read.
         columns: of the file, for names and units.
+        turned: the columns of the orientation.
         faults: of the file.
     """
-    rows = sample_rows(data)
-    q = data.q[rows]
+    robot, rows = problem.robot, sample_rows(data)
     if data.position is None and not data.touches:
-        return []
+        return [], None
+    if data.position is not None and _far_off(data, data.position[:, data.measured_axes], robot, faults):
+        return [], None
+    better = _better_reading(data, problem, columns, turned)
+    if better is not None and not better.usable:
+        for k, one in enumerate((better.reading, *better.alike)):
+            message = f"the data fit as well if {one.message}" if k else better.sentence
+            faults.add(message, one.column, hint=one.hint, id=one.id)
+        return [], better
+    q = carried_joint_values(problem.arm, data.q[rows])
     if data.position is None:
-        point = data.point[rows]
-        misfit = touch_misfit(robot, q, point)
-        guessed = _guess_columns(lambda q: touch_misfit(robot, q, point), (misfit, misfit), q, robot, columns, faults)
-        return [] if guessed else _unlike_note(misfit, None, "how far the touches of one point lie apart")
-    if _far_off(data, data.position[:, data.measured_axes], robot, faults):
-        return []
+        misfit = touch_misfit(robot, q, data.point[rows])
+        return _unlike_note(misfit, None, "how far the touches of one point lie apart"), better
     measured = data.position[rows][:, data.measured_axes]
     found = affine_fit(robot, q, measured)
     named = [axis for axis in AXES if axis in columns]
-    left = found.misfit, found.misfit * float(np.sqrt(np.sum(np.var(measured, axis=0)))) / reach(robot)
-    if _guess_columns(lambda q: affine_fit(robot, q, measured).misfit, left, q, robot, columns, faults):
-        return []
     if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
-        return []
-    if _is_mirrored(found, robot, named, faults):
-        return []
-    return [
-        *_unlike_note(found.misfit, _motion_scale(found), "of the measured motion"),
-        *_turned_note(found, robot, named),
-    ]
+        return [], better
+    scale = None if better is not None else _motion_scale(found)
+    turned_frame = _turned_note(found, robot, named)
+    return [*_unlike_note(found.misfit, scale, "of the measured motion"), *turned_frame], better
+
+
+def _better_reading(
+    data: Measurements, problem: HasData, columns: dict[str, Column], turned: OrientationColumns | None
+) -> BetterReading | None:
+    """The reading of the list that explains the data where the one given does not; None where there is none."""
+    sample = sample_of(data, problem.arm, problem.measurement)
+    if sample is None:
+        return None
+    robot, spec = problem.robot, problem.data
+
+    def readings() -> list[Reading]:
+        found = [*unit_readings(robot, columns, sample.commanded), *joint_readings(robot, columns, sample.idle)]
+        found += [*coupling_readings(robot)]
+        if sample.rotation is not None and turned is not None:
+            found += orientation_readings(turned.take(sample.rows), data.inverted != (spec.direction == "inverted"))
+            found.append(direction_reading(spec.frame == "camera", spec.direction == "inverted"))
+        if data.position is None:
+            return found
+        return [*found, SCALE, *axis_readings([axis for axis in AXES if axis in columns], robot.base_free)]
+
+    return better_reading(sample, problem.arm, readings)
 
 
 def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) -> bool:
@@ -155,104 +178,11 @@ def _likely_unit(scale: float, column: Column) -> str:
     return ""
 
 
-def _guess_columns(
-    misfit_of: Misfit, left: tuple[float, float], q: Array, robot: Robot, columns: dict[str, Column], faults: Faults
-) -> bool:
-    """Whether the joints are only plausible when read in another way; the best guess is then a fault.
-
-    Within a small volume other columns may explain data better by chance, so joints are taken for exchanged or reversed
-    only where what is left of the data as given is far more than an arm can be off by.
-
-    Args:
-        misfit_of: unexplained share of joint values (m, n).
-        left: that of ``q`` (m, n) as given, and what is unexplained over the reach of the arm.
-    """
-    misfit, error = left
-    if not misfit > _POOR_MISFIT:
-        return False
-    bad = misfit > _TRUSTED_MISFIT or error > _POOR_ERROR
-    tried = [(misfit_of(guess.q), guess) for guess in _possible_guesses(q, robot, columns) if guess.unit or bad]
-    best, guess = min(tried, key=lambda pair: pair[0], default=(math.inf, None))
-    if guess is None or not best < min(_GOOD_MISFIT, misfit / _IMPROVEMENT_FACTOR):
-        return False
-    said = f"the nominal robot explains the data to {_explained_percent(best)} if {guess.message}, as given only to"
-    faults.add(f"{said} {_explained_percent(misfit)}", guess.column, hint=guess.hint)
-    return True
-
-
-def _explained_percent(misfit: float) -> str:
-    """The explained share in per cent, at least 0."""
-    return f"{100 * max(1 - misfit, 0):.3g} %"
-
-
-def _possible_guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Guess]:
-    """Every way in which units, signs or headers of joint columns may have been mistaken."""
-    names = robot.joint_names
-    for stated, meant, factor, kind in (
-        ("deg", "rad", 180 / math.pi, "revolute"),
-        ("rad", "deg", math.pi / 180, "revolute"),
-        ("mm", "m", 1e3, "prismatic"),
-        ("m", "mm", 1e-3, "prismatic"),
-    ):
-        those = [j for j, joint in enumerate(robot.joints) if joint.type == kind and columns[names[j]].unit == stated]
-        for some in dict.fromkeys([tuple(those), *((j,) for j in those)]):
-            if some and (factor > 1 or _beyond_limits(q, robot, some)):
-                other = q.copy()
-                other[:, some] *= factor
-                which = ", ".join(names[j] for j in some)
-                hint = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
-                yield Guess(other, f"the numbers of {which} are {meant}", hint, names[some[0]], unit=True)
-    for i, name in enumerate(names):
-        other = q.copy()
-        other[:, i] *= -1
-        message = f"{name} counts in the opposite direction"
-        yield Guess(other, message, f"turn the sign of the numbers of {name}, or its axis in the problem file", name)
-    for i, j in combinations(range(robot.n), 2):
-        if robot.joints[i].type == robot.joints[j].type:
-            other = q.copy()
-            other[:, [i, j]] = q[:, [j, i]]
-            message = f"the columns {names[i]} and {names[j]} are exchanged"
-            yield Guess(other, message, "are the two swapped? exchange their headers", names[i])
-
-
-def _beyond_limits(q: Array, robot: Robot, some: tuple[int, ...]) -> bool:
-    """Whether any of these joints leaves its limits: numbers that are too large for their unit do."""
-    return any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
-
-
 def _square_map(found: AffineFit) -> Array | None:
     """The map (k, k) between as many axes as are measured, where the fit is good enough to trust its sign."""
     if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED_MISFIT:
         return None
     return found.map
-
-
-def _is_mirrored(found: AffineFit, robot: Robot, named: list[str], faults: Faults) -> bool:
-    """Whether the measured frame is left-handed, which no robot's motion can be."""
-    square = _square_map(found)
-    if square is None or np.linalg.det(square) > 0 or np.linalg.cond(square) > 2:
-        return False
-    guess = "two of the columns are swapped, or one has the opposite sign"
-    if not robot.base_free:
-        guess = _mirrored_columns(square, named) or guess
-    message = f"the measured frame is left-handed: the points are the mirror image of the nominal robot's ({guess})"
-    faults.add(message, named[0], hint=f"correct the columns {', '.join(named)}")
-    return True
-
-
-def _mirrored_columns(square: Array, named: list[str]) -> str:
-    """The two swapped columns or the reversed one, by a map (k, k) in a frame that is known; empty where neither
-    fits.
-    """
-    for i, j in combinations(range(len(named)), 2):
-        swapped = np.eye(len(named))[[j if k == i else i if k == j else k for k in range(len(named))]]
-        if np.abs(square - swapped).max() < 0.3:
-            return f"{named[i]} and {named[j]} look swapped"
-    for i, name in enumerate(named):
-        flipped = np.diag([-1.0 if k == i else 1.0 for k in range(len(named))])
-        if np.abs(square - flipped).max() < 0.3:
-            return f"{name} looks as if it had the opposite sign"
-    return ""
 
 
 def _turned_note(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -26,33 +25,19 @@ from posture_opt.measurements.measurements import (
     still_axes,
 )
 from posture_opt.measurements.mixing import mixed_rows
-from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, rotation_of
-from posture_opt.measurements.plausibility import plausibility_checks
+from posture_opt.measurements.orientation_columns import NO_ORIENTATION_NOTE, OrientationColumns, orientation_of
+from posture_opt.measurements.plausibility import HasData, plausibility_checks
 from posture_opt.measurements.repeats import apart
 from posture_opt.measurements.rotations import inverted_poses
 from posture_opt.measurements.table import TableLike, open_table
-from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
+_LIMIT_TOLERANCE_RAD = 1e-3
+"""Rounding of a limit, and what an arm stops beyond it."""
 _MAX_LISTED_LINES = 10
 """Lines that a warning lists."""
-
-
-class HasData(Protocol):
-    """Anything that names a robot, and what is known about data and instruments, such as a ``Problem``."""
-
-    @property
-    def arm(self) -> Arm: ...
-    @property
-    def robot(self) -> Robot: ...
-
-    @property
-    def data(self) -> DataSpec: ...
-
-    @property
-    def measurement(self) -> object: ...
 
 
 def read_measurements(source: TableLike, problem: HasData) -> Measurements:
@@ -87,22 +72,21 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
     _check_labels(cells, faults)
-    data = _assemble_rows(cells, columns, problem.robot, faults)
+    turned = orientation_of(cells, columns, problem.robot, problem.data, faults)
+    data = _assemble_rows(cells, columns, problem, turned, faults)
     faults.refuse()
-    if problem.data.frame == "camera" and "instrument" not in cells.codes:
-        data = _of_camera(data, problem)
+    data = _as_stated(data, problem, "instrument" in cells.codes)
     data = _with_instrument(data, cells, problem, faults)
     faults.refuse()
-    notes = plausibility_checks(
-        replace(data, q=carried_joint_values(problem.arm, data.q)), problem.robot, columns, faults
-    )
+    notes, better = plausibility_checks(data, problem, columns, turned, faults)
     faults.refuse()
     in_time = _sorted_rows(data)
     notes += _restarted_clock(data)
     data = apart(data) if problem.data.repeats == "visits" else data
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
-    return replace(data, warnings=tuple(notes), notes=(*data.notes, *table.notes, *in_time, *unused))
+    notes_of_file = (*data.notes, *table.notes, *in_time, *unused)
+    return replace(data, warnings=tuple(notes), notes=notes_of_file, better_reading=better)
 
 
 def _check_labels(cells: Cells, faults: Faults) -> None:
@@ -120,10 +104,13 @@ def _check_labels(cells: Cells, faults: Faults) -> None:
     faults.refuse()
 
 
-def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Measurements:
+def _assemble_rows(
+    cells: Cells, columns: dict[str, Column], problem: HasData, turned: OrientationColumns | None, faults: Faults
+) -> Measurements:
     """The measurements of cells that were read without a fault; values beyond limits join ``faults``."""
-    line = cells.line
+    line, robot = cells.line, problem.robot
     q = np.column_stack([_present_column(cells.number(name)) for name in robot.joint_names])
+    q, turned_joints = _as_counted(q, robot, problem.data)
     _check_limits(q, robot, columns, line, faults)
     check_inputs(cells, robot, faults)
     pose, goal = cells.code("pose"), cells.code("goal")
@@ -142,7 +129,7 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         q=q,
         position=_measured_position(cells, q, robot, faults) if measured.any() and not mixed else None,
         measured_axes=measured,
-        rotation=rotation_of(cells, columns, robot, faults),
+        rotation=None if turned is None else turned.quaternions(),
         pose=poses,
         goal=goal[0] if goal else poses.copy(),
         target=target[0],
@@ -165,7 +152,38 @@ def _assemble_rows(cells: Cells, columns: dict[str, Column], robot: Robot, fault
         goal_given=goal is not None,
         approach_given=given,
         joint_units=tuple(joint.unit for joint in robot.joints),
+        turned_joints=turned_joints,
     )
+
+
+def _as_counted(q: Array, robot: Robot, spec: DataSpec) -> tuple[Array, tuple[str, ...]]:
+    """(N, n) joint values by the stated signs and zeros, and by limits that tell the turn; which joints were turned."""
+    q, turned_joints = q.copy(), []
+    for i, joint in enumerate(robot.joints):
+        zero = spec.joint_zeros.get(joint.name)
+        q[:, i] = spec.joint_signs.get(joint.name, 1) * (q[:, i] - (zero.value if zero else 0.0))
+        if joint.type != "revolute" or joint.upper - joint.lower >= TURN:
+            continue
+        least, most = joint.lower - _LIMIT_TOLERANCE_RAD, joint.upper + _LIMIT_TOLERANCE_RAD
+        turned = q[:, i] + TURN * ((q[:, i] < least).astype(float) - (q[:, i] > most))
+        if np.all((turned >= least) & (turned <= most)) and np.any(turned != q[:, i]):
+            q[:, i] = turned
+            turned_joints.append(joint.name)
+    return q, tuple(turned_joints)
+
+
+def _as_stated(data: Measurements, problem: HasData, mixed: bool) -> Measurements:
+    """Poses in the direction that the file states, and those of a board in a camera as the camera in the board."""
+    inverted = problem.data.direction == "inverted"
+    if inverted:
+        if data.position is None or data.rotation is None:
+            hint = "leave out data: {direction: inverted}, or add the orientation"
+            raise InputError(Issue("only poses can be inverted", ("data", "direction"), "inverted", hint, data.file))
+        position, rotation = inverted_poses(data.position, data.rotation)
+        data = replace(data, position=position, rotation=rotation)
+    if problem.data.frame == "camera" and not mixed:
+        return replace(_of_camera(data, problem), inverted=not inverted)
+    return data
 
 
 def _of_camera(data: Measurements, problem: HasData) -> Measurements:

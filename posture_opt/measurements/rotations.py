@@ -45,6 +45,17 @@ def rotation_matrices(quaternions: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
+def quaternions_of(R: Array) -> Array:
+    """(N, 4) unit quaternions, w first, of matrices (N, 3, 3): the largest column of ``4 q qᵀ``, scaled to 1."""
+    t, skew = np.trace(R, axis1=-2, axis2=-1), np.stack(skew_part(R - np.swapaxes(R, -1, -2)), axis=-1)
+    K = np.empty((len(R), 4, 4))
+    K[:, 0, 0], K[:, 0, 1:], K[:, 1:, 0] = 1 + t, skew, skew
+    K[:, 1:, 1:] = R + np.swapaxes(R, -1, -2) + (1 - t)[:, None, None] * np.eye(3)
+    largest = np.argmax(np.nan_to_num(np.diagonal(K, axis1=-2, axis2=-1)), axis=1)
+    found = K[np.arange(len(R)), largest]
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+
 def rotation_vectors(R: Array) -> Array:
     """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion.
 

@@ -170,9 +170,10 @@ def _issue(error: _Placed, data: Plain) -> Issue:
         message = f"{given} {'entry' if given == 1 else 'entries'}, {wanted} expected"
         return Issue(message, key[:-1], value, _such_as(key[:-1], data))
     if kind == "missing":
-        return Issue("is missing", key, None, _such_as(key, data, name=str(key[-1])))
+        return Issue("is missing", key, None, _such_as(key, data, name=str(key[-1])), id="input.missing-key")
     if kind == "extra_forbidden":
-        return Issue("unknown key", key, value, did_you_mean(str(key[-1]), known_keys(key[:-1], data)))
+        known = did_you_mean(str(key[-1]), known_keys(key[:-1], data))
+        return Issue("unknown key", key, value, known, id="input.unknown-key")
     if kind.startswith("union_tag"):
         return _tag_issue(key, kind, context, data)
     if kind in ("literal_error", "enum"):
@@ -193,7 +194,7 @@ def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Plain], data: Plai
     name = _tag_key(context)
     if kind == "union_tag_not_found":
         words = sorted(str(word) for word in _tags(key))
-        return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}")
+        return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}", id="input.missing-key")
     place, value = (*key, name), _entry(data, key).get(name)
     return _unknown_task(place, value) or _unknown_word(place, value, _quoted(context["expected_tags"]))
 
@@ -214,7 +215,7 @@ def _unknown_task(key: KeyPath, value: Plain) -> Issue | None:
 def _unknown_word(key: KeyPath, value: Plain, words: Sequence[str]) -> Issue:
     """A value that is not one of the known words, with the nearest of them."""
     message = "nothing is given here" if value is None else f"{as_given(value)} is not known here"
-    return Issue(message, key, value, one_of(str(value), words))
+    return Issue(message, key, value, one_of(str(value), words), id="input.unknown-value")
 
 
 def _tags(key: KeyPath) -> list[str]:

@@ -12,7 +12,7 @@ from posture_opt.files import is_file, is_there, nearest_file
 from posture_opt.files import problems_folder as problems_folder
 from posture_opt.problem.plain_data import Plain, plain
 from posture_opt.problem.problem import Problem, build_problem
-from posture_opt.problem.yaml_source import Document, read_yaml
+from posture_opt.problem.yaml_source import ProblemDocument, read_yaml
 from posture_opt.texts import one_line
 
 _DELIVERED = "extended.yaml", "calibrated.yaml"
@@ -64,7 +64,7 @@ def problem_from_dict(data: Mapping[str, Plain], folder: str | PathLike[str] = "
     """
     if not isinstance(data, Mapping):
         raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))
-    return build_problem(Document(plain(data)), Path(folder), "problem")
+    return build_problem(ProblemDocument(plain(data)), Path(folder), "problem")
 
 
 def _near_builtin(name: str) -> str:

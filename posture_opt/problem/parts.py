@@ -29,7 +29,7 @@ from posture_opt.problem.plain_data import Section
 from posture_opt.problem.readable import Readable
 from posture_opt.problem.schema import ProblemSpec, read_sections
 from posture_opt.problem.second_arms import with_second_arms
-from posture_opt.problem.yaml_source import Document
+from posture_opt.problem.yaml_source import ProblemDocument
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.format import check_payload
 from posture_opt.robot.robot import Repeatability, Robot
@@ -46,7 +46,7 @@ FAR = 20.0
 
 
 def read_parts(
-    document: Document, folder: Path, texts: Mapping[str, str]
+    document: ProblemDocument, folder: Path, texts: Mapping[str, str]
 ) -> tuple[ProblemSpec, tuple[Robot, Arm], tuple[Sources, Sources]]:
     """What the document says, the nominal robot and the arm, the stated sources and all sources.
 
@@ -162,7 +162,7 @@ def _sources(
     return stated_sources, noisy_sources(stated_sources, arm.robot, spec.effects)
 
 
-def parse_spec(document: Document) -> ProblemSpec:
+def parse_spec(document: ProblemDocument) -> ProblemSpec:
     """The validated sections of a document.
 
     Raises:
@@ -173,12 +173,12 @@ def parse_spec(document: Document) -> ProblemSpec:
     return read_sections(data)
 
 
-def _given(document: Document) -> Section:
+def _given(document: ProblemDocument) -> Section:
     """The sections of a document; an optional one with nothing under it counts as left out."""
     return {key: value for key, value in document.data.items() if value is not None or key == "robot"}
 
 
-def _refuse(issues: list[Issue], document: Document) -> None:
+def _refuse(issues: list[Issue], document: ProblemDocument) -> None:
     """Raises the issues, if there are any, with file and line, in the order of the lines."""
     if issues:
         raise InputError(sorted((document.placed(issue) for issue in issues), key=lambda issue: issue.line))

@@ -32,7 +32,7 @@ from posture_opt.problem.plain_data import Plain, Section
 from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.second_arms import second_document
-from posture_opt.problem.yaml_source import Document
+from posture_opt.problem.yaml_source import ProblemDocument
 from posture_opt.registration import registered
 from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.fitted_arm import FittedArm
@@ -76,7 +76,7 @@ class Problem(ProblemData):
 
     folder: Path
     document: Mapping[str, Plain] = field(default_factory=dict)
-    origin: Document = field(default_factory=lambda: Document({}))
+    origin: ProblemDocument = field(default_factory=lambda: ProblemDocument({}))
     overridden: frozenset[KeyPath] = frozenset()
     attached: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
@@ -98,7 +98,7 @@ class Problem(ProblemData):
         former = dict(self.document.get("task") or {})
         task = {**kept_of_task(former, kind, keys), **({"kind": kind} if kind else {}), **keys}
         document = {**self.document, "task": task}
-        spec = parse_spec(Document(document))
+        spec = parse_spec(ProblemDocument(document))
         notes = self.notes
         if kind and former.get("kind", kind) != kind:
             notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
@@ -130,7 +130,7 @@ class Problem(ProblemData):
             InputError: everything that does not fit, by the key.
         """
         data, keys = replaced_data(self.document, changes, self.robot)
-        found = build_problem(Document(data), self.folder, self.name, attached=self.attached)
+        found = build_problem(ProblemDocument(data), self.folder, self.name, attached=self.attached)
         return replace(found, header=self.header, origin=self.origin, overridden=self.overridden | keys)
 
     def with_task_of(self, other: Problem) -> Problem:
@@ -158,7 +158,7 @@ class Problem(ProblemData):
         kept = {key: value for key, value in self.document.items() if key in _ROBOT_SECTIONS}
         if kept.get("uncertainty"):
             kept["uncertainty"] = with_workpiece(kept["uncertainty"], None)
-        document = Document(kept, self.origin.file, self.origin.lines)
+        document = ProblemDocument(kept, self.origin.file, self.origin.lines)
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def with_robot(self, robot: Mapping[str, Plain]) -> Problem:
@@ -167,7 +167,7 @@ class Problem(ProblemData):
         Raises:
             InputError: the section does not fit, or the uncertainty names parameters that this robot lacks.
         """
-        document = Document({**self.document, "robot": dict(robot)})
+        document = ProblemDocument({**self.document, "robot": dict(robot)})
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def with_sigma(self, sigma: Mapping[str, str]) -> Problem:
@@ -177,7 +177,7 @@ class Problem(ProblemData):
             InputError: unknown parameters, or values without their unit.
         """
         document = {**self.document, "uncertainty": {"sigma": dict(sigma)}}
-        return build_problem(Document(document), self.folder, self.name, attached=self.attached)
+        return build_problem(ProblemDocument(document), self.folder, self.name, attached=self.attached)
 
     def with_fit(self, fit: FittedArm | Calibration | Diagnosis) -> Problem:
         """The same problem with the arm that measurements found: its parameters, effects, covariance and scatter.
@@ -198,7 +198,7 @@ class Problem(ProblemData):
         document = fitted_document(self.document, name, nominal, plain, effects, fit)
         found = replace(
             self, name=name, arm=arm_with(plain, effects, self.task), nominal=nominal, effects=effects,
-            document=document, header=fit.header, origin=Document(document), overridden=frozenset(),
+            document=document, header=fit.header, origin=ProblemDocument(document), overridden=frozenset(),
             second_arms={name: self._found_second_arm(name, own) for name, own in fit.second_arms.items()},
         )  # fmt: skip
         return found if fit.known is None else found._with_known(fit.known, fit)
@@ -329,7 +329,9 @@ class Problem(ProblemData):
             raise naming(path, error) from None
 
 
-def build_problem(document: Document, folder: Path, name: str, *, attached: Mapping[str, str] | None = None) -> Problem:
+def build_problem(
+    document: ProblemDocument, folder: Path, name: str, *, attached: Mapping[str, str] | None = None
+) -> Problem:
     """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names.
 
     Raises:

@@ -12,11 +12,11 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import located
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.problem.yaml_source import Document, read_yaml
+from posture_opt.problem.yaml_source import ProblemDocument, read_yaml
 
 OF_ARM = ("name", "robot", "uncertainty", "effects")
 """Sections of a problem file that say what the arm is: its data may name the first arm as the second of its own."""
-ReadParts = Callable[[Document, Path, Mapping[str, str]], tuple[Any, Any, Any]]
+ReadParts = Callable[[ProblemDocument, Path, Mapping[str, str]], tuple[Any, Any, Any]]
 
 
 def with_second_arms(data: DataSpec, folder: Path, read_parts: ReadParts) -> DataSpec:
@@ -44,7 +44,7 @@ def with_second_arms(data: DataSpec, folder: Path, read_parts: ReadParts) -> Dat
     return data.model_copy(update={"pairs": pairs})
 
 
-def second_document(path: Path) -> Document:
+def second_document(path: Path) -> ProblemDocument:
     """What a problem file says of its arm.
 
     Raises:

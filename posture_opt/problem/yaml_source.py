@@ -25,7 +25,7 @@ _STARTER_HINT = "'optimize-posture new planar_2r' prints a problem file to start
 
 
 @dataclass(frozen=True)
-class Document:
+class ProblemDocument:
     """The data of one problem file.
 
     Args:
@@ -66,7 +66,7 @@ for _tag, _pattern, _first in (
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), list(_first))
 
 
-def read_yaml(path: str | Path) -> Document:
+def read_yaml(path: str | Path) -> ProblemDocument:
     """The document in a file.
 
     Raises:
@@ -95,7 +95,7 @@ def _read_text(path: Path) -> str:
         raise InputError(Issue(message, hint="save the file as UTF-8", file=str(path), line=line)) from None
 
 
-def parse_yaml(text: str, file: str = "") -> Document:
+def parse_yaml(text: str, file: str = "") -> ProblemDocument:
     """The document in a text; ``file`` is what messages call it.
 
     >>> parse_yaml("robot: {kind: preset, name: ur10}").data["robot"]["name"]
@@ -119,7 +119,7 @@ def parse_yaml(text: str, file: str = "") -> Document:
         data = reader.value(node, ())
     except RecursionError:
         raise InputError(Issue("the file is nested too deeply", file=file)) from None
-    return Document(data, file, reader.lines, tuple(reader.issues))
+    return ProblemDocument(data, file, reader.lines, tuple(reader.issues))
 
 
 def compose(text: str, file: str = "") -> yaml.Node | None:

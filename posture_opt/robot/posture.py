@@ -69,22 +69,16 @@ def read_posture(robot: Robot, posture: PostureLike) -> tuple[float, ...]:
     return tuple(read)
 
 
-def limit_notes(robot: Robot, posture: Sequence[float]) -> tuple[str, ...]:
-    """One sentence for each joint outside its limits, with the excess [deg or mm].
+def beyond_limits(robot: Robot, posture: Sequence[float]) -> tuple[tuple[Joint, float], ...]:
+    """The joints outside their limits, with the excess [rad or m]: positive above the upper, negative below the lower.
 
     Args:
         robot: the limits.
         posture: (n,) joint values [rad or m].
     """
-    notes = []
-    for joint, value in zip(robot.joints, posture, strict=True):
-        excess = max(value - joint.upper, joint.lower - value)
-        # What is written in degrees comes back with the rounding of the conversion.
-        if excess > 1e-9:
-            side = "above its upper" if value > joint.upper else "below its lower"
-            limit = joint.upper if value > joint.upper else joint.lower
-            notes.append(f"{joint.name} is {_value_text(joint, excess)} {side} limit of {_value_text(joint, limit)}")
-    return tuple(notes)
+    excess = [value - min(max(value, j.lower), j.upper) for j, value in zip(robot.joints, posture, strict=True)]
+    # What is written in degrees comes back with the rounding of the conversion.
+    return tuple((joint, off) for joint, off in zip(robot.joints, excess, strict=True) if abs(off) > 1e-9)
 
 
 def joints_at_limits(robot: Robot, Q: Array) -> list[str]:
@@ -150,8 +144,3 @@ def _read_value(joint: Joint, value: object, issues: list[Issue]) -> float:
     else:
         return float(value)
     return 0.0
-
-
-def _value_text(joint: Joint, value: float) -> str:
-    """A joint value in degrees or millimetres, to four digits."""
-    return f"{math.degrees(value):.4g} deg" if joint.type == "revolute" else f"{value * 1e3:.4g} mm"

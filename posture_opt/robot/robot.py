@@ -206,6 +206,12 @@ class Robot:
         """All elementary transforms from the world to the tool point, in the order of their product."""
         return (*self.base, *(f for link in self.links for f in link), *self.tool)
 
+    def link_words(self, joint: str) -> str:
+        """The link that moves with a joint, by the joints at both of its ends."""
+        names = self.joint_names
+        last = names.index(joint) + 1 if joint in names else len(names)
+        return f"link from {joint} to {names[last]}" if last < len(names) else f"link behind {joint}"
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """(n,) from the base to the tool."""

@@ -18,6 +18,7 @@ from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.workers import Executor, opened
 from posture_opt.workers.record_pattern import Either, recorded
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 MOST_PAGES = 20
 """Answers that bring a page of their own: drawing an arm takes a second or two, and a page some 0.5 MB."""
+_FAILURES = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
 _DEFECT_EXIT_CODE = 1  # exit code of what is no one's input
 
 
@@ -107,7 +109,19 @@ class PostureBatch(Result):
         """Those that have a solution."""
         return tuple(answer for answer in self.answers if not answer.code)
 
-    def to_json(self) -> dict[str, Json]:
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """How many are solved, why the others are not, and the answers of least and largest standard deviation."""
+        codes, ordered = [answer.code for answer in self.answers], sorted(self.solved, key=lambda one: one.sigma_max)
+        failures = tuple(f"{codes.count(code)} {why}" for code, why in _FAILURES.items() if code in codes)
+        ends = {"smallest": ordered[0], "largest": ordered[-1]} if len(ordered) > 1 else {}
+        return (
+            state("selection.batch-solved", solved=len(ordered), problems=len(codes)),
+            *([state("selection.batch-failed", failures=failures)] if failures else []),
+            *(state(f"selection.batch-{end}", one.name, sigma=Quantity(one.sigma_max)) for end, one in ends.items()),
+        )
+
+    def fields_json(self) -> dict[str, Json]:
         """The document ``answers.json``: SI units, finite numbers only."""
         return {
             "problems": len(self.answers),

@@ -78,6 +78,11 @@ def direction_name(kind: str) -> str:
     return next((task.direction_name for task in every_task() if kind_of(task) == kind), Task.direction_name)
 
 
+def part_words(within: str, kind: str) -> str:
+    """The part of the spread that a task of that kind counts: across the insertion direction."""
+    return "in space" if within == "all" else f"{within} the {direction_name(kind)}"
+
+
 def _package(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else point.value.partition(".")[0]
 

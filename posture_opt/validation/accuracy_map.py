@@ -17,6 +17,7 @@ from posture_opt.selection.maps.grid_layout import Plane
 from posture_opt.selection.maps.map_points import Grid, MapPoint
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
@@ -60,6 +61,21 @@ class AccuracyMap(Result):
     own: tuple[Array, float] | None
     measured: MeasuredErrors | None
 
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What is off without corrections, what scatters with them, and how that compares with measured rows."""
+        most, least = Quantity(float(np.nanmax(self.distance))), Quantity(float(np.nanmin(self.distance)))
+        bias = (
+            state("validation.map-bias", most=most, least=least)
+            if self.corrected
+            else state("validation.map-uncorrected", most=most)
+        )
+        ends = {name: Quantity(float(of(self.radius95))) for name, of in (("most", np.nanmax), ("least", np.nanmin))}
+        without, targets = int(np.count_nonzero(~self.targets.feasible)), len(self.targets.map_points)
+        missing = [state("validation.targets-without-posture", without=without, targets=targets)] if without else []
+        measured = () if self.measured is None else self.measured.statements
+        return (bias, state("validation.map-radius", "", **ends), *missing, *measured)
+
     @property
     def grid(self) -> Grid:
         """The targets."""
@@ -70,7 +86,7 @@ class AccuracyMap(Result):
         """(N,) length of the bias [m]."""
         return np.asarray(np.linalg.norm(self.bias, axis=1))
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
         joints = self.targets.optimisation_problem.robot.joint_names
         return {
@@ -85,7 +101,7 @@ class AccuracyMap(Result):
             "targets": [self._target(k, map_point, joints) for k, map_point in enumerate(self.targets.map_points)],
             "measured": None if self.measured is None else self.measured.to_json(),
             "seconds": self.targets.seconds,
-            "notes": list(self.targets.notes),
+            "notes": [str(note) for note in self.targets.notes],
         }
 
     def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Json]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import overload
 
 import numpy as np
@@ -17,14 +20,20 @@ from posture_opt.measurements.rotations import rotation_matrices, rotation_vecto
 from posture_opt.numerics import Array, Codes, Json
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, notation, state
 from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
-from posture_opt.validation.model_errors import ModelErrors, measured_parts, model_errors
+from posture_opt.units import fixed
+from posture_opt.validation.model_errors import TEST_LEVEL, BlockMean, ModelErrors, measured_parts, model_errors
 from posture_opt.validation.repeat_scatter import prismatic_joints
-from posture_opt.validation.repeatability_tests import Goals, Repeats, goals_of, repeats_of
+from posture_opt.validation.repeatability_tests import ISO_CYCLES, Goals, Repeats, goals_of, repeats_of
 from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
 MIN_INSTRUMENT_RATIO = 10.0  # better than what it judges an instrument should be
+NORMAL_TAIL = 0.0027  # of normal numbers lie beyond three standard deviations
 _REGION_PROBABILITY = 0.95
+_UNDIVIDED_SHARE = 0.6  # of the whole range: a block as long was not cut along it
+_SIGMA_EXAMPLES = {"m": "0.05 mm", "rad": "0.002 deg", "px": "0.2 px"}
+"""SI unit of a reading -> a standard deviation as a file may state it."""
 _LENGTH_TOLERANCE_M = 1e-12  # m
 
 
@@ -69,7 +78,7 @@ class Assessment(Result):
         residual_scatter: ``None`` where the poses are too few for a region.
         repeats, goals: ``None`` where nothing was repeated.
         trends, sides: how the calibrated model's errors move with inputs, and with the side of arrival.
-        notes: sentences for the report.
+        unseen: why errors along and across the task are left out, or in which frame they are; empty without a reason.
     """
 
     calibration: Calibration
@@ -86,7 +95,36 @@ class Assessment(Result):
     goals: Goals | None
     trends: tuple[Trend, ...] = ()
     sides: tuple[Sides, ...] = ()
-    notes: tuple[str, ...] = ()
+    unseen: str = ""
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """The errors before and after; whether a mean error remains; then what each rule of measuring says."""
+        parts = (_mean_statements, _unseen, _input_statements, _scatter_statements, _instrument, _repeat_statements)
+        return (_errors(self), *(statement for part in parts for statement in part(self)))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is left out of the errors by direction."""
+        return tuple(one.text for one in _unseen(self))
+
+    @property
+    def largest_mean(self) -> BlockMean | None:
+        """The part of the workspace with the largest mean error of the calibrated model that is not zero."""
+        off = [block for block in self.calibrated.blocks if not block.zero]
+        return max(off, key=lambda block: float(np.linalg.norm(block.test.mean)), default=None)
+
+    @property
+    def frequent_large_errors(self) -> bool:
+        """Whether more coordinates lie beyond three standard deviations than of normal ones.
+
+        ``P(N ≥ n | λ = 0.0027 · coordinates) = gammainc(n, λ)`` below 5 %.
+        """
+        from scipy.special import gammainc
+
+        coordinates = self.rows * len(self.axes)
+        beyond = round(self.calibrated.beyond3 * coordinates)
+        return beyond > 0 and float(gammainc(beyond, coordinates * NORMAL_TAIL)) < TEST_LEVEL
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -94,7 +132,7 @@ class Assessment(Result):
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
         return {name: m.coordinate / self.instrument if self.instrument else np.inf for name, m in models.items()}
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The entry ``assessment`` of ``calibration.json``: SI units."""
         instrument: dict[str, Json] = {"sigma": self.instrument or None}
         if self.instrument:
@@ -184,7 +222,7 @@ def assess(
         goals=goals_of(used, errors),
         trends=trends_of(used, fitted["calibrated"][:, axes]),
         sides=sides_of(used, fitted["calibrated"], _joint_motions(residuals, calibration.x)),
-        notes=_assessment_notes(problem, axes, direction) if len(data.kind.axis_names) == 3 else (),
+        unseen=_why_unseen(problem, axes, direction) if len(data.kind.axis_names) == 3 else "",
     )
 
 
@@ -210,15 +248,106 @@ def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, st
     return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
-def _assessment_notes(problem: ProblemData, axes: Codes, direction: Array | None) -> tuple[str, ...]:
-    """What the reader has to know of the task's direction."""
+def _why_unseen(problem: ProblemData, axes: Codes, direction: Array | None) -> str:
+    """The end of the id of what is said of errors along and across the task."""
     if direction is None:
-        return ("the problem has no task: nothing is said of along and across its direction",)
+        return "no-task-direction"
     if not all(measured_parts(axes, direction)):
-        return ("not all of the task's direction was measured: what was not measured is left out",)
-    if problem.robot.base_free:
-        return ("the base is free: the task's direction is taken in the frame of the measurements",)
-    return ()
+        return "direction-unmeasured"
+    return "direction-of-measurements" if problem.robot.base_free else ""
+
+
+def _errors(found: Assessment) -> Statement:
+    """RMS error per coordinate before and after calibration."""
+    before, after = (Quantity(model.coordinate) for model in (found.nominal, found.calibrated))
+    one = found.calibration.request.data.kind.number_words
+    return state("validation.errors", coordinate=one, before=before, after=after)
+
+
+def _unseen(found: Assessment) -> Iterator[Statement]:
+    """What is left out of the errors by direction."""
+    if found.unseen:
+        yield state(f"validation.{found.unseen}")
+
+
+def _mean_statements(found: Assessment) -> Iterator[Statement]:
+    """The first rule: after calibration the mean of the residuals is zero, everywhere."""
+    model = found.calibrated
+    tests = [*([] if model.mean is None else [model.mean.zero]), *(block.zero for block in model.blocks)]
+    if not model.zero:
+        yield state("validation.mean-remains", share=Quantity(1 - sum(tests) / len(tests), "share"))
+    else:
+        yield state("validation.mean-zero" if model.blocks else "validation.poses-few-for-parts")
+    worst = found.largest_mean
+    if worst is not None:
+        size = Quantity(float(np.linalg.norm(worst.test.mean)))
+        yield state("validation.largest-mean", size=size, where=_sides_of(found, worst))
+
+
+def _sides_of(found: Assessment, block: BlockMean) -> list[str]:
+    """The shortest three sides of a block that are shorter than those of the whole."""
+    whole = np.ptp([[b.lower, b.upper] for b in found.calibrated.blocks], axis=(0, 1))
+    part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
+    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _UNDIVIDED_SHARE and whole[k] > 0)
+    units = {"rad": (math.degrees(1.0), "deg", 0), "m": (1.0, "m", 2)}
+    sides = []
+    for k in shown:
+        name, (factor, unit, decimals) = found.block_axes[k][0], units[found.block_axes[k][1]]
+        low, high = (fixed(factor * float(end[k]), decimals) for end in (block.lower, block.upper))
+        sides.append(f"{name} is {low} to {high} {unit}")
+    return sides
+
+
+def _input_statements(found: Assessment) -> Iterator[Statement]:
+    """What the errors that are left depend on: time, temperature, payload, the side of arrival."""
+    trends = [trend for trend in found.trends if trend.found]
+    for trend in trends:
+        change = notation.shift(trend.change.tolist())
+        yield state("validation.trend", trend.name, span=trend.span, change=change, p=Quantity(trend.p_value, "p"))
+    if trends:
+        yield state("validation.trend-confounded")
+    calm = [trend.name for trend in found.trends if not trend.found]
+    if calm:
+        yield state("validation.no-trend", inputs=calm)
+    off = sorted((one for one in found.sides if one.found), key=lambda one: -abs(one.difference))
+    for one in off:
+        yield state("validation.side", one.joint, difference=Quantity(abs(one.difference)))
+    if found.sides and not off:
+        yield state("validation.no-side")
+
+
+def _scatter_statements(found: Assessment) -> Iterator[Statement]:
+    """The second rule: the second moment of the residuals is their vector uncertainty; and whether they are normal."""
+    if found.residual_scatter is None:
+        yield state("validation.poses-few-for-region" if found.calibrated.coordinate else "validation.residuals-zero")
+    elif not found.calibrated.zero:
+        yield state("validation.scatter-systematic")
+    if found.frequent_large_errors:
+        yield state("validation.large-errors-frequent")
+
+
+def _instrument(found: Assessment) -> Iterator[Statement]:
+    """The third rule: an instrument ten times better than what it is used to assess."""
+    kind = found.calibration.request.data.kind
+    if not found.instrument:
+        yield state("validation.instrument-unstated", key=kind.sigma_key, example=_SIGMA_EXAMPLES[kind.unit])
+        return
+    sigma = Quantity(found.instrument, "stated length")
+    for name, when in (("nominal", "before"), ("calibrated", "after")):
+        if (ratio := found.ratios[name]) < MIN_INSTRUMENT_RATIO:
+            yield state("validation.instrument-inaccurate", name, model=when, ratio=ratio, sigma=sigma)
+
+
+def _repeat_statements(found: Assessment) -> Iterator[Statement]:
+    """What is missing of the repeats that ISO 9283 asks for."""
+    repeats = found.repeats
+    if repeats is None:
+        unmeasured = found.calibrated.mean is None
+        yield state("validation.repeatability-unmeasured" if unmeasured else "validation.repeatability-unknown")
+    elif not repeats.poses:
+        yield state("validation.repeats-few")
+    elif (least := min(pose.nominal.n for pose in repeats.poses)) < ISO_CYCLES:
+        yield state("validation.repeats-below-standard", standard=ISO_CYCLES, least=least)
 
 
 def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:

@@ -6,6 +6,7 @@ prediction is true. A region of probability p holds the errors with ``D² ≤ χ
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,6 +22,7 @@ REGION_PROBABILITY = 0.95
 INTERVAL_QUANTILES = (0.025, 0.975)
 RELIABILITY_LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
 _FACTOR_TOLERANCE = 1.1  # a factor that no decision depends on
+_MIN_TAIL_SHARE = 0.05  # of the rows: less bends a curve that nobody sees
 _MAX_CELLS = 1_000_000  # numbers at a time
 _COVERAGE_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
 
@@ -100,6 +102,16 @@ class Coverage:
         if low <= 1 <= high or 1 / _FACTOR_TOLERANCE <= self.factor <= _FACTOR_TOLERANCE:
             return "right"
         return "understated" if self.factor > 1 else "overstated"
+
+    @property
+    def concentration(self) -> float:
+        """By how much the share in the 50 % region exceeds 0.5, where a region of the right size has another shape.
+
+        0 within three standard errors, ``3 sqrt(0.25 / poses)``, and within 0.05.
+        """
+        excess = self.held(0.5) - 0.5
+        shown = self.verdict == "right" and abs(excess) >= max(_MIN_TAIL_SHARE, 3 * math.sqrt(0.25 / self.poses))
+        return excess if shown else 0.0
 
     def held(self, p: float) -> float:
         """The share of the rows in the predicted region of probability ``p``.

@@ -9,9 +9,12 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.numerics import DerivedAgain, Json
 from posture_opt.selection.comparison.comparison import Comparison
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Statement, state
 from posture_opt.validation.assessment import Assessment, assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
+
+_MIN_NOISE_SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +55,32 @@ class Evaluation(DerivedAgain):
             return None
         return compare_models(request.problem.robot, self.models, seed=request.seed, measured=request.data.q)
 
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What follows from it: the task planned again, doubts about the spread, and the next step."""
+        parts = (self.assessment, self.spread_check)
+        doubts = (one for part in parts for one in part.statements if one.severity != "result")
+        return (*(() if self.comparison is None else self.comparison.statements), *self._next_step, *doubts)
+
+    @property
+    def _next_step(self) -> tuple[Statement, ...]:
+        """The most urgent step: a systematic error comes before open parameters, these before repeats."""
+        seen, found = self.assessment, self.calibration
+        steps = {
+            "diagnose": not seen.calibrated.zero,
+            "diagnose-scatter": 0 < seen.instrument < _MIN_NOISE_SHARE * seen.calibrated.coordinate,
+            "plan-measurements": bool(found.identifiability.words),
+            "repeat": seen.repeats is None and found.request.data.position is not None,
+            "plan-task": True,
+        }
+        return (state(f"calibration.next-{next(step for step, due in steps.items() if due)}"),)
+
     def to_json(self) -> dict[str, Json]:
         """Its part of the document ``calibration.json``."""
-        plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
+        plan = {} if self.comparison is None else {"posture": self.comparison.fields_json()}
         return {
-            "assessment": self.assessment.to_json(),
+            "assessment": self.assessment.fields_json(),
             "coverage95": self.spread_check.coverage95,
-            "spread_check": self.spread_check.to_json(),
+            "spread_check": self.spread_check.fields_json(),
             **plan,
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from posture_opt.numerics import Array, Codes, Json, Mask, finite_or_none, rms
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.maps.target_map import TargetMap
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
@@ -23,18 +25,7 @@ from posture_opt.validation.coverage import squared_distances
 
 _ELSEWHERE_RATIO = 20  # times the predicted distance: no spread is that much understated
 
-TOUCHES_NOTE = (
-    "touched points show how well touches agree, not where the arm is: errors count from the mean of each point, "
-    "and no share of them can be set against the predicted distances"
-)
-FITTED_NOTE = (
-    "free and fitted to these rows: what that takes off their errors is still in the prediction, and no share of "
-    "them can be set against it"
-)
-ELSEWHERE_NOTE = (
-    "so far off, base, tool or instrument were not where the file has them when these rows were measured: calibrate "
-    "with them, or leave base and tool free"
-)
+_MIN_ROWS = 20  # rows: fewer say little about a share of 95 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +44,7 @@ class MeasuredErrors:
         comparable: whether the rows show all of the error: not where they touch points, or where frames are fitted
             to them.
         reach: rows count as near the map within this distance of its plane [m]; 0 where all lie in it.
-        notes: sentences for the report.
+        remarks: what the rows are, and why they may not be comparable.
     """
 
     place: Array
@@ -65,7 +56,32 @@ class MeasuredErrors:
     inside: Mask
     comparable: bool
     reach: float
-    notes: tuple[str, ...] = ()
+    remarks: tuple[Statement, ...] = ()
+
+    @property
+    def statements(self) -> Iterator[Statement]:
+        """How many rows lie within what is predicted, for their own postures and on the map."""
+        rows, near = len(self.cell), int(self.near.sum())
+        if self.comparable:
+            verdict = f"-{self.verdict}" if self.verdict else ""
+            yield state(f"validation.rows-in-region{verdict}", share=Quantity(self.share, "share"), rows=rows)
+            if near:
+                yield state("validation.rows-in-cells", share=Quantity(self.share_near, "share"), rows=near)
+            else:
+                yield state("validation.rows-off-map")
+        yield from self.remarks
+
+    @property
+    def verdict(self) -> str:
+        """``understated`` or ``overstated``: the share in the regions is further from 95 % than chance takes it.
+
+        ``|share − 0.95| > 4 sqrt(0.95 · 0.05 / rows)``: neighbouring postures err alike, so that rows count for fewer
+        than they are. Empty otherwise, and with fewer than 20 rows.
+        """
+        rows = len(self.cell)
+        if rows < _MIN_ROWS or abs(self.share - 0.95) <= 4 * math.sqrt(0.95 * 0.05 / rows):
+            return ""
+        return "understated" if self.share < 0.95 else "overstated"
 
     @property
     def share_near(self) -> float:
@@ -89,7 +105,7 @@ class MeasuredErrors:
             "share_within_95_of_own_posture": finite_or_none(self.share),
             "rms_uncorrected": rms(self.uncorrected),
             "rms": rms(self.corrected),
-            "notes": list(self.notes),
+            "notes": [remark.text for remark in self.remarks],
         }
 
 
@@ -109,15 +125,15 @@ def measured_errors(
     if data.position is None and not data.touches:
         message = f"a map predicts positions, and these rows are {data.kind.noun}"
         raise InputError(Issue(message, ("--data",), hint="name rows with x, y, z", file=data.file))
-    notes = []
+    remarks = []
     if len(data.target_names) > 1:
         data = data.take(np.flatnonzero(data.target == 0))
-        notes.append(f"only rows of the target {data.target_names[0]} are compared")
+        remarks.append(state("validation.rows-of-first-target", data.target_names[0]))
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     if data.touches:
-        notes.append(TOUCHES_NOTE)
+        remarks.append(state("validation.rows-touch-points"))
     elif free:
-        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED_NOTE}")
+        remarks.append(state("validation.frames-fitted-to-rows", frames=free))
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
     errors = [_position_errors(one, data) for one in (uncorrected, problem)]
@@ -131,11 +147,11 @@ def measured_errors(
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
     elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE_RATIO * np.nanmedian(limits)
-    notes += [ELSEWHERE_NOTE] if elsewhere else []
+    remarks += [state("validation.measured-elsewhere")] if elsewhere else []
     comparable = not data.touches and not free and not elsewhere
     near = (cell >= 0) & np.isfinite(limits[cell])
     return MeasuredErrors(
-        place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(notes)
+        place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(remarks)
     )
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import overload
 
 import numpy as np
@@ -15,6 +17,8 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Json, Mask, rms
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
+from posture_opt.units import plus_minus
 from posture_opt.validation.coverage import Coverage
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.prediction import (
@@ -30,6 +34,13 @@ from posture_opt.validation.prediction import (
 from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 from posture_opt.validation.scatter_prediction import ScatterPrediction, observed_variances, worth_showing
+
+_MIN_DRAW_SHARE = 0.1  # of the rows: as far as one draw of the errors that stay moves the share
+_MAX_SCATTER_RATIO = 2.0  # times the scatter between repeats: larger residuals than that are no scatter
+_MAX_PAIRS = 3
+_WHEN = {"nominal": "before", "calibrated": "after"}
+_SOURCES = {"visit": "the scatter in the file", "joints": "the σ's of joint values in the file"}
+_JOINT_MODELS = {"joints": "one σ for each joint", "one_sigma": "one σ for all joints"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +67,7 @@ class SpreadCheck(Result):
         scatter_predictions: models of the scatter fitted at some postures and judged at others.
         outlying: lines of postures whose repeats differ far more than those of the others; they are left out.
         instrument: the σ of a coordinate [m].
-        notes: sentences on what these data cannot show.
+        correlated: pairs of parameters that the problem states to vary together, from robot to robot.
     """
 
     calibration: Calibration
@@ -73,14 +84,29 @@ class SpreadCheck(Result):
     scatter_predictions: tuple[ScatterPrediction, ...]
     outlying: tuple[int, ...]
     instrument: float
-    notes: tuple[str, ...] = ()
+    correlated: tuple[str, ...] = ()
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """Coverage of the stated spread, else of the calibrated one; then what limits it, repeats and joints."""
+        return (*_coverage_statements(self), *_repeat_statements(self), *_joint_statements(self))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What these data cannot show."""
+        return tuple(one.text for one in _unknowable(self))
+
+    @property
+    def systematic_share(self) -> float:
+        """Share ``1 − (σ_repeat / rms)²`` of the residual variance that is the same in every repeat."""
+        return 1 - (self.repeat_sigma / self.residual_rms) ** 2
 
     @property
     def coverage95(self) -> dict[str, float]:
         """The share of the rows inside the 95 % region that each model predicts."""
         return {name: found.share for name, found in self.coverage.items()}
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The entry ``spread_check`` of ``calibration.json``: SI units and radians."""
         return {
             "uncertainty_stated": self.stated,
@@ -165,21 +191,80 @@ def check_spread(
         scatter_predictions=predicted,
         outlying=between.outlying,
         instrument=residuals.sigma,
-        notes=_unknowable_notes(problem),
+        correlated=_correlated_pairs(problem),
     )
 
 
-def _unknowable_notes(problem: ProblemData) -> tuple[str, ...]:
+def _coverage_statements(found: SpreadCheck) -> Iterator[Statement]:
+    """What share the predicted region contains, whether the spread is right, and what limits that."""
+    name = "nominal" if found.stated else "calibrated"
+    c = found.coverage[name]
+    low, high, factor = (Quantity(v, "number") for v in (*c.factor_interval, c.factor))
+    id, share = f"validation.coverage-{c.verdict}", Quantity(c.share, "share")
+    yield state(id, name, model=_WHEN[name], share=share, low=low, high=high, factor=factor)
+    if not found.stated:
+        yield state("validation.uncertainty-unstated")
+    for model, one in found.coverage.items():
+        if one.concentration:
+            more, held = ("more" if one.concentration > 0 else "less"), Quantity(one.held(0.5), "share")
+            yield state(f"validation.{more}-concentrated", model, model=_WHEN[model], share=held)
+    least, most = found.coverage["nominal"].expected
+    if found.stated and most - least > _MIN_DRAW_SHARE:
+        yield state("validation.one-draw", low=Quantity(least, "share"), high=Quantity(most, "share"))
+    yield from _unknowable(found)
+
+
+def _unknowable(found: SpreadCheck) -> Iterator[Statement]:
     """What the problem says of a type of robots, and no single robot can show."""
+    if found.correlated:
+        yield state("validation.correlation-of-type", pairs=found.correlated[:_MAX_PAIRS])
+
+
+def _repeat_statements(found: SpreadCheck) -> Iterator[Statement]:
+    """Scatter between repeats, next to the residuals and to what the file states of scatter."""
+    test = found.repeats
+    if not found.repeat_sigma:
+        yield state("validation.scatter-inseparable")
+        return
+    repeat, residual = Quantity(found.repeat_sigma), Quantity(found.residual_rms)
+    if found.residual_rms < _MAX_SCATTER_RATIO * found.repeat_sigma:
+        yield state("validation.mostly-scatter", repeat=repeat, residual=residual)
+    else:
+        share = Quantity(found.systematic_share, "share")
+        yield state("validation.mostly-systematic", share=share, repeat=repeat, residual=residual)
+    if found.outlying:
+        yield state("validation.repeats-left-out", lines=[*map(str, found.outlying)])
+    if test is None:
+        yield state("validation.scatter-unstated")
+        return
+    low, high, factor = (Quantity(v, "number") for v in (*test.interval, test.factor))
+    id, p = f"validation.scatter-{test.verdict}", Quantity(test.p_size, "p")
+    yield state(id, source=_SOURCES[found.repeats_by], factor=factor, low=low, high=high, p=p)
+    off = sum(not pose.true for pose in test.poses)
+    yield state("validation.postures-scatter-otherwise", off=off, postures=test.groups)
+
+
+def _joint_statements(found: SpreadCheck) -> Iterator[Statement]:
+    """Where the scatter of the joints was estimated from, and whether it predicts other postures."""
+    if found.noise is None:
+        return
+    yield state("validation.joints-from-repeats" if found.from_repeats else "validation.joints-from-residuals")
+    if found.calibration.request.problem.sources.assumed:
+        yield state("validation.joints-of-data-sheet")
+    by = {model.model: model for model in found.scatter_predictions}
+    best = max((by[name] for name in _JOINT_MODELS if name in by), key=lambda model: model.gain, default=None)
+    if best is None:
+        return
+    verdict = {None: "alike", True: "better", False: "worse"}[best.better]
+    gain = plus_minus(best.gain, best.gain_std)
+    yield state(f"validation.joints-predict-{verdict}", model=_JOINT_MODELS[best.model], gain=gain)
+
+
+def _correlated_pairs(problem: ProblemData) -> tuple[str, ...]:
+    """Pairs of parameters whose errors the problem states to be correlated."""
+    names = problem.sources.names
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
-    names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
-    if not names:
-        return ()
-    what = ", ".join(names) + (" and others" if len(pairs) > len(names) else "")
-    return (
-        f"whether parameters vary together from robot to robot ({what}) cannot be known from one robot: measure ten or "
-        "more of the type, named in a column 'robot'",
-    )
+    return tuple(f"{names[i]} with {names[j]}" for i, j in pairs)
 
 
 def held_out_predictions(

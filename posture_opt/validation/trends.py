@@ -11,6 +11,9 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Json
 from posture_opt.validation.model_errors import holm_rejections, hotelling_p_value
 
+_MIN_HOURS_S = 2 * 3600.0  # s: shorter times are written in minutes
+_UNITS = {"time": (" h", 1 / 3600), "temperature": (" degC", 1.0), "payload": (" kg", 1.0)}
+"""Input -> unit in reports and factor from SI."""
 _MAX_BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
 _MIN_BATCH_ROWS = 3  # rows of a batch
 _MIN_SIDED_BATCHES = 6  # batches with arrivals from both sides
@@ -34,6 +37,17 @@ class Trend:
     error: Array
     p_value: float
     found: bool = False
+
+    @property
+    def span(self) -> str:
+        """The range with its unit; time in h, up to two hours in min."""
+        if self.name == "row":
+            return "first to last"
+        unit, factor = _UNITS[self.name]
+        if self.name == "time" and self.range[1] - self.range[0] < _MIN_HOURS_S:
+            unit, factor = " min", 1 / 60
+        low, high = (f"{factor * value:.4g}" for value in self.range)
+        return f"{low} to {high}{unit}"
 
     def to_json(self) -> dict[str, Json]:
         """Plain numbers."""

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InsufficientDataError
 from tests.helpers.instruments import TrueArm, plane_table
 
 
@@ -16,5 +15,7 @@ def test_planes_do_not_say_how_sizes_vary() -> None:
     table = {name: np.concatenate([one[name] for one in tables]) for name in tables[0]}
     table["robot"] = np.repeat(["a", "b", "c"], 6)
     problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
-    with pytest.raises(InsufficientDataError, match="touches of planes alone do not determine the size of a robot"):
+    with pytest.raises(
+        po.errors.InsufficientDataError, match="touches of planes alone do not determine the size of a robot"
+    ):
         po.calibrate_batch(problem, po.read_measurements(table, problem))

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.calibration.calibrate import calibrate
-from posture_opt.measurements.measurements import Measurements
+import posture_opt as po
 from tests.helpers.free_arms import SIX, hidden_errors, problem_of, quaternion, rows, simulated_poses
 from tests.helpers.simulated_arm import shift, turn
 
@@ -19,7 +18,7 @@ def rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     return turn(2, np.radians(yaw)) @ turn(1, np.radians(pitch)) @ turn(0, np.radians(roll))
 
 
-def measured(base: np.ndarray, tool: np.ndarray, orientation: bool) -> tuple[Any, Measurements]:
+def measured(base: np.ndarray, tool: np.ndarray, orientation: bool) -> tuple[Any, po.Measurements]:
     rng = np.random.default_rng(21)
     q = rng.uniform(-2.5, 2.5, (100, 6))
     T = simulated_poses(SIX, q, base, tool, hidden_errors(SIX, rng, ("j2",)))
@@ -51,7 +50,7 @@ def measured(base: np.ndarray, tool: np.ndarray, orientation: bool) -> tuple[Any
 def test_free_frames_are_found_wherever_they_stand(base: Any, tool: Any, orientation: bool) -> None:
     T_base, T_tool = shift(0.4, -1.3, 0.8) @ rpy(*base), shift(0.03, -0.05, 0.12) @ rpy(*tool)
     problem, data = measured(T_base, T_tool, orientation)
-    result = calibrate(problem, data)
+    result = po.calibrate(problem, data)
     assert 0.8 < result.variance < 1.25  # χ² over more than 270 degrees of freedom: ± 3 σ
     # Told in roll, pitch and yaw it is the same arm: the errors that it leaves are those that were fitted.
     again = result.residuals.error(result.x)
@@ -81,7 +80,7 @@ def test_on_a_wall_roll_and_yaw_have_no_values_of_their_own() -> None:
     q = rng.uniform(-2.5, 2.5, (60, 6))
     T_base = shift(0.4, -1.3, 0.8) @ rpy(0, 90, 0)
     points = simulated_poses(SIX, q, T_base, shift(0.03, -0.05, 0.12), errors)[:, :3, 3] + rng.normal(0, NOISE, (60, 3))
-    result = calibrate(problem, rows(problem, q, points))
+    result = po.calibrate(problem, rows(problem, q, points))
     at = {p.name: i for i, p in enumerate(result.parameters)}
     assert not result.fixed[at["base.roll"]]
     assert not result.fixed[at["base.yaw"]]

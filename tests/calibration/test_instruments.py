@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.report.figures.residual_trends import plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown
 from tests.helpers.instruments import (
@@ -119,7 +118,7 @@ def test_another_file_has_planes_of_its_own() -> None:
     assert found.test is not None
     assert found.test.models["calibrated"].rms < 2 * SIGMA < 0.2 * found.test.models["nominal"].rms
     wire = po.read_measurements(distance_table(arm, rng, 5, SIGMA), given)
-    with pytest.raises(InputError, match="the test file holds distances, the first file touches of planes"):
+    with pytest.raises(po.errors.InputError, match="the test file holds distances, the first file touches of planes"):
         po.calibrate(given, data, test=wire, plan=False)
 
 

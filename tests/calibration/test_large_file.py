@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.estimation import residuals as of_rows
-from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from tests.helpers.free_arms import BASE, SIX, TOOL, hidden_errors, problem_of, rows, simulated_points
 
 COUNT, USED = 900, 150
@@ -56,22 +54,3 @@ def test_a_diagnosis_says_what_it_used_and_predicts_the_rest(large: Any) -> None
     assert abs(told["rows_used"] - USED) <= 2
     assert told["left_out"]["extended"]["rms"] <= told["left_out"]["nominal"]["rms"]
     assert f"{told['rows_used']} of {COUNT} rows were fitted" in " ".join(found.report().split())
-
-
-def test_errors_of_many_rows_are_those_of_all_at_once(large: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, data = large
-    found = po.calibrate(problem, data.take(np.arange(USED)), plan=False)
-    residuals = found.residuals.of_data(data)
-    at_once = residuals.error(found.x)
-    monkeypatch.setattr(of_rows, "MAX_WALKED_ROWS", 100)
-    np.testing.assert_allclose(residuals.error(found.x), at_once, atol=1e-15)
-
-
-def test_sums_of_very_many_groups_have_the_spread_of_the_groups() -> None:
-    rng = np.random.default_rng(1)
-    errors, groups = rng.normal(size=(60_000, 3)), np.arange(60_000)
-    assert len(np.unique(resampled_groups(groups))) == 10_000
-    low, high = Statistics.of(errors, groups).interval
-    # The mean of χ² of three degrees has the variance 6 / N.
-    expected = 3.92 * (6 / len(errors)) ** 0.5 / (2 * 3**0.5)
-    assert high - low == pytest.approx(expected, rel=0.15)

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.measurements.kinds import BoardPose, Seen
 from posture_opt.measurements.kinds.kind import stacked
 from tests.helpers.cameras import TOOL_SCENE, board_table
@@ -156,14 +155,14 @@ def test_rows_come_back_and_what_is_missing_is_said() -> None:
     again = po.read_measurements(data.to_dataframe(), problem())
     assert np.allclose(again.reading, data.reading, atol=1e-12)
     assert np.array_equal(again.part, data.part)
-    with pytest.raises(InputError, match="no σ of the orientation of a board is stated"):
+    with pytest.raises(po.errors.InputError, match="no σ of the orientation of a board is stated"):
         po.read_measurements(rows, problem(orientation=False))
     bare = {name: column for name, column in rows.items() if not name.startswith("r")}
-    with pytest.raises(InputError, match="poses of a board have x, y, z and an orientation"):
+    with pytest.raises(po.errors.InputError, match="poses of a board have x, y, z and an orientation"):
         po.read_measurements(bare, problem())
     flat = {name: column for name, column in rows.items() if name != "z [m]"}
-    with pytest.raises(InputError, match="beside the columns of positions"):
+    with pytest.raises(po.errors.InputError, match="beside the columns of positions"):
         po.read_measurements(flat, problem())
     few = {name: column[:6] for name, column in rows.items()}
-    with pytest.raises(InputError, match="2 poses of a board do not say where camera and board are"):
+    with pytest.raises(po.errors.InputError, match="2 poses of a board do not say where camera and board are"):
         po.read_measurements(few, problem())

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.cameras import camera_problem, camera_table
 from tests.helpers.instruments import (
     ANCHORS,
@@ -127,7 +126,7 @@ def test_a_known_distance_of_sockets_beside_plates_gives_the_size() -> None:
     assert errors[1] < 0.4 * errors[0]
     text["data"] = {"distances": [["socket0", "socket9", "1 m"]]}
     wrong = po.problem_from_dict(text)
-    with pytest.raises(InputError, match="no row touches 'socket9'"):
+    with pytest.raises(po.errors.InputError, match="no row touches 'socket9'"):
         po.calibrate(wrong, data, plan=False)
 
 
@@ -141,10 +140,12 @@ def test_rows_come_back_from_a_data_frame_and_half_readings_are_refused() -> Non
     assert np.array_equal(again.part, data.part)
     assert again.point_names == data.point_names
     both = {**table, "plane": ["a"] * len(table["instrument"])}
-    with pytest.raises(InputError, match="the instrument 'wire' fill columns of touches of planes, distances"):
+    with pytest.raises(
+        po.errors.InputError, match="the instrument 'wire' fill columns of touches of planes, distances"
+    ):
         po.read_measurements(both, given)
     gap = {**table, "anchor": ["" if k == 80 else v for k, v in enumerate(table["anchor"])]}
-    with pytest.raises(InputError, match="the cell is empty"):
+    with pytest.raises(po.errors.InputError, match="the cell is empty"):
         po.read_measurements(gap, given)
 
 

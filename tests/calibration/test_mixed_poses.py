@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.instruments import TrueArm, deviations, misplaced, mixed_table, plane_table, pose_table, postures
 
 PLANE, POSITION, ORIENTATION = 2e-5, 3e-5, 5e-5
@@ -115,7 +114,7 @@ def test_rows_come_back_and_orientations_without_a_sigma_are_left_out() -> None:
     assert len(bare) == 9 + 9
     assert "orientations are left out" in bare.notes[0]
     rows["qy"][-1] = ""
-    with pytest.raises(InputError, match="qy: the cell is empty – 'tracker' reads it in other rows"):
+    with pytest.raises(po.errors.InputError, match="qy: the cell is empty – 'tracker' reads it in other rows"):
         po.read_measurements(rows, problem())
 
 
@@ -134,5 +133,5 @@ TURNS = ("qw", "qx", "qy", "qz")
 )
 def test_nonsense_is_refused(change: dict[str, list[object] | None], words: str) -> None:
     rows = table(TrueArm(), np.random.default_rng(74), 3, np.eye(4)) | change
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(po.errors.InputError, match=words):
         po.read_measurements({name: column for name, column in rows.items() if column is not None}, problem())

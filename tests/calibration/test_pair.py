@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.instruments import TrueArm, deviations, misplaced, postures
 from tests.helpers.pairs import SECOND_BASE, pair_problem, pair_table, tool_at
 
@@ -85,24 +84,24 @@ def test_faulty_sections_are_named(tmp_path: Path) -> None:
     tool = tool_at("0 mm", "0 mm", "100 mm")
     table = pair_table(TrueArm(), TrueArm(), np.random.default_rng(0), 3, 0.0)
     given = pair_problem(tmp_path, tool, tool)
-    with pytest.raises(InputError, match=r"right\.elbow \[rad\]|right\.elbow"):
+    with pytest.raises(po.errors.InputError, match=r"right\.elbow \[rad\]|right\.elbow"):
         po.read_measurements({k: v for k, v in table.items() if k != "right.elbow [rad]"}, given)
     bare = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
-    with pytest.raises(InputError, match="unknown"):
+    with pytest.raises(po.errors.InputError, match="unknown"):
         po.read_measurements(table, bare)
-    with pytest.raises(InputError, match=r"no such file"):
+    with pytest.raises(po.errors.InputError, match=r"no such file"):
         po.problem_from_dict(
             {"robot": {"kind": "preset", "name": "ur10"}, "data": {"pairs": {"left": {"problem": "left.yaml"}}}},
             folder=tmp_path,
         )
     wrong = {"robot": {"kind": "preset", "name": "ur99"}}
     (tmp_path / "wrong.yaml").write_text("robot: {kind: preset, name: ur99}\n")
-    with pytest.raises(InputError, match="ur99"):
+    with pytest.raises(po.errors.InputError, match="ur99"):
         po.problem_from_dict({**wrong, "data": {"pairs": {"left": {"problem": "wrong.yaml"}}}}, folder=tmp_path)
     two = {"a": {"problem": "right.yaml"}, "right": {"problem": "right.yaml"}}
     several = po.problem_from_dict(
         {"robot": {"kind": "preset", "name": "ur10"}, "data": {"pairs": two}}, folder=tmp_path
     )
     more = {**table, **{k.replace("right", "a"): v for k, v in table.items() if k.startswith("right")}}
-    with pytest.raises(InputError, match="several second arms: a, right"):
+    with pytest.raises(po.errors.InputError, match="several second arms: a, right"):
         po.read_measurements(more, several)

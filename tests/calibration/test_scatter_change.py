@@ -10,7 +10,6 @@ import yaml
 
 import posture_opt as po
 from posture_opt.calibration.scatter_change import scatter_change
-from posture_opt.report.measured_parts.start_up_words import scatter_change_lead
 from tests.helpers.planar_files import SHORT
 
 ROWS = 120
@@ -36,18 +35,6 @@ def test_the_row_from_which_errors_are_of_another_size_is_found(times: float, fo
         assert abs(change.line - 81) <= 5
         assert change.after / change.before == pytest.approx(times, rel=0.25)
         assert change.to_json()["points"] == []
-
-
-def test_the_points_that_only_later_rows_touch_are_named() -> None:
-    rng = np.random.default_rng(5)
-    late = np.arange(ROWS) >= 80
-    data = rows(point=np.where(late, "stand", np.where(np.arange(ROWS) % 2, "a", "b")))
-    change = scatter_change(np.where(late, 4e-4, 1e-4)[:, None] * rng.normal(size=(ROWS, 2)), data)
-    assert change is not None
-    assert change.points == ("stand",)
-    (text,) = scatter_change_lead(change)
-    assert "where stand is touched, the rows are off by" in text
-    assert text.endswith("leave these rows out and diagnose again.")
 
 
 def test_rows_that_scatter_alike_hardly_ever_change() -> None:

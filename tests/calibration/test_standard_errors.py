@@ -11,7 +11,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
-from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.estimation.fit import estimate_parameters, with_clustered_errors
 from posture_opt.calibration.estimation.fit_setup import determine_directions
 from tests.helpers.free_arms import BASE, TOOL, TWO, problem_of, rows, simulated_points
@@ -57,7 +56,7 @@ def test_predicted_regions_hold_95_percent_of_what_was_left_out() -> None:
         rng = np.random.default_rng(seed)
         q = rng.uniform(-2.5, 2.5, (60, 2))
         points = simulated_points(TWO, q, np.eye(4), np.eye(4), WRONG)[:, :2] + rng.normal(0, 2e-5, (60, 2))
-        shares.append(calibrate(problem, rows(problem, q, points), folds=2).coverage["calibrated"])
+        shares.append(po.calibrate(problem, rows(problem, q, points), folds=2).coverage["calibrated"])
     # 1800 rows: 95 % ± 0.5 %.
     assert 0.935 < np.mean(shares) < 0.965
 
@@ -106,7 +105,7 @@ def test_a_urdf_arm_whose_frames_pinocchio_perturbed_predicts_postures_never_see
     robot = {"kind": "urdf", "file": str(file), "base_link": "base_link", "tip_link": "tool0", "joints": None}
     problem = problem_of([], robot=robot)
     q = rng.uniform(-2.5, 2.5, (150, 6))
-    result = calibrate(problem, rows(problem, q, points(q) + rng.normal(0, 2e-5, (150, 3))))
+    result = po.calibrate(problem, rows(problem, q, points(q) + rng.normal(0, 2e-5, (150, 3))))
     assert 0.8 < result.variance < 1.25  # χ² over some 420 degrees of freedom: ± 3 σ
     other = rng.uniform(-2.5, 2.5, (50, 6))
     left = arm_and_data(problem, rows(problem, other, points(other)))[0].error(result.x)
@@ -154,7 +153,7 @@ def test_a_tool_of_unknown_length_on_a_tilted_axis_is_in_the_standard_errors() -
     columns = {f"{row[0]} [{'m' if row[1] == 'prismatic' else 'rad'}]": q[:, i] for i, row in enumerate(table)}
     points = arm.points(q) + rng.normal(0, 2e-5, (60, 3))
     columns |= {f"{axis} [m]": points[:, i] for i, axis in enumerate("xyz")}
-    result = calibrate(problem, po.read_measurements(columns, problem))
+    result = po.calibrate(problem, po.read_measurements(columns, problem))
     off = {
         p.name: (x - errors.get(p.name, 0.0)) / s
         for p, x, s, fixed in zip(result.parameters, result.x, result.std, result.fixed, strict=True)

@@ -10,7 +10,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.start_up import start_up
-from posture_opt.report.measured_parts.start_up_words import start_up_lead
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -46,21 +45,6 @@ def test_a_cold_arm_is_told_with_what_to_do(logged: bool, tmp_path: Path) -> Non
     assert (warming in text) is logged
 
 
-def test_first_rows_at_an_end_of_the_range_may_be_off_by_that() -> None:
-    rng = np.random.default_rng(1)
-    noise = 2e-5 * np.where(np.arange(ROWS) < 20, 2.5, 1.0)[:, None] * rng.normal(size=(ROWS, 3))
-    ramp = np.linspace(-2.0, 2.0, ROWS)
-    for q, spread in ((rng.permutation(ramp), True), (ramp, False)):
-        order = np.arange(ROWS)
-        data = SimpleNamespace(
-            position=np.zeros((ROWS, 3)), time=None, temperature=None, order=order, q=np.stack([q, q], axis=1)
-        )
-        found = start_up(noise, data)
-        assert found is not None
-        assert found.spread is spread
-        assert ("at an end of the range" in start_up_lead(found)[0]) is not spread
-
-
 def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_no_cold_arm(tmp_path: Path) -> None:
     """Play of 0.8 mrad: the first row is off by half of it, 25 times the noise, all others are predicted."""
     rng = np.random.default_rng(3)
@@ -74,18 +58,6 @@ def test_a_first_row_that_a_joint_with_play_came_to_from_nobody_knows_where_is_n
     assert found.start_up is None
     text = " ".join(found.report().split())
     assert "Left out, as the side from which joints came there is not known: line 2." in text
-
-
-def test_one_row_that_is_far_off_is_no_cold_arm() -> None:
-    """A single reading among the first: measured again by itself, and not with all of them."""
-    rng = np.random.default_rng(4)
-    errors = 2e-5 * rng.normal(size=(ROWS, 3))
-    errors[3] *= 40.0
-    q = rng.uniform(-2, 2, (ROWS, 2))
-    data = SimpleNamespace(position=np.zeros((ROWS, 3)), temperature=None, time=None, order=np.arange(ROWS), q=q)
-    assert start_up(errors, data) is None
-    errors[:20] *= 3.0
-    assert start_up(errors, data) is not None
 
 
 def test_an_arm_that_is_warm_says_nothing(tmp_path: Path) -> None:

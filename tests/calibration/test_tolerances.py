@@ -3,31 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from scipy.stats import multivariate_normal
 
 import posture_opt as po
-from posture_opt.calibration.estimation import tolerances
 from tests.helpers.instruments import TrueArm, distance_table
-
-
-def test_widths_are_those_of_the_density_of_the_measurements() -> None:
-    """Measurements ``y = A x + noise`` are normal with covariance ``1 + A T Aᵀ``: no minimum of anything."""
-    rng = np.random.default_rng(4)
-    A, y = rng.normal(size=(12, 5)), rng.normal(size=12) * 3
-    mine = np.array([True, True, True, False, False])
-    others, known = 0.7, tolerances.Tolerance("lengths", 0.5, 0.8)
-    at = rng.normal(size=5)  # any place of the fit will do
-    seen = tolerances._Evidence(A.T @ A, A.T @ (A @ at - y), np.eye(5), at)
-    typical, uncertain = tolerances._width(seen, known, mine, np.full(5, others))
-    t = np.linspace(-4, 4, 400)
-    squares = known.median**2 * np.exp(2 * known.spread * t)
-    density = np.array(
-        [multivariate_normal.pdf(y, cov=np.eye(12) + A @ np.diag(np.where(mine, s, others)) @ A.T) for s in squares]
-    ) * np.exp(-(t**2) / 2)
-    density /= density.sum()
-    assert uncertain == pytest.approx(float(np.sqrt(density @ squares)), rel=1e-3)
-    assert typical == pytest.approx(float(np.exp(density @ np.log(squares) / 2)), rel=1e-3)
 
 
 def test_zeros_set_by_hand_do_not_loosen_the_lengths() -> None:

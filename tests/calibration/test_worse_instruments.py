@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.sure_gain import LEAST_PROBABILITY
-from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead, sure_gain_lead
 from tests.helpers.instruments import JOINTS, TrueArm, misplaced, plane_table, postures
 
+LEAST_PROBABILITY = 0.9  # below it, the nominal arm is delivered
 SMALL, COARSE, FINE = 1.5e-4, 3e-4, 2e-5  # errors of an arm; scatter of plates [m]
 
 
@@ -55,7 +54,6 @@ def test_plates_worse_than_the_arm_do_not_make_it_worse() -> None:
     assert found.instrument_scatter is not None
     assert found.instrument_scatter.exceeds
     assert found.instrument_scatter.scatter == pytest.approx(COARSE, rel=0.2)
-    assert "The instrument scatters more than the arm errs" in instrument_scatter_lead(found.instrument_scatter)[0]
     assert found.estimates_json()["instrument_scatter"]["exceeds_arm"] is True
     z = (found.x - arm_errors(found, arm))[found.assumed] / found.std[found.assumed]
     assert np.mean(np.abs(z) < 1.96) > 0.85
@@ -76,7 +74,6 @@ def test_the_nominal_arm_is_kept_where_it_is_not_sure_that_another_is_better() -
     i, place = next((i, delivered.sources.names.index(p.name)) for i, p in enumerate(found.parameters) if p.made)
     square = found.covariance[i, i] + found.x[i] ** 2
     assert delivered.sources.constant[place, place] == pytest.approx(square, rel=0.02)
-    assert "The nominal arm is kept" in sure_gain_lead(found, found.keeps_nominal)[0]
 
 
 def test_the_nominal_arm_is_kept_where_rows_left_out_are_predicted_no_better() -> None:
@@ -86,7 +83,6 @@ def test_the_nominal_arm_is_kept_where_rows_left_out_are_predicted_no_better() -
     assert found.better_than_nominal > LEAST_PROBABILITY
     assert rms_error(found, arm, found.x) > 1.1 * rms_error(found, arm, found.x_nominal)
     assert found.keeps_nominal
-    assert "predicts rows held out from the fit no better" in sure_gain_lead(found, found.keeps_nominal)[0]
 
 
 def test_plates_better_than_the_arm_improve_it_and_move_only_what_they_show() -> None:
@@ -97,14 +93,6 @@ def test_plates_better_than_the_arm_improve_it_and_move_only_what_they_show() ->
     still = found.assumed & ~found.fixed
     assert still.any()  # a common scale of all links, say
     assert np.all(np.abs(found.x[still]) < 3 * found.prior[still])
-    assert any("the data hardly improve, so that they stay near nominal" in note for note in found.notes)
-    assert instrument_scatter_lead(found.instrument_scatter) == ()
-
-
-@pytest.mark.conformance
-def test_the_first_line_says_that_the_instrument_is_worse_than_the_arm() -> None:
-    report = calibrated(301, SMALL, COARSE)[0].report()
-    assert report.splitlines()[1].startswith("The instrument scatters more than the arm errs")
 
 
 def arm_errors(found: po.Calibration, arm: TrueArm) -> np.ndarray:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +11,7 @@ import pytest
 from click.testing import Result
 
 import posture_opt as po
-from posture_opt.calibration.estimation.effects_fit import fit_with_effects
-from posture_opt.calibration.estimation.progress import Stages
-from posture_opt.diagnosis.causes.causes import missing_inputs
-from posture_opt.diagnosis.causes.sessions import Gain
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
 from posture_opt.model.effects import Effect, FittedSizes
-from posture_opt.model.effects.backlash import Backlash
-from posture_opt.model.effects.base.cause import amplitude
-from posture_opt.model.effects.cyclic_error import CyclicError
-from posture_opt.model.effects.drift import Drift
-from posture_opt.model.effects.hysteresis import Hysteresis
-from posture_opt.model.effects.joint_compliance import JointCompliance
-from posture_opt.model.effects.quantisation import Quantisation
-from posture_opt.model.effects.slip import Slip
-from posture_opt.report.text.words import p_words
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
@@ -128,7 +112,7 @@ def test_the_document_has_every_key(document: dict[str, Any]) -> None:
     assert "instrument_scale" in {entry["kind"] for entry in document["unknowable"]}
 
 
-def test_files_and_report_tell_the_story(written: tuple[Path, Result]) -> None:
+def test_files_are_written_with_the_report(written: tuple[Path, Result]) -> None:
     out, result = written
     assert {file.stem for file in out.glob("*.png")} == FIGURES
     assert {file.stem for file in out.glob("*.svg")} == FIGURES
@@ -137,14 +121,6 @@ def test_files_and_report_tell_the_story(written: tuple[Path, Result]) -> None:
     text = result.stdout
     assert (out / "report.txt").read_text(encoding="utf-8").rstrip("\n") == text.rstrip("\n")
     assert max(map(len, text.splitlines())) <= 100
-    flat = " ".join(text.split())
-    for words in (
-        "One cause explains the errors: joint1 has a cyclic error of 12.0",
-        "p < 1e-6, corrected for the whole search",
-        "The gain holds on the test file",
-        "measure a scale bar of known length",
-    ):
-        assert words in flat
 
 
 def test_a_gain_that_does_not_hold_elsewhere_is_none(folder: Path) -> None:
@@ -170,13 +146,8 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     # Without the drift there is no effect: the arm that is delivered and tested is the calibrated one.
     assert found.delivery.fit is not found.model
     assert found.test.models["extended"] == found.test.models["calibrated"]
-    text = " ".join(found.report().split())
-    assert "The effect is not tested on the other file: it belongs to the first session." in text
-    assert "not tested" in text
-    assert "no gain" not in text
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1] == (100, 100)
-    assert set(missing_inputs(found.model.residuals)) >= {"temperature", "payload", "masses"}
 
 
 def test_a_session_with_other_frames_is_fitted_to_them(folder: Path, tmp_path: Path) -> None:
@@ -231,17 +202,6 @@ def test_what_the_test_file_leaves_unsaid_is_told(folder: Path) -> None:
     assert any("no column temperature [degC]" in note and "20 degC is taken" in note for note in found.notes)
 
 
-def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
-    problem = po.load_problem(folder / "problem.yaml")
-    data = po.read_measurements(folder / "data.csv", problem)
-    found = po.diagnose(problem, data)
-    twin = replace(found.effects[0], confounded_with=(Quantisation(joint="joint1", lsb="0.001 rad"),))
-    text = replace(found, effects=(twin, *found.effects[1:])).report()
-    assert "Causes that could be confused" in text
-    assert "log the joint values that the controller reached" in " ".join(text.split())
-    assert found.plot().axes
-
-
 def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(12)
     q = rng.uniform(-2.5, 2.5, (90, 2))
@@ -285,37 +245,6 @@ def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path,
     assert "Left out, as it belongs to its session; all else was fitted for it to be absent: drift(linear)." in header
 
 
-def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> None:
-    # Two slow waves of nearly one period, large and opposite: a step of one period alone would tear them apart.
-    problem = po.load_problem(folder / "problem.yaml")
-    rng = np.random.default_rng(10)
-    q = rng.uniform(-2.5, 2.5, (90, 2))
-    dent = 4e-4 * np.exp(-0.5 * ((q[:, 0] - 0.7) / 0.3) ** 2)
-    file = folder / "dent.csv"
-    write(file, q, position(q + np.stack([dent, 0 * dent], axis=1)) + rng.normal(0, NOISE, (90, 2)))
-    data = po.read_measurements(file, problem)
-    linearised = linearise_calibration(po.calibrate(problem, data), flips=0)
-    waves = [CyclicError(joint="joint1", cycles=k) for k in (2.6, 3.4)]
-    residuals, calibration = linearised.sensitivities.residuals, po.calibrate(problem, data)
-    model = fit_with_effects(residuals, calibration.x, calibration.identifiability.directions, waves)
-    r, Z = model.whitened, model.jacobian[:, model.sizes]
-    # At a minimum the rest is orthogonal to what is fitted; the least squares stop at 1e-4 of that by themselves.
-    assert np.all(np.abs(Z.T @ r) < 1e-5 * np.linalg.norm(Z, axis=0) * np.linalg.norm(r))
-
-
-def test_a_longer_link_is_named_with_its_length(folder: Path, tmp_path: Path) -> None:
-    rng = np.random.default_rng(8)
-    q = rng.uniform(-2.5, 2.5, (60, 2))
-    write(tmp_path / "longer.csv", q, position(q, (1.0, 1.003)) + rng.normal(0, NOISE, (60, 2)))
-    result = run(tmp_path / "longer.csv", "--problem", folder / "problem.yaml", "--full")
-    assert result.exit_code == 0, result.stderr
-    text = " ".join(result.stdout.split())
-    words = "One cause explains the errors: the length of the link behind joint2 differs from the file (3.00"
-    assert words in text or "(2.99" in text
-    assert "link_length of joint2" in text
-    assert "with its effects" not in text
-
-
 def test_too_few_rows_are_a_verdict_too(folder: Path, tmp_path: Path) -> None:
     words = ["--problem", folder / "problem.yaml", "--out", tmp_path / "out", "--json"]
     result = run(folder / "few.csv", *words)
@@ -344,61 +273,5 @@ def test_wrong_use_is_told(folder: Path, words: list[str], message: str, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def test_a_gain_has_an_interval() -> None:
-    rng = np.random.default_rng(2)
-    before = rng.normal(0, 2.0, (400, 3))
-    gain = Gain.of(before / 2, before, np.arange(400))
-    assert gain.value == pytest.approx(0.5)
-    assert gain.low == pytest.approx(0.5)  # the same drop in every row
-    chance = Gain.of(rng.normal(0, 2.0, (400, 3)), before, np.arange(400))
-    assert chance.low < 0 < chance.high
-
-
-def test_stages_go_up_to_a_hundred() -> None:
-    told: list[int] = []
-    stages = Stages(lambda done, total: told.append(done), 30, 70)
-    first = stages.next()
-    first(1, 2)
-    told_rounds = stages.rounds(stages.next())
-    for _ in range(20):
-        told_rounds()
-    stages.end()
-    assert told[:2] == [0, 15]
-    assert told == sorted(told)
-    assert told[-1] == 100
-
-
-def test_sizes_are_in_units_that_engineers_use() -> None:
-    soft = JointCompliance(joint="joint2")
-    (size,) = soft.sizes(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")}))
-    assert str(size) == "8.00 ± 0.20 µrad/(N m) (stiffness 125.0 ± 3.1 kN m/rad)"
-    assert soft.headline(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")})) == (
-        "8.00 ± 0.20 µrad/(N m), 125 kN m/rad"
-    )
-    play = Backlash(joint="joint2").sizes(FittedSizes({"width": (2e-4, 1e-5, "rad")}))
-    assert [(s.label, str(s)) for s in play] == [("width", "0.200 ± 0.010 mrad, whole width")]
-    slip = Slip(of="joint2", moment="162 s")
-    step = {"step": (2e-4, 1e-5, "rad")}
-    assert told(slip, step | {"moment": (162.0, nan, "s")})["at"] == "2.70 min after the first row"
-    assert told(slip, step | {"moment": (162.0, nan, "rows")})["at"] == "row 163, as no times are logged"
-    drift = Drift(course="exponential", constant="291 s")
-    timed, untimed = (dict.fromkeys("xyz", (1e-4, 3e-6, "m")) | {"constant": (290.0, 20.0, u)} for u in ("s", "rows"))
-    assert told(drift, timed)["settled within"] == "14.5 ± 1.0 min to 5 %"
-    assert told(drift, untimed)["settled within"] == "870 ± 60 rows to 5 %, as no times are logged"
-    assert drift.worded(FittedSizes(timed)) == "the measured point drifts, and settles within 14.5 ± 1.0 min"
-    first = Drift(course="settling", constant="291 s").worded(FittedSizes(untimed))
-    assert first == "the first rows are off, and the measured point settles within 870 ± 60 rows"
-    lost = Hysteresis(joint="joint2", travel="0.2 rad")
-    values = {"height": (2e-4, 1e-5, "rad"), "travel": (0.2, 0.03, "")}
-    assert told(lost, values)["63 % reached after"] == "a move of 11.5 ± 1.7 deg"
-
-
 def told(effect: Effect, values: dict[str, tuple[float, float, str]]) -> dict[str, str]:
     return {size.label: str(size) for size in effect.sizes(FittedSizes(values))}
-
-
-def test_p_values_and_amplitudes() -> None:
-    assert [p_words(p) for p in (1e-9, 9.02e-6, 0.012, 0.4)] == ["p < 1e-6", "p = 9e-06", "p = 0.012", "p = 0.40"]
-    size, std = amplitude(3.0, 4.0, np.diag([0.01, 0.04]))
-    assert size == pytest.approx(5.0)
-    assert std == pytest.approx(np.sqrt(0.36 * 0.01 + 0.64 * 0.04))  # first-order propagation

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import pandas as pd
 import pytest
 
 import posture_opt as po
-from posture_opt.measurements.repeated_readings import repeated_readings
 from posture_opt.problem.load import problems_folder
 from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.robot.preset import load_preset
@@ -142,23 +140,6 @@ def table(rows: int, repeats: int) -> dict[str, np.ndarray]:
     x = np.cos(q[:, 0]) + np.cos(q.sum(axis=1)), np.sin(q[:, 0]) + np.sin(q.sum(axis=1))
     points = np.column_stack(x) + rng.normal(0, NOISE, q.shape)
     return dict(zip(["joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"], np.hstack([q, points]).T, strict=True))
-
-
-def test_repeats_tell_the_noise_of_the_readings() -> None:
-    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}})
-    sigma, freedom = repeated_readings(po.read_measurements(table(30, 4), problem), problem.robot)
-    assert freedom == 30 * 3 * 2
-    assert abs(sigma / NOISE - 1) < 4 / math.sqrt(2 * freedom)
-    assert repeated_readings(po.read_measurements(table(30, 1), problem), problem.robot) == (0.0, 0)
-
-
-def test_a_slip_between_repeats_is_no_noise() -> None:
-    cells = table(30, 4)
-    cells["x [m]"][2] += 5e-3
-    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}})
-    sigma, freedom = repeated_readings(po.read_measurements(cells, problem), problem.robot)
-    assert freedom == 29 * 3 * 2
-    assert sigma < 1.3 * NOISE
 
 
 @long_on_real_arms

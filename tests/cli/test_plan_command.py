@@ -73,26 +73,6 @@ def test_the_files_hold_the_plan(written: tuple[Path, Result]) -> None:
     assert {"O1", "O2", "O3", "O4", "O5"} == set(document["observability"]["after"])
 
 
-def test_the_report_says_so_in_words(written: tuple[Path, Result]) -> None:
-    out, result = written
-    text = result.stdout
-    assert (out / "report.txt").read_text(encoding="utf-8").rstrip("\n") == text.rstrip("\n")
-    assert max(map(len, text.splitlines())) <= 100
-    document = json.loads((out / "plan.json").read_text(encoding="utf-8"))
-    assert f"8 planned postures are worth about {document['random_equivalent']} random ones for the task." in text
-    assert "30 rows measured already" in text
-    titles = [
-        "What is planned",
-        "What it brings",
-        "Parameters",
-        "Observability",
-        "Postures, in the order of measurement",
-    ]
-    assert [line for line in text.splitlines() if line in titles] == titles
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 2
-
-
 def test_json_alone_and_the_same_every_time(folder: Path) -> None:
     words = ["--problem", folder / "problem.yaml", "--count", 6, "--json", "--candidates", 300]
     first, again, other = run(*words), run(*words), run(*words, "--seed", 5)

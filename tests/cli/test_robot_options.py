@@ -42,19 +42,6 @@ def test_what_a_file_states_is_overridden_and_the_report_says_so() -> None:
     assert problem.robot.links == former.robot.links
 
 
-def test_corrections_of_a_tool_go_with_it() -> None:
-    robot = {
-        "kind": "preset", "name": "planar_2r", "tool": {"xyz": ["0.1 m", 0, 0]},
-        "corrections": {"tool.x": "1 mm", "joint1.a": "2 mm"},
-    }  # fmt: skip
-    problem = po.problem_from_dict({"robot": robot})
-    from posture_opt.cli.asked.robot_options import RobotOptions, with_robot_options
-
-    found = with_robot_options(problem, RobotOptions(tool="0.2 m, 0, 0"))
-    assert found.robot.parameters["tool.x"].nominal == 0.2
-    assert found.corrections == {"joint1.a": pytest.approx(0.002)}
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from posture_opt.errors import InputError
-from posture_opt.problem.load import problem_from_dict
+import posture_opt as po
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
 
 ROBOT = {"kind": "preset", "name": "ur10"}
@@ -34,7 +33,7 @@ def test_an_obstacle_is_turned_by_its_angles() -> None:
 def test_none_switches_all_checks_off() -> None:
     shape = [{"joint": "elbow", "from": ["0 m", "0 m", "0 m"], "to": ["0.5 m", "0 m", "0 m"], "radius": "60 mm"}]
     document = {"robot": {**ROBOT, "shape": shape}, "cell": "none"}
-    problem = problem_from_dict(document)
+    problem = po.problem_from_dict(document)
     assert problem.scene.switched_off
     assert not problem.scene.active
     assert problem.to_dict()["cell"] == "none"
@@ -60,13 +59,13 @@ def test_none_switches_all_checks_off() -> None:
     ],
 )
 def test_a_bad_cell_is_refused_by_what_is_wrong(cell: object, message: str) -> None:
-    with pytest.raises(InputError) as refused:
-        problem_from_dict({"robot": ROBOT, "cell": cell})
+    with pytest.raises(po.errors.InputError) as refused:
+        po.problem_from_dict({"robot": ROBOT, "cell": cell})
     assert message in str(refused.value)
     assert "cell" in str(refused.value)
 
 
 def test_the_default_clearance_is_zero() -> None:
-    problem = problem_from_dict({"robot": ROBOT, "cell": {"obstacles": [LAMP]}})
+    problem = po.problem_from_dict({"robot": ROBOT, "cell": {"obstacles": [LAMP]}})
     assert problem.scene.margin == 0
     assert math.isfinite(problem.scene.clearance([0.0] * 6).distance)

@@ -13,7 +13,6 @@ import trimesh
 import posture_opt as po
 from posture_opt.collision.mesh_boxes import enclosed_mesh
 from posture_opt.collision.obstacles import Mesh
-from posture_opt.errors import InputError
 
 
 def tray() -> trimesh.Trimesh:
@@ -173,5 +172,5 @@ def test_files_that_cannot_be_used(tmp_path: Path, keys: dict[str, object], mess
     (tmp_path / "broken.stl").write_bytes(b"solid nothing\nendsolid nothing\n")
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     part(tmp_path, "tray.stl")
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(po.errors.InputError, match=message):
         scene(tmp_path, {**PLACED, **keys})

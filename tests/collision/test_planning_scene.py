@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 
 TODAY = """(noname)+
 * table
@@ -116,6 +115,6 @@ def test_stated_obstacles_stay_and_the_file_goes_along(tmp_path: Path) -> None:
     (BEFORE.replace("0 0 0 1\n0", "0 0 0 0\n0", 1), "a quaternion of length zero"),
 ])  # fmt: skip
 def test_files_that_are_none(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(po.errors.InputError, match=message) as caught:
         loaded(tmp_path, text)
     assert caught.value.issues[0].key == ("cell", "scene")

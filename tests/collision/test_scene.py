@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.collision.scene import SELF_CLEARANCE_ROW, SEPARATION_M
+import posture_opt as po
+from posture_opt.collision.scene import SELF_CLEARANCE_ROW, SEPARATION_M, Scene
 from posture_opt.collision.smooth_bounds import BOUND_SLACK_M, SOFT_MINIMUM_WIDTH_M
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.problem.load import problem_from_dict
 from posture_opt.robot.joint_ranges import drawn_between
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
@@ -67,7 +69,7 @@ def test_what_overlaps_in_every_posture_is_not_checked() -> None:
             {"joint": "wrist_2", "from": ["0 m", "0 m", "0 m"], "to": ["0 m", "0 m", "0 m"], "radius": radius},
         ]
         robot = {"kind": "preset", "name": "ur5e", "shape": {"replace": shape}}
-        return problem_from_dict({"robot": robot, "cell": {"mounting": "none"}}).scene
+        return po.problem_from_dict({"robot": robot, "cell": {"mounting": "none"}}).scene
 
     assert scene("500 mm").pairs == ()
     assert scene("500 mm").left_out == (("elbow", "wrist_2"),)
@@ -77,7 +79,7 @@ def test_what_overlaps_in_every_posture_is_not_checked() -> None:
 def test_a_pair_that_cannot_have_the_clearance_keeps_what_it_can() -> None:
     """Links 5 and 7 of a Panda are never 30 mm apart, and sometimes overlap: they stay checked."""
     robot = {"kind": "preset", "name": "panda"}
-    scene = problem_from_dict({"robot": robot, "cell": {"clearance": "30 mm"}}).scene
+    scene = po.problem_from_dict({"robot": robot, "cell": {"clearance": "30 mm"}}).scene
     ((names, kept),) = scene.held
     assert names == ("panda_joint5", "panda_joint7")
     Q = np.random.default_rng(11).uniform(*drawn_between(scene.robot), (2000, 7))
@@ -109,8 +111,8 @@ def test_a_held_part_is_checked() -> None:
 def test_an_arm_of_unknown_shape_is_checked_against_obstacles_alone() -> None:
     robot = {"kind": "preset", "name": "planar_2r"}
     post = {**POST, "xyz": ["0.6 m", "0.5 m", "0 m"]}
-    bare = problem_from_dict({"robot": robot})
-    among = problem_from_dict({"robot": robot, "cell": {"obstacles": [post]}})
+    bare = po.problem_from_dict({"robot": robot})
+    among = po.problem_from_dict({"robot": robot, "cell": {"obstacles": [post]}})
     assert bare.scene.clearance([0.1, 0.2]) is None
     assert among.scene.assumed
     assert {b for _, b in among.scene.pairs} == {"post"}
@@ -129,6 +131,18 @@ def test_the_clearance_is_that_of_coal(preset: str) -> None:
         assert scene.clearance(q).distance == pytest.approx(brute_force.clearance(scene, q), abs=2e-8)
     least = scene.clearance(np.array(apart))
     assert least.distance == min(scene.clearance(q).distance for q in apart)
+
+
+def test_links_of_known_shape_are_checked_against_each_other_whatever_is_known_of_others() -> None:
+    """Of a URDF with a link without collision geometry: it alone is named, and stands in against the cell."""
+    scene = problem_in_cell("panda", TABLE).scene
+    robot = replace(scene.robot, bare_joints=("panda_joint5",), unshaped=("panda_link5",),
+                    shape=tuple(c for c in scene.robot.shape if c.joint != "panda_joint5"))  # fmt: skip
+    partly = Scene.of(robot, problem_in_cell("panda", TABLE).cell)
+    assert ("panda_joint5", "table") in partly.pairs
+    own = {pair for pair in scene.pairs[: len(scene.own)] if "panda_joint5" not in pair}
+    assert {*partly.pairs[: len(partly.own)]} == own
+    assert partly.unchecked == ("panda_link5",)
 
 
 def test_an_arm_with_a_base_alone_is_checked_with_assumed_links() -> None:

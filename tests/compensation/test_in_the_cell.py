@@ -11,10 +11,10 @@ import pytest
 from scipy.optimize import minimize
 
 import posture_opt as po
-from posture_opt.errors import NoSolutionError
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.command_line import invoke
 from tests.helpers.factors import frame, pose
+from tests.helpers.said import said
 
 CORRECTIONS = {"shoulder_lift.a": "0.8 mm", "elbow.theta": "0.05 deg", "wrist_2.alpha": "0.03 deg"}
 TABLE_TOP = -0.02
@@ -145,7 +145,7 @@ def test_given_joint_values_are_judged_too(lift: float, said: str) -> None:
         return
     lowest = above_table(problem, q[1:])
     assert lowest < 0
-    with pytest.raises(NoSolutionError, match=said) as refused:
+    with pytest.raises(po.errors.NoSolutionError, match=said) as refused:
         po.compensate(problem, columns)
     assert refused.value.solution.reached.tolist() == [True, False]
 
@@ -167,13 +167,16 @@ def test_obstacles_are_kept_clear_of_by_a_redundant_arm() -> None:
         assert min(from_segment(centre, a, b)[0] - r for a, b, r in ends) - 0.08 > 0.02 - 1e-5
 
 
-def test_a_change_of_configuration_is_said() -> None:
-    """A planar arm with its elbow down cannot keep it over a wall at a low target: the elbow turns over, and is named.
+@pytest.mark.parametrize("post", [False, True])
+def test_rows_stay_in_one_configuration_and_a_change_is_said(post: bool) -> None:
+    """A planar arm with its elbow down cannot keep it over a wall at a low target, and with it up not off a post.
 
     Two links of a metre reach the point at the distance d with the elbow ``acos(d / 2)`` to either side of it.
     """
     section = po.load_problem("insert_planar_2r").to_dict()
-    section["cell"] = {"obstacles": [{"kind": "half_space", "name": "wall", "normal": [0, 1, 0], "offset": "-0.2 m"}]}
+    solids = [{"kind": "half_space", "name": "wall", "normal": [0, 1, 0], "offset": "-0.2 m"},
+              {"kind": "sphere", "name": "post", "radius": "50 mm", "xyz": ["0.5 m", "0.866 m", "0 m"]}]  # fmt: skip
+    section["cell"] = {"obstacles": solids[: 1 + post]}
     section["robot"]["shape"] = {"radius": "20 mm"}
     down = {"kind": "near_posture", "posture": {"joint2": "90 deg"}, "weight": 1e4}
     task = {"kind": "insert", "direction": [0, -1, 0], "position": ["1.5 m", "0.9 m", "0 m"], "minimize": [down]}
@@ -181,5 +184,7 @@ def test_a_change_of_configuration_is_said() -> None:
     found = po.compensate(po.problem_from_dict({**section, "task": task}), table(p))
     away, half = np.arctan2(p[:, 1], p[:, 0]), np.arccos(np.hypot(*p[:, :2].T) / 2)
     assert math.sin(away[1] - half[1]) < -0.2
-    assert found.q[:, 0] == pytest.approx([away[0] - half[0], away[1] + half[1]], abs=1e-4)
-    assert any("joint2 moves by 141 deg from line 1 to line 2" in note for note in found.notes)
+    first = away[0] + half[0] * (-1 if post else 1)
+    assert found.q[:, 0] == pytest.approx([first, away[1] + half[1]], abs=1e-4)
+    assert len(found.to_json()["configuration_changes"]) == post
+    assert ("compensation.configuration-change" in said(found)) == post

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InsufficientDataError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
 from tests.helpers.real_arms import DATA, long_on_real_arms
@@ -71,7 +70,7 @@ def test_of_few_rows_the_figure_is_told_too(tmp_path: Path) -> None:
     problem = po.load_problem(write(draw(SEED, "scara", 0, kind="", weakest=60.0), tmp_path))
     data = po.read_measurements(tmp_path / "data.csv", problem).take(np.arange(5))
     found = po.diagnose(problem, data, plan=False)
-    with pytest.raises(InsufficientDataError):
+    with pytest.raises(po.errors.InsufficientDataError):
         po.calibrate(found.extended, data, plan=False)
     assert 0 < found.to_json()["residual_rms"]["delivered"] < found.errors["calibrated"].rms
 

@@ -6,23 +6,16 @@ import csv
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.discrimination.discrimination_design import (
-    DiscriminationDesign,
-    OrderedPair,
-    detection_probability,
-)
-from posture_opt.diagnosis.discrimination.model_discrimination import ModelDiscrimination, RivalExplanation
-from posture_opt.diagnosis.scores.levels import DISCRIMINATED_LAMBDA
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 
+DISCRIMINATED_LAMBDA = (3.5 + 1.2816) ** 2  # nine chances in ten to exceed 3.5 standard errors
 NOISE, SCALE = 2e-5, 4e-4  # m of each coordinate; rad per rad of joint1
 PROBLEM = """
 name: Planar arm on part of its range
@@ -33,7 +26,6 @@ robot:
     - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
 uncertainty: {measurement: {position: 0.02 mm}}
 """
-NAMES = ("joint1.theta", "joint2.theta", "joint1.a", "joint2.a")
 
 
 def truth(q: np.ndarray) -> np.ndarray:
@@ -151,71 +143,3 @@ def test_the_report_tells_the_pairs_and_the_postures(narrow: Any) -> None:
     first = document["effects"][0]["split"]["postures"][0]["posture"]["joint1"]
     assert f"{np.degrees(first):.2f}" in block
     assert max(map(len, text.splitlines())) <= 100
-
-
-@pytest.fixture
-def parting() -> tuple[np.ndarray, np.ndarray, DiscriminationDesign]:
-    """Data (30, 6), candidates (40, 3, 6), and two pairs: columns 4 and 5 against each other."""
-    rng = np.random.default_rng(2)
-    D, A = rng.normal(size=(30, 6)), rng.normal(size=(40, 3, 6))
-    D[:, 5] = D[:, 4] + 0.02 * rng.normal(size=30)
-    A[:, :, 5] = A[:, :, 4] + 0.3 * rng.normal(size=(40, 3))
-    own, other = np.zeros(6), np.zeros(6)
-    own[4], other[5] = 2.0, 1.5
-    pairs = [OrderedPair(own, np.array([0, 1, 2, 3, 5])), OrderedPair(other, np.arange(5))]
-    return D, A, DiscriminationDesign.of(pairs, D.T @ D, A)
-
-
-def by_hand(D: np.ndarray, A: np.ndarray, chosen: list[int], rounds: int = 1) -> np.ndarray:
-    rows = np.concatenate([D, *([A[chosen].reshape(-1, 6)] * rounds)])
-    ends = [(4, 2.0), (5, 1.5)]
-    return np.array([np.sum(rest(np.delete(rows, k, axis=1), size * rows[:, k]) ** 2) for k, size in ends])
-
-
-def test_strengths_are_what_a_fit_leaves(parting: tuple[np.ndarray, np.ndarray, DiscriminationDesign]) -> None:
-    D, A, question = parting
-    for chosen, rounds in (([], 1), ([3], 1), ([3, 7, 11], 1), ([3, 7], 4)):
-        assert question.noncentralities(question.after(chosen, rounds)) == pytest.approx(
-            by_hand(D, A, chosen, rounds), rel=1e-6
-        )
-
-
-def test_a_plan_is_as_good_as_the_best_of_all_pairs_of_candidates(
-    parting: tuple[np.ndarray, np.ndarray, DiscriminationDesign],
-) -> None:
-    D, A, question = parting
-    plan = question.chosen(2, 2)
-    best = max(by_hand(D, A, [i, j]).min() for i in range(40) for j in range(i))
-    assert by_hand(D, A, plan).min() > 0.97 * best  # one by one and exchanged: nearly the best of all 780
-    enough = question.chosen(1, 40)
-    assert by_hand(D, A, enough).min() >= DISCRIMINATED_LAMBDA
-    assert by_hand(D, A, enough[:-1]).min() < DISCRIMINATED_LAMBDA
-
-
-def test_what_the_data_promised_and_did_not_keep_counts_no_more() -> None:
-    pair = OrderedPair(np.array([0.0, 4.0]), np.array([0]), spent=10.0)
-    question = DiscriminationDesign.of([pair], np.eye(2), np.zeros((1, 1, 2)))
-    assert question.noncentralities(question.information) == pytest.approx([6.0])
-
-
-def test_nine_chances_in_ten() -> None:
-    assert detection_probability(DISCRIMINATED_LAMBDA) == pytest.approx(0.9, abs=1e-4)
-    assert detection_probability(3.5**2) == pytest.approx(0.5)
-    assert detection_probability(0.0) < 3e-4
-
-
-def test_every_two_of_an_effect_and_its_rivals_are_parted() -> None:
-    model = SimpleNamespace(effects=[None] * 3)
-    explanations = [RivalExplanation(place, None, np.zeros(1), 0.1) for place in (0, 2, 0)]  # type: ignore[arg-type]
-    assert ModelDiscrimination(None, model, tuple(explanations)).pairs == [(0, 0, 3), (0, 0, 5), (0, 3, 5), (2, 2, 4)]  # type: ignore[arg-type]
-
-
-def test_columns_that_are_alike_do_no_harm(parting: tuple[np.ndarray, np.ndarray, DiscriminationDesign]) -> None:
-    D, A, _ = parting
-    double = np.concatenate([D, D[:, :1] + 1e-13], axis=1), np.concatenate([A, A[:, :, :1]], axis=2)
-    own = np.zeros(7)
-    own[4] = 2.0
-    pair = OrderedPair(own, np.array([0, 1, 2, 3, 5, 6]))
-    twin = DiscriminationDesign.of([pair], double[0].T @ double[0], double[1])
-    chosen = twin.chosen(2, 5)
-    assert twin.noncentralities(twin.after(chosen)) == pytest.approx(by_hand(D, A, chosen)[:1], rel=1e-4)

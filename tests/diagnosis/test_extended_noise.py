@@ -116,34 +116,6 @@ def test_the_region_that_is_predicted_holds_new_visits() -> None:
     assert 0.91 < inside < 0.985  # 400 visits: 95 ± 1.1 %, and σ itself is known to 6 %
 
 
-def test_named_noise_shapes_the_regions_of_rows_that_were_not_seen() -> None:
-    """By the true covariance of every row: Gaussian, so that 95 % lie inside, along the swing as across it."""
-    found = diagnosis()
-    held, q = found.held["extended"], found.calibration.residuals.data.q
-    both = q.sum(axis=1)
-    swing = 0.4 * SIGMA * np.stack([-np.sin(both), np.cos(both)], axis=1)
-    true = INSTRUMENT**2 * np.eye(2) + swing[:, :, None] * swing[:, None, :]
-    ratio = held.shape / true
-    np.testing.assert_allclose(ratio / ratio[0, 0, 0], 1.0, rtol=0.3)  # up to a factor; σ of 200 rows is known to 6 %
-    known = np.einsum("ni,nij,nj->n", held.errors[:, :2], np.linalg.inv(true), held.errors[:, :2]) < 5.991
-    # The regions of the right shape agree with the true ones, row by row; round ones do not.
-    assert np.mean(held.inside == known) > 0.95
-    assert np.mean(held.inside == known) > np.mean(found.held["calibrated"].inside == known)
-
-
-def test_the_chosen_posture_accounts_for_it() -> None:
-    extended = diagnosis().extended
-    file = yaml.safe_load(extended.files("extended")["extended.yaml"])
-    assert [entry["kind"] for entry in file["effects"]] == ["joint_noise"]
-    quiet = replace(extended, sources=Sources(extended.sources.names, extended.sources.constant))
-    noisy, still = po.select_posture(extended), po.propagate(quiet, po.select_posture(extended).posture)
-    # By hand: joint 2 swings the second link, and the task counts what that is along x.
-    across = 0.4 * abs(np.sin(sum(noisy.posture.values()))) * scatter_of(extended, "joint2.theta")
-    rest = still.covariance[0, 0]
-    assert noisy.critical.sigma_max**2 == pytest.approx(across**2 + rest, rel=5e-3)
-    assert across**2 > 3 * rest
-
-
 def test_noise_that_a_file_knows_is_not_found_again_nor_counted_twice() -> None:
     extended = diagnosis().extended
     again = po.diagnose(extended, measured(5, extended))

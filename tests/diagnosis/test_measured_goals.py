@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.measured_goals import MeasuredGoals, goals_in_postures, measured_goals
+from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.planar_files import PLANAR
@@ -115,31 +115,6 @@ def test_the_report_tells_it(told: tuple[dict[str, Any], str]) -> None:
     assert "Over the 70 targets measured in two postures, the tool missed by" in flat
     assert "Comparison of plans, as measured" in told[1]
     assert "The model with effects finds the better posture for" in flat
-
-
-def test_no_goal_in_two_postures_says_nothing(session: tuple[Path, np.ndarray, np.ndarray], tmp_path: Path) -> None:
-    lines = (session[0] / "data.csv").read_text(encoding="utf-8").splitlines()
-    first = {line.split(",")[0]: line for line in reversed(lines[1:])}
-    (tmp_path / "data.csv").write_text("\n".join([lines[0], *first.values()]) + "\n", encoding="utf-8")
-    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
-    problem = po.load_problem(tmp_path / "problem.yaml")
-    data = po.read_measurements(tmp_path / "data.csv", problem)
-    assert goals_in_postures(data) == []
-    words = ["diagnose", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
-    result = invoke(*words)
-    assert result.exit_code == 0, result.stderr
-    assert "as measured" not in result.stdout
-
-
-def test_a_goal_under_two_payloads_is_two_goals(tmp_path: Path) -> None:
-    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
-    lines = ["goal, joint1 [deg], joint2 [deg], payload [kg], x [mm], y [mm]"]
-    for k, (q1, q2) in enumerate([(10, 30), (20, 40), (40, -30), (60, 50), (70, -40), (15, 80)]):
-        x, y = 1e3 * tool(np.radians([[q1, q2]]))[0]
-        lines.append(f"{k // 2}, {q1}, {q2}, {5 * (k == 1)}, {x:.5f}, {y:.5f}")
-    (tmp_path / "data.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    data = po.read_measurements(tmp_path / "data.csv", po.load_problem(tmp_path / "problem.yaml"))
-    assert [[list(rows) for rows in postures] for postures in goals_in_postures(data)] == [[[2], [3]], [[4], [5]]]
 
 
 @long_on_real_arms

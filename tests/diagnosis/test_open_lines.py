@@ -10,9 +10,6 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis import explained
-from posture_opt.diagnosis.causes.delivered_effects import deliver_arm
-from posture_opt.diagnosis.causes.determined_sizes import determined_parts
-from posture_opt.diagnosis.causes.selected_sizes import with_choice_errors
 from posture_opt.model.effects import CyclicError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -77,21 +74,3 @@ def test_the_file_predicts_with_all_lines_and_marks_the_open_one(found: po.Diagn
     assert amplitudes == pytest.approx({4: 3e-4, 23: 1.5e-4, 40: 2e-4}, abs=0.2e-4)
     assert_same_numbers(written(found.extended, tmp_path), found.extended)
     assert [(e["kind"], e["target"]) for e in found.to_json()["delivered"]["together"]] == [("cyclic_error", "joint1")]
-
-
-def test_a_line_that_the_model_itself_leaves_open_is_not_delivered(found: po.Diagnosis) -> None:
-    deviations = open_slow_line(found.model)
-    wild = with_choice_errors(found.model, 100 * deviations)
-    lines = np.array(found.model.effects[0].spectral_lines)
-    assert lines[list(determined_parts(wild, 0))] == pytest.approx([FASTER, FAST], abs=0.1)
-    gone: list[object] = []
-
-    def judge(fit: Fit, without: object) -> object:
-        gone.append(without)
-        return found.held["extended"]
-
-    folds = [np.arange(k, len(found.model.residuals.data), 5) for k in range(5)]
-    delivery = deliver_arm(found.calibration, wild, 0 * deviations, found.held, folds, judge)  # type: ignore[arg-type]
-    assert [e.spectral_lines for e in delivery.fit.effects] == [pytest.approx((FASTER, FAST), abs=0.1)]
-    assert delivery.kept == (0,)
-    assert [[e.spectral_lines for e in some] for some in gone] == [[pytest.approx((SLOW,), abs=0.1)]]  # type: ignore[attr-defined]

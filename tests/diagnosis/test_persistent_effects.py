@@ -9,25 +9,12 @@ import pytest
 from scipy.optimize import least_squares
 
 import posture_opt as po
-from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.estimation.effects_fit import fit_with_effects
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
-from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.diagnosis.causes.causes import _estimates_of
-from posture_opt.diagnosis.causes.delivered_effects import Delivery, deliver_arm
-from posture_opt.diagnosis.causes.determined_sizes import determines
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
-from posture_opt.model.effects import Effect
-from posture_opt.model.effects.drift import Drift
-from posture_opt.model.effects.gear_eccentricity import GearEccentricity
-from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 
 NOISE = 2e-5  # m, of each measured coordinate
 SINE, SHIFT, STEP = 1e-4, 1e-4, 3e-4  # rad of joint1's gear; m in x and y; rad of joint1
-ECCENTRIC = GearEccentricity(joint="joint1")
-TIMED = {"drift": Drift(course="exponential", constant="300 s"), "slip": Slip(of="joint1", moment="705 s")}
 WAVE = np.array([0.55e-4, 0.23e-4, 20.3])  # rad, rad of joint1; cycles a turn
 PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 
@@ -42,106 +29,6 @@ def measured(folder: Path, case: str) -> tuple[po.Problem, po.Measurements]:
     (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
     problem = po.load_problem(folder / "problem.yaml")
     return problem, po.read_measurements(folder / "data.csv", problem)
-
-
-def fitted(problem: po.Problem, data: po.Measurements, *effects: Effect) -> Fit:
-    calibration = po.calibrate(problem, data, folds=2)
-    sensitivities = linearise_calibration(calibration, flips=0).sensitivities
-    directions = calibration.identifiability.directions
-    return fit_with_effects(sensitivities.residuals, calibration.x, directions, effects)
-
-
-def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
-    model = fitted(*measured(tmp_path, "drift"), Drift(course="exponential", constant="500 s"), ECCENTRIC)
-    value, std, _ = _estimates_of(model, 0)["constant"]
-    t = np.arange(150) * 10.0
-    by_shift, by_constant = 1 - np.exp(-t / value), SHIFT * t / value**2 * np.exp(-t / value)
-    own = by_constant - by_shift * (by_shift @ by_constant) / (by_shift @ by_shift)
-    assert std == pytest.approx(NOISE / np.linalg.norm(own) / np.sqrt(2), rel=0.4)  # in x and y; geometry leans on it
-    assert abs(value - 300) < 4 * std
-
-
-def delivered(
-    problem: po.Problem, data: po.Measurements, *effects: Effect, with_time: bool = False, doubt: float = 0.0
-) -> Delivery:
-    """What is delivered; with a ``doubt`` of the last effect's sizes, that share of them, from five folds."""
-    calibration = po.calibrate(problem, data, folds=5)
-    residuals = linearise_calibration(calibration, flips=0).sensitivities.residuals
-    model = calibration.fit_effects(residuals, effects)
-    parts = folds_of(groups_of(residuals.data, "pose", 5), 5, "pose")
-    held = {**calibration.held, "extended": held_out(model, parts)}
-    deviations = np.zeros((1, 5, len(model.x)))
-    deviations[0, :4, model.slices[-1]] = doubt * np.array([[1], [-1]] * 2) * model.x[model.slices[-1]]
-    return deliver_arm(
-        calibration, model, deviations, held, parts, lambda fit, _: held_out(fit, parts), with_time=with_time
-    )
-
-
-@pytest.mark.parametrize("case", list(TIMED))
-def test_what_is_kept_is_fitted_for_the_rest_to_be_absent(case: str, tmp_path: Path) -> None:
-    """Against the least squares of offsets, lengths, sine and cosine of the arm by hand."""
-    problem, data = measured(tmp_path, case)
-    found = delivered(problem, data, TIMED[case], ECCENTRIC)
-    assert (found.kept, found.session, found.dropped) == ((1,), (0,), ())
-    assert data.position is not None
-
-    def errors(z: np.ndarray) -> np.ndarray:
-        return np.asarray((wavy(data.q, np.r_[z, 1.0]) - data.position[:, :2]).ravel())
-
-    expected = least_squares(errors, np.zeros(6), x_scale=1e-4, xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    value = dict(zip((p.name for p in found.fit.residuals.parameters), found.fit.x, strict=True))
-    names = [f"joint{j}.{p}" for p in ("theta", "a") for j in (1, 2)]
-    names += [f"{ECCENTRIC.name}.{p}" for p in ("sin", "cos")]
-    np.testing.assert_allclose([value[name] for name in names], expected.x, atol=1e-9)
-    assert found.held.rms == pytest.approx(np.sqrt(np.mean(expected.fun**2) * 2), rel=0.1)
-    std = dict(zip(value, found.fit.std, strict=True))
-    C = np.linalg.inv(expected.jac.T @ expected.jac) * np.sum(expected.fun**2) / (300 - 6)
-    assert std[names[4]] == pytest.approx(np.sqrt(C[4, 4]), rel=0.25)  # neighbours in time err alike
-    whole = delivered(problem, data, TIMED[case], ECCENTRIC, with_time=True)
-    assert whole.kept == (0, 1)
-
-
-def test_what_has_no_size_without_the_session_is_not_delivered(tmp_path: Path) -> None:
-    """An eccentricity of a joint that has none, beside a drift: neither is delivered, but the calibrated arm."""
-    problem, data = measured(tmp_path, "none")
-    found = delivered(problem, data, TIMED["drift"], GearEccentricity(joint="joint2"))
-    assert (found.session, found.vague, found.kept) == ((0,), (1,), ())
-    assert not found.fit.effects
-
-
-def test_what_is_sure_beside_the_rest_alone_is_delivered_with_it(tmp_path: Path) -> None:
-    """Folds of other effects beside it have the sine twice as large, or none: it predicts, and is no size."""
-    problem, data = measured(tmp_path, "none")
-    sure, doubtful = (delivered(problem, data, ECCENTRIC, doubt=doubt) for doubt in (0.0, 1.0))
-    assert (sure.kept, sure.together) == ((0,), ())
-    assert (doubtful.kept, doubtful.vague, doubtful.together) == ((0,), (), (0,))
-    assert doubtful.held.rms == sure.held.rms
-    np.testing.assert_array_equal(doubtful.fit.x, sure.fit.x)
-    own, x = sure.fit.slices[0], sure.fit.x[sure.fit.slices[0]]
-    added = (doubtful.fit.covariance - sure.fit.covariance)[own, own]
-    np.testing.assert_allclose(added, (2.776 / 1.96) ** 2 * np.outer(x, x), rtol=1e-3)  # t of four degrees, any table
-    assert doubtful.to_json([ECCENTRIC])["together"] == [{"kind": "gear_eccentricity", "target": "joint1"}]
-
-
-def test_one_certain_direction_hides_no_wild_one(tmp_path: Path) -> None:
-    """An eccentric gear that turned by 11 degrees: its slope is well known, its bow not at all."""
-    rng = np.random.default_rng(7)
-    q = rng.uniform((-0.1, -2.5), (0.1, 2.5), (150, 2))
-    write(tmp_path / "data.csv", q, position(q + np.outer(np.sin(q[:, 0]), [6e-4, 0])) + rng.normal(0, NOISE, q.shape))
-    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
-    problem = po.load_problem(tmp_path / "problem.yaml")
-    data = po.read_measurements(tmp_path / "data.csv", problem)
-    model = fitted(problem, data, ECCENTRIC)
-    part = model.slices[0]
-    z = model.x[part] / model.std[part]
-    assert z[0] > 5
-    assert abs(z[1]) < 2
-    assert not determines(model, 0)
-    found = delivered(problem, data, ECCENTRIC)
-    assert (found.vague, found.kept) == ((0,), ())
-    assert found.to_json([ECCENTRIC])["left_out"] == [
-        {"kind": "gear_eccentricity", "target": "joint1", "reason": "size_undetermined"}
-    ]
 
 
 @pytest.mark.long

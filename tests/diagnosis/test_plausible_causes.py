@@ -5,18 +5,12 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.causes.causes import Finding
-from posture_opt.diagnosis.causes.plausible_causes import with_plausibility
-from posture_opt.model.effects import FittedSizes
-from posture_opt.model.effects.joint_compliance import JointCompliance
-from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -56,30 +50,3 @@ def test_a_size_that_no_arm_has_is_worded_as_what_it_looks_like(expansion: float
         assert "expands as no metal" in one["would_need"]
         assert "an error that looks like thermal growth of joint1.a" in text
         assert "joint1.a expands" not in text
-
-
-def test_a_second_slip_in_one_session_is_rather_something_else() -> None:
-    robot = po.problem_from_dict(PROBLEM).robot
-    slips = [
-        Finding(Slip(of=name, moment="10 s"), {}, 1e-6, 0.2, place=i) for i, name in enumerate(("joint1", "joint2"))
-    ]
-    fitted = SimpleNamespace(robot=robot, sizes=lambda finding: FittedSizes(finding.estimate))
-    first, second = with_plausibility(slips, fitted)
-    assert first.plausible
-    assert not second.plausible
-    assert "2 of them in one session" in second.would_need
-    assert second.to_json()["plausible"] is False
-
-
-@pytest.mark.parametrize(("product", "rises"), [(-2e-6, True), (2e-6, False)])
-def test_a_joint_that_rises_against_an_unknown_load_is_not_compliant(product: float, rises: bool) -> None:
-    """Its turn has no sign in a root mean square: gravity compensation that does too much looks alike."""
-    robot = po.problem_from_dict(PROBLEM).robot
-    soft = JointCompliance(joint="joint1", loads="points", points=("tool",))
-    fit = SimpleNamespace(x=np.array([1e-3, product]), slices=(slice(1, 2),))
-    fitted = SimpleNamespace(
-        robot=robot, model=fit, sizes=lambda finding: FittedSizes(finding.estimate, turn=(0.0, 1e-4))
-    )
-    (found,) = with_plausibility([Finding(soft, {}, 1e-6, 0.2, place=0)], fitted)
-    assert ("gravity compensation" in found.would_need) is rises
-    assert found.plausible is not rises

@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration import calibrate
-from posture_opt.calibration.assumptions.contradictions import Refuted
-from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.diagnosis.search.linearised_data import linearise_calibration
-from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)
 INSTRUMENT = 1e-4  # m
@@ -43,7 +37,7 @@ def problem(stated: bool) -> po.Problem:
     })  # fmt: skip
 
 
-def calibrated(seed: int, stated: bool = True) -> tuple[Calibration, np.ndarray]:
+def calibrated(seed: int, stated: bool = True) -> tuple[po.Calibration, np.ndarray]:
     """A calibration from few rows in a corner of the workspace, and how far off the arm truly is (4,)."""
     rng = np.random.default_rng(seed)
     q = np.stack([rng.uniform(0.2, 0.5, ROWS), rng.uniform(0.2, 0.6, ROWS)], axis=1)
@@ -74,48 +68,6 @@ def test_what_is_stated_of_the_geometry_keeps_the_diagnosed_arm_right_where_noth
         nominal.append(elsewhere(replace(model, x=0 * model.x), off))
     # By the data alone 0.34 mm on average, nominal 0.10 mm.
     assert np.mean(errors) < 0.7 * np.mean(nominal)
-
-
-def test_folds_are_fitted_with_what_is_stated() -> None:
-    calibration, _ = calibrated(3)
-    residuals = linearise_calibration(calibration, flips=0).sensitivities.residuals
-    model = calibration.fit_effects(residuals, [])
-    groups = groups_of(residuals.data, "pose", 5)
-    held = held_out(model, folds_of(groups, 5, "pose"))
-    # The calibration refits every fold with a weight of its own; the noise of 14 rows is known to a fifth.
-    np.testing.assert_allclose(held.errors, calibration.errors, atol=0.15 * INSTRUMENT)
-
-
-def test_an_effect_is_fitted_beside_what_is_stated() -> None:
-    calibration, _ = calibrated(5)
-    sensitivities = linearise_calibration(calibration, flips=0).sensitivities
-    model = calibration.fit_effects(sensitivities.residuals, [GearEccentricity(joint="joint1")])
-    names = [p.name for p in calibration.parameters]
-    for name, sigma in STATED.items():
-        i = names.index(name)
-        assert model.std[i] < 1.001 * sigma
-        assert abs(model.x[i]) < 4 * sigma
-
-
-def test_without_stated_sigmas_the_data_alone_speak() -> None:
-    assert not np.isfinite(calibrated(0, stated=False)[0].prior).any()
-
-
-def test_a_wrong_prior_is_a_lack_of_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Joint zeros that are off by 20 of their σ: what the prior holds is left of the data, and of the prior."""
-    monkeypatch.setattr(calibrate, "consistent_problem", lambda problem, *_, **__: (problem, Refuted()))
-    given, p_values = problem(stated=True), []
-    for times in (1.0, 20.0):
-        rng = np.random.default_rng(8)
-        q = np.tile(rng.uniform(-2, 2, (12, 2)), (3, 1))
-        off = times * np.array([*list(STATED.values())[:2], 0.0, 0.0])
-        p = arm(q, off) + rng.normal(0, INSTRUMENT, q.shape)
-        table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
-        found = po.diagnose(given, po.read_measurements(table, given), plan=False)
-        p_values.append(found.adequacy.lack_of_fit)
-    assert found.verdict == "unexplained"
-    assert p_values[0] > 0.05
-    assert p_values[1] < 1e-4
 
 
 @pytest.mark.parametrize(("times", "instrument"), [(1.0, True), (20.0, True), (20.0, False)])

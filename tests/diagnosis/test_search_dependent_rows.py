@@ -5,12 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import posture_opt as po
-from posture_opt.calibration.calibration import Calibration
-from posture_opt.diagnosis.search.linearised_data import linearise_calibration
-from posture_opt.diagnosis.search.search import search_effects
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.real_arms import DATA, long_on_real_arms
@@ -19,37 +15,9 @@ NOISE = 2e-5  # m
 UR10 = DATA / "ipa_ur10"
 
 
-def rough(q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A rough curve over a joint [rad], 0.1 mrad RMS: a hundred waves of no period in common."""
-    cycles, phase = rng.uniform(8, 60, 100), rng.uniform(0, 2 * np.pi, 100)
-    return np.sqrt(2 / 100) * 1e-4 * np.sin(np.outer(q, cycles) + phase).sum(axis=1)
-
-
 def measured(folder: Path, name: str, q: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> po.Measurements:
     write(folder / name, q, position(q + error) + rng.normal(0, NOISE, q.shape))
     return po.read_measurements(folder / name, po.problem_from_dict(PROBLEM))
-
-
-def arm(folder: Path, places: int, neighbours: int, seed: int) -> Calibration:
-    """Postures about so many places, with a sine of joint 2 and a rough curve of both joints that nobody can name."""
-    rng = np.random.default_rng(seed)
-    centres = rng.uniform(-2.8, 2.8, (places, 2))
-    q = np.repeat(centres, neighbours, axis=0) + rng.uniform(-0.005, 0.005, (places * neighbours, 2))
-    error = np.stack([rough(q[:, 0], rng), rough(q[:, 1], rng) + 4e-4 * np.sin(q[:, 1] + 0.5)], axis=1)
-    return po.calibrate(po.problem_from_dict(PROBLEM), measured(folder, "data.csv", q, error, rng))
-
-
-@pytest.mark.large
-@pytest.mark.parametrize("seed", [1])
-def test_as_many_rows_as_tell_something_new(seed: int, tmp_path: Path) -> None:
-    calibration = arm(tmp_path, 80, 12, seed)
-    assert calibration.design > 3
-    found = search_effects(linearise_calibration(calibration, 99))
-    found = found.names or found
-    named = [(s.kind, s.target) for s in found.chosen if s.named]
-    assert ("gear_eccentricity", "joint2") in named
-    # By all rows, ever more of the rough curves' lines are "sure"; blocks left out are predicted no better by them.
-    assert len(found.chosen) <= len(found.considered) // 2
 
 
 def test_what_is_alone_in_independent_rows_is_found_alone(tmp_path: Path) -> None:
@@ -58,8 +26,8 @@ def test_what_is_alone_in_independent_rows_is_found_alone(tmp_path: Path) -> Non
     # So much that the geometry alone leaves neighbours alike; once it is taken away they are not.
     error = np.stack([np.zeros(150), 1e-3 * np.sin(q[:, 1] + 0.5)], axis=1)
     data = measured(tmp_path, "data.csv", q, error, rng)
-    found = search_effects(linearise_calibration(po.calibrate(po.problem_from_dict(PROBLEM), data)))
-    assert [s.kind for s in found.chosen] == ["gear_eccentricity"]
+    found = po.diagnose(po.problem_from_dict(PROBLEM), data, plan=False)
+    assert [f.kind for f in found.effects] == ["gear_eccentricity"]
 
 
 def test_another_session_stands_in_another_frame(tmp_path: Path) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.causes.causes import Finding
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.variants import conformance
@@ -42,7 +42,7 @@ def diagnosed(folder: Path, cause: str, reach: float, seed: int) -> po.Diagnosis
     return po.diagnose(problem, po.read_measurements(folder / "data.csv", problem), flips=99, plan=False)
 
 
-def moving(found: po.Diagnosis) -> list[Finding]:
+def moving(found: po.Diagnosis) -> list[Any]:
     return [f for f in found.effects if f.effect is not None]
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.units import parse_quantity
 
 LEAD = 0.13e-3  # m/rad
@@ -57,5 +56,5 @@ def test_the_coupling_is_named_with_its_lead(tmp_path: Path) -> None:
     ],
 )
 def test_what_slides_is_stated(entry: dict[str, str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(po.errors.InputError, match=said):
         po.problem_from_dict({**PROBLEM, "effects": [{"kind": "joint_coupling", **entry}]})

@@ -12,8 +12,6 @@ from posture_opt.experiments.exchange import (
     Determinant,
     Variance,
     exchange_design,
-    quantity_variances,
-    unit_information,
 )
 from tests.helpers.variants import conformance
 
@@ -72,37 +70,3 @@ def test_an_extrapolated_line_is_measured_mostly_at_the_near_end() -> None:
     assert list(points) == [-1.0, 1.0]
     assert list(times) == [2, 6]
     assert value(A, np.zeros((2, 2)), design.chosen, np.array([[1.0, x]])) == pytest.approx(x**2 / 8, rel=1e-12)
-
-
-def test_what_is_known_already_is_not_measured_again() -> None:
-    A = np.eye(3)[[0, 0, 1, 1, 2, 2]][:, None, :]
-    design = exchange_design(A, np.diag([100.0, 100.0, 0.0]), Determinant(), 2)
-    assert set(design.chosen) == {4, 5}
-
-
-def test_no_two_are_chosen_side_by_side() -> None:
-    grid = np.linspace(-1, 1, 201)
-    A = np.column_stack([np.ones(201), grid])[:, None, :]
-    design = exchange_design(A, np.zeros((2, 2)), Determinant(), 6, places=grid[:, None] / 0.1)
-    points = np.sort(grid[design.chosen])
-    assert np.diff(points).min() >= 0.1 - 1e-9
-    assert np.abs(points).min() > 0.5  # as near to the ends as they may
-    free = exchange_design(A, np.zeros((2, 2)), Determinant(), 6)
-    assert np.diff(np.sort(grid[free.chosen])).min() < 0.02
-
-
-def test_a_former_design_is_never_made_worse() -> None:
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(300, 3, 12))
-    former = rng.choice(300, 10, replace=False)
-    better = exchange_design(A, np.zeros((12, 12)), Determinant(), 10, former=former)
-    assert value(A, np.zeros((12, 12)), better.chosen, None) < value(A, np.zeros((12, 12)), former, None)
-
-
-def test_a_quantity_that_nothing_determines_has_no_variance() -> None:
-    M = np.diag([4.0, 0.0, 1.0])
-    T = unit_information(np.diag([4.0, 1.0, 1.0]))
-    found = quantity_variances(M, np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, 1]]), T)
-    assert found[0] == pytest.approx(0.25)
-    assert np.isnan(found[1])
-    assert found[2] == pytest.approx(1.25)

@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import arm_and_data, fit_frames
-from posture_opt.collision.scene import Scene as Collisions
-from posture_opt.experiments.planned_pictures import PicturePlaces
 from tests.helpers.cameras import TOOL_SCENE, Scene, camera_problem, camera_table, grid
 from tests.helpers.instruments import TrueArm
 
@@ -50,29 +47,3 @@ def test_the_whole_board_is_seen_from_planned_postures(where: str, tmp_path: Pat
             fronts.append(float((middle - eye) @ world[:3, 2] / np.linalg.norm(middle - eye)))
             assert 0.6 < np.linalg.norm(middle - eye) < 1.5  # as far as given pictures, and so as large
     assert min(fronts) > 0.4 or max(fronts) < -0.4  # all from the same side, none edge on
-
-
-@pytest.mark.long
-def test_links_in_the_line_of_sight_are_those_of_brute_force(tmp_path: Path) -> None:
-    problem, data, _ = given("cell", tmp_path, 5)
-    residuals, _ = arm_and_data(problem, data)
-    places = PicturePlaces.of(residuals, fit_frames(residuals))
-    placed = Collisions.of(problem.robot, None, guessed=True, without_mounting=True).placed
-    rng = np.random.default_rng(0)
-    q = rng.uniform(-3, 3, (40, 6))
-    start, end = (e.reshape(40, -1, 3) for e in places.kind.sight(places.points_seen(q)))
-    steps = np.linspace(0, 1, 80)[:, None]
-    a, b = placed.segments(q)
-    least = np.full(40, np.inf)
-    for i in range(40):
-        line = np.concatenate([s + steps * (e - s) for s, e in zip(start[i], end[i], strict=True)])
-        for k, frame in enumerate(placed.frames):
-            if frame < 6:
-                body = a[i, k] + steps * (b[i, k] - a[i, k])
-                apart = np.linalg.norm(line[:, None] - body, axis=2).min() - placed.radii[k]
-                least[i] = min(least[i], apart)
-    hidden = places.hidden(q, placed)
-    sure = np.abs(least) > 0.02  # the samples lie up to 25 mm apart
-    assert sure.sum() > 20
-    assert 3 < hidden[sure].sum() < sure.sum()
-    assert np.array_equal(hidden[sure], (least < 0)[sure])

@@ -23,17 +23,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.cli.main import main
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.explore.answers import Answer, Answers, Request
 from posture_opt.explore.explorer import Explorer
 from posture_opt.explore.following import Following
 from posture_opt.explore.heat import heat_of, passes_of
-from posture_opt.explore.live_map import picture
 from posture_opt.explore.other_process import OtherProcess
-from posture_opt.explore.settings import settings_of
-from posture_opt.explore.taken_away import png
 from posture_opt.files import problems_folder
 from posture_opt.model.toolchain import compiled_before
 
@@ -198,19 +194,6 @@ def test_a_posture_of_ones_own_has_its_spread() -> None:
     np.testing.assert_array_equal(shown[0].own.covariance, po.propagate(problem, (0.3, 0.4)).covariance)
 
 
-def test_errors_on_a_slider_are_those_of_the_file(page: Any) -> None:
-    """Ten times smaller errors of every parameter scatter ten times less: at first order, and these are small."""
-    settings = {setting.label: setting for setting in settings_of(po.load_problem(PLANAR))}
-    assert [settings["σ joint2.theta"].words(at) for at in (-1.0, 0.0)] == ["0.300 deg", "3.00 deg"]
-    before = settled(page).solution.sigma_max
-    small = [setting for label, setting in settings.items() if label.startswith("σ")]
-    page.change("task", {key: value for setting in small for key, value in setting.change(-1.0).items()})
-    assert settled(page).solution.sigma_max == pytest.approx(0.1 * before, rel=0.02)  # not linear at 3 deg
-    assert "once the problem is saved" in page.command()
-    page.change("task", {})
-    assert settled(page).solution.sigma_max == before
-
-
 def test_names_are_text_and_no_markup() -> None:
     """In the title of the page, and wherever the panel writes HTML itself."""
     name = "<img src=x onerror='alert(1)'>"
@@ -265,15 +248,6 @@ def test_an_obstacle_that_another_browser_removed_moves_no_more() -> None:
         panel._changed = sent.append
         panel.move(np.array([0.1, 0.2, 0.3]))
     assert not sent
-
-
-def test_one_measured_pose_has_no_error_of_its_own(tmp_path: Path) -> None:
-    problem = po.load_problem("insert_ur10_measured")
-    rows = (problems_folder() / "ur10_measured.csv").read_text(encoding="utf-8").splitlines()
-    data = [row for row in rows if not row.startswith("#")]
-    (tmp_path / "one.csv").write_text("\n".join(data[:2]), encoding="utf-8")
-    with pytest.raises(po.errors.InsufficientDataError, match="one pose"):
-        stated_errors(problem, po.read_measurements(tmp_path / "one.csv", problem))
 
 
 @pytest.mark.parametrize(
@@ -487,27 +461,6 @@ def test_measurements_have_the_errors_that_the_model_leaves(tmp_path: Path) -> N
         assert page._shown.own.q == pytest.approx(q[6], abs=1e-8)
 
 
-@pytest.mark.long
-def test_errors_that_are_no_vectors_are_points_in_colours() -> None:
-    """Touches of planes: the error of every row across its plane, as `stated_errors` finds it; its RMS in words."""
-    problem = po.load_problem("ur10_touched_plates")
-    data = po.read_measurements(problems_folder() / "ur10_touched_plates.csv", problem)
-    with problem.explore(port=18195, data=data) as page:
-        measured = page._panel.measured
-        until(lambda: measured._row_words.content != "")
-        errors, kept = stated_errors(problem, data)
-        np.testing.assert_allclose(measured._errors[0], -errors, atol=1e-12)
-        assert f"RMS error across the plane {1e3 * np.sqrt(np.mean(errors[kept, 0] ** 2)):.3g} mm" in (
-            measured._words.content
-        )
-        assert f"Row 1: error across the plane {1e3 * abs(errors[0, 0]):.3g} mm." in measured._row_words.content
-        shown = page._server.scene._handle_from_node_name["/measured/errors"]
-        assert len(shown.points) == np.count_nonzero(kept)
-        bright = shown.colors.astype(int).sum(axis=1)
-        assert np.argmax(bright) == np.argmax(-errors[kept, 0])  # the colours run from the least to the greatest
-        assert measured._colour.value == "error"
-
-
 def test_the_folder_of_a_result_is_the_arm_that_it_delivered(tmp_path: Path) -> None:
     """That of a diagnosis before that of a calibration; a folder without either is no problem file."""
     with pytest.raises(po.errors.InputError, match="this is a folder"):
@@ -515,23 +468,6 @@ def test_the_folder_of_a_result_is_the_arm_that_it_delivered(tmp_path: Path) -> 
     for name, kind in (("calibrated", "insert_panda"), ("extended", PLANAR)):
         (tmp_path / f"{name}.yaml").write_bytes((problems_folder() / f"{kind}.yaml").read_bytes())
         assert po.load_problem(tmp_path).to_dict() == po.load_problem(kind).to_dict()
-
-
-def test_a_map_has_its_last_row_at_the_top_and_holes_where_nothing_is_feasible() -> None:
-    seen = picture(np.array([[1.0, 2.0], [np.nan, 3.0]]), 1.0, 3.0)
-    assert seen.shape[2] == 4
-    assert seen[0, 0, 3] == 0
-    assert seen[0, -1].tolist()[:3] == [254, 232, 56]
-    assert seen[-1, 0].tolist()[:3] == [0, 34, 78]
-
-
-def test_pixels_are_those_of_the_png_file() -> None:
-    from io import BytesIO
-
-    import matplotlib.image
-
-    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 4), dtype=np.uint8)
-    np.testing.assert_array_equal(np.round(255 * matplotlib.image.imread(BytesIO(png(pixels)))), pixels)
 
 
 @pytest.mark.long

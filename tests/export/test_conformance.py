@@ -15,7 +15,7 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.export import EXPORTS
 from posture_opt.export.export_files import kind_of_export, program_files, program_kinds
-from posture_opt.export.robot_program import answer_program
+from posture_opt.export.robot_program import MotionRequest, answer_program
 from posture_opt.uncertainty.spread.joint_digits import scatter
 from tests.export.programs import READERS
 from tests.helpers.command_line import invoke
@@ -82,7 +82,7 @@ def test_rounding_moves_the_tool_by_less_than_a_hundredth_of_its_scatter(kind: s
         pytest.skip("URScript moves six joints")
     rng, robot = np.random.default_rng(3), problem.robot
     for q in rng.uniform(robot.lower, robot.upper, (6, robot.n)):
-        files = po.export_files(problem, kind, posture=q).files
+        files = po.export_files(problem, kind, posture=q, approach=0.0).files
         (read,) = READERS[kind](files, [joint.type for joint in robot.joints])
         moved = np.linalg.norm(np.asarray(problem.arm.position(np.array(read))) - np.asarray(problem.arm.position(q)))
         spread = po.propagate(problem, q)
@@ -99,7 +99,7 @@ def plate() -> Any:
 @pytest.mark.parametrize("kind", PROGRAMS)
 def test_features_and_waits_are_in_the_program(kind: str, plate: Any) -> None:
     answer = plate
-    found = program_files(replace(answer_program(answer.problem, answer), wait=1.5, speed=25.0), kind, "")
+    found = program_files(answer_program(answer.problem, answer, MotionRequest(25.0, 1.5, approach=0.0)), kind, "")
     read = READERS[kind](found.files, ["revolute"] * 6)
     wanted = answer.postures[list(answer.order.order)]
     assert np.allclose(read, wanted, atol=1e-5)
@@ -112,7 +112,7 @@ def test_features_and_waits_are_in_the_program(kind: str, plate: Any) -> None:
 
 
 def test_a_trajectory_takes_its_time(plate: Any) -> None:
-    problem, program = plate.problem, replace(answer_program(plate.problem, plate), wait=2.0)
+    problem, program = plate.problem, answer_program(plate.problem, plate, MotionRequest(wait=2.0, approach=0.0))
     fast, slow = (
         yaml.safe_load(program_files(replace(program, speed=float(s)), "jointstate", "").files["posture.yaml"])
         for s in (100, 10)
@@ -130,7 +130,7 @@ def test_a_trajectory_takes_its_time(plate: Any) -> None:
 
 def test_on_the_command_line(tmp_path: Path) -> None:
     words = ("export", "--problem", "insert_ur10", "--posture", "10 deg, -100 deg, 90 deg, -80 deg, 80 deg, 5 deg")
-    answer = invoke(*words, "--to", "krl", "--name", "go", "--wait", "2", "--out", tmp_path)
+    answer = invoke(*words, "--to", "krl", "--name", "go", "--wait", "2", "--approach", "0 mm", "--out", tmp_path)
     assert answer.exit_code == 0, answer.output
     assert names_in(tmp_path) == ["go.dat", "go.src"]
     (q,) = READERS["krl"]({name: (tmp_path / name).read_text() for name in names_in(tmp_path)}, ["revolute"] * 6)

@@ -45,7 +45,7 @@ def test_joints_arrive_from_the_sides_that_the_targets_state(kind: str, tmp_path
     rows = [f"{place}, {side}" for place, side in zip(places, sides, strict=True)]
     path.write_text("\n".join(["x [mm], y [mm], z [mm], shoulder_pan.approach", *rows]) + "\n")
     words = ("compensate", path, "--problem", "insert_ur10_extended", "--no-plots")
-    answer = invoke(*words, "--out", tmp_path / "out", "--program", kind, "--wait", 2)
+    answer = invoke(*words, "--out", tmp_path / "out", "--program", kind, "--wait", 2, "--approach", "0 mm")
     assert answer.exit_code == 0, answer.output
     table = list(csv.reader((tmp_path / "out" / "compensated.csv").read_text().splitlines()[1:]))
     targets = np.radians([[float(cell) for cell in row[:6]] for row in table])
@@ -66,11 +66,13 @@ def test_compensated_targets_become_a_program(tmp_path: Path) -> None:
     path = tmp_path / "targets.csv"
     path.write_text("x [mm], y [mm], z [mm]\n600, 200, 300\n650, 150, 250\n620, -50, 300\n")
     words = ("compensate", path, "--problem", "insert_ur10_extended", "--no-plots")
-    answer = invoke(*words, "--out", tmp_path / "out", "--program", "rapid")
+    answer = invoke(*words, "--out", tmp_path / "out", "--program", "rapid", "--approach", "0 mm")
     assert answer.exit_code == 0, answer.output
     rows = list(csv.reader((tmp_path / "out" / "compensated.csv").read_text().splitlines()[1:]))
     q = np.radians([[float(cell) for cell in row[:6]] for row in rows])
-    assert np.abs(read(tmp_path / "out", "rapid", "compensated") - q).max() < 1e-12
+    stops = read(tmp_path / "out", "rapid", "compensated")
+    assert np.abs(stops[1:] - q).max() < 1e-12
+    assert np.degrees(stops[1] - stops[0]) == pytest.approx([2, 0, 0, 0, 0, 0])  # the side that the task states
     assert "Keep the order of the stops" in (tmp_path / "out" / "compensated.mod").read_text()
     alone = invoke(*words, "--program", "rapid")
     assert alone.exit_code == 2

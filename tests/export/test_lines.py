@@ -15,7 +15,7 @@ import yaml
 import posture_opt as po
 from posture_opt.export.export_files import program_files
 from posture_opt.export.maker import maker_of
-from posture_opt.export.robot_program import answer_program
+from posture_opt.export.robot_program import MotionRequest, answer_program
 from tests.export.programs import READERS
 
 TOOL = {"xyz": ["10 mm", "0 m", "0.12 m"], "rpy": ["0 deg", "20 deg", "30 deg"]}
@@ -26,7 +26,7 @@ SPEED = 0.02
 @cache
 def seam() -> tuple[Any, Any]:
     """A seam of 200 mm and its answer."""
-    task = {"kind": "weld", "points": POINTS, "direction": [0, 0, -1], "speed": "20 mm/s"}
+    task = {"kind": "weld", "points": POINTS, "direction": [0, 0, -1], "speed": "20 mm/s", "spacing": "9 m"}
     problem = po.problem_from_dict({
         "robot": {"kind": "preset", "name": "ur10e", "tool": TOOL, "payload": "2 kg"},
         "uncertainty": {"repeatability": "0.05 mm"}, "task": task, "solver": {"starts": 1, "seed": 0},
@@ -37,7 +37,7 @@ def seam() -> tuple[Any, Any]:
 @cache
 def written(kind: str, **motion: Any) -> dict[str, str]:
     problem, answer = seam()
-    return dict(program_files(answer_program(problem, answer, **motion), kind, "").files)
+    return dict(program_files(answer_program(problem, answer, MotionRequest(**motion)), kind, "").files)
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -113,7 +113,7 @@ def test_the_trajectory_has_the_times_of_the_path() -> None:
 def test_without_a_speed_lines_take_their_share_of_the_reduced_speed() -> None:
     problem, answer = seam()
     unhurried = replace(problem, task=problem.task.model_copy(update={"speed": None}))
-    program = answer_program(unhurried, replace(answer, problem=unhurried), speed=40.0)
+    program = answer_program(unhurried, replace(answer, problem=unhurried), MotionRequest(speed=40.0))
     text = program_files(program, "krl", "").files["posture.src"]
     assert "$VEL.CP=0.100000" in text
 
@@ -144,8 +144,8 @@ def test_makers_are_found_in_names(name: str, maker: str) -> None:
 def test_a_single_stop_has_a_way_in_and_out_where_it_is_asked_for() -> None:
     problem = po.load_problem("insert_ur10").replace(solver__starts=2)
     answer = po.select_posture(problem)
-    assert len(answer_program(problem, answer)) == 1
-    program = answer_program(problem, answer, approach=0.03)
+    assert len(answer_program(problem, answer, MotionRequest(approach=0.0))) == 1
+    program = answer_program(problem, answer, MotionRequest(approach=0.03))
     above, target, back = (np.asarray(problem.arm.position(q)) for q in program.q)
     np.testing.assert_allclose(above - target, [0, 0, 0.03], atol=1e-6)
     np.testing.assert_allclose(back, above, atol=1e-6)

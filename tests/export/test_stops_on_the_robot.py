@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.export.export_files import program_files
-from posture_opt.export.robot_program import answer_program
+from posture_opt.export.robot_program import MotionRequest, answer_program
 from tests.export.programs import READERS
 from tests.helpers import brute_force
 
@@ -33,7 +33,7 @@ def test_each_feature_is_entered_and_left_along_its_own_direction() -> None:
     place = {"x": "0.7 m", "y": "0 m", "z": "0.4 m", "yaw": "0 deg"}
     task = {"kind": "insert", "direction": [0, 0, -1], "workpiece": place, "features": features}
     problem, answer = answered(robot=UR10, task=task)
-    files = dict(program_files(answer_program(problem, answer, approach=0.08), "urscript", "").files)
+    files = dict(program_files(answer_program(problem, answer, MotionRequest(approach=0.08)), "urscript", "").files)
     stops = np.array(READERS["urscript"](files, ["revolute"] * 6))
     tool = np.array([np.asarray(problem.arm.position(q), dtype=float) for q in stops])
     (text,) = files.values()
@@ -58,7 +58,7 @@ def test_a_joint_that_is_held_is_held_on_the_way_in() -> None:
     held = [{"kind": "fixed_joints", "values": {"panda_joint3": "20 deg"}}]
     task = {"kind": "insert", "position": ["0.5 m", "0.1 m", "0.2 m"], "subject_to": held}
     problem, answer = answered(robot={"kind": "preset", "name": "panda", "tool": TOOL}, task=task)
-    q = answer_program(problem, answer, approach=0.05).q
+    q = answer_program(problem, answer, MotionRequest(approach=0.05)).q
     assert len(q) == 3
     np.testing.assert_allclose(q[:, 2], np.radians(20), atol=1e-9)
 
@@ -79,7 +79,7 @@ def test_a_rail_in_front_of_six_axes_is_an_external_one(kind: str) -> None:
     base = {"xyz": ["0 m", "0 m", "0.5 m"], "rpy": ["0 deg", "90 deg", "0 deg"]}
     task = {"kind": "insert", "position": ["1.2 m", "0.3 m", "0.4 m"]}
     problem, answer = answered(robot={"kind": "dh", "joints": RAIL, "base": base, "tool": TOOL}, task=task)
-    exported = program_files(answer_program(problem, answer), kind, "")
+    exported = program_files(answer_program(problem, answer, MotionRequest(approach=0.0)), kind, "")
     text = "".join(dict(exported.files).values())
     if kind == "krl":
         axes = re.search(r"A1 ([-\d.]+), .*A6 ([-\d.]+), E1 ([-\d.]+)", text)
@@ -95,7 +95,8 @@ def test_a_rail_in_front_of_six_axes_is_an_external_one(kind: str) -> None:
 def test_the_load_is_that_of_the_task_and_plunges_are_slow() -> None:
     task = {"kind": "insert", "position": ["0.6 m", "0.2 m", "0.2 m"], "payload": "5 kg"}
     problem, answer = answered(robot=UR10, task=task)
-    text = "".join(dict(program_files(answer_program(problem, answer, approach=0.05), "rapid", "").files).values())
+    program = answer_program(problem, answer, MotionRequest(approach=0.05))
+    text = "".join(dict(program_files(program, "rapid", "").files).values())
     assert re.search(r"tooldata posture_tool := \[TRUE, \[\[.*\]\], \[5, ", text)
     seam = {"kind": "weld", "points": [["0.6 m", f"{y} m", "0.2 m"] for y in (0.0, 0.2)], "speed": "200 mm/s"}
     problem, answer = answered(robot=UR10, task=seam, solver={"starts": 1, "seed": 0})
@@ -104,7 +105,7 @@ def test_the_load_is_that_of_the_task_and_plunges_are_slow() -> None:
     assert speeds[0] == speeds[-1] == 0.025
     assert set(speeds[1:-1]) == {0.2}
     assert "a=1.2, v=0.2" in script  # 17 mm to come to speed; with a tenth of it the whole seam is too short
-    message = program_files(answer_program(problem, answer, speed=1.0), "jointstate", "")
+    message = program_files(answer_program(problem, answer, MotionRequest(speed=1.0)), "jointstate", "")
     assert "The first stop has 50 s from wherever the arm is" in "".join(dict(message.files).values())
 
 

@@ -55,13 +55,13 @@ OTHER = 1e-6
 WORDS = frozenset({"notes", "words", "undetermined", "reason", "mend", "hint", "label", "text"})
 """Keys whose text is for people: how a thing is said may change, what is found may not."""
 
-RESAMPLED_KEYS = frozenset({"expected95", "factor", "band"})
+RESAMPLED_KEYS = frozenset({"expected95", "factor"})
 STANDARD_ERRORS = {
     "estimate": "std", "value": "std", "mean": "std_error", "change": "std_error", "difference": "std_error",
     "bias": "rms",
 }  # fmt: skip
 """The key beside a fitted number that says how well the data determine it."""
-EFFECT_KEYS = frozenset({"alone", "beyond_geometry", "lambda", "lambda_now", "chance", "angle"})
+EFFECT_KEYS = frozenset({"alone", "beyond_geometry", "angle"})
 """What follows the estimate of an effect."""
 CHOICE_KEYS = frozenset({
     "posture", "tool", "quaternion_wxyz", "workpiece", "covariance", "covariance_first_order", "basis", "bias",
@@ -76,7 +76,7 @@ EFFORT_KEYS = frozenset({"starts", "feasible", "tried", "polished", "converged",
 last of hundreds of local searches ends. Not compared, unless all numbers are.
 """
 RANKED_KEYS = frozenset({"alternatives", "budget", "budget_groups", "candidates", "effects", "what_would_help",
-                         "others", "confounded_with", "rivals"})  # fmt: skip
+                         "others", "confounded_with"})  # fmt: skip
 SOLUTION_KEYS = frozenset({"solver", "targets", "travel"})
 """Each belongs to documents of solutions, maps and plans; in others, a posture is under ``posture``."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.golden.__main__ import FOLDER
-from tests.golden.cases import WHOLE, WIDTH, text
+from tests.golden.cases import WHOLE
 from tests.golden.compare import differences
 
 PLANAR = "solve-insert_planar_2r"
@@ -73,8 +73,7 @@ def test_a_document_agrees_with_itself(name: str) -> None:
         ("calibrate-planar", ("residual_rms", "calibrated"), 2e-7, 1e-5),
         ("diagnose-ur10", ("residual_rms", "extended"), 2e-7, 1e-5),
         ("diagnose-ur10", ("effects", 0, "gain"), 2e-7, 1e-5),
-        ("calibrate-ur10", ("singular_values", 0), 2e-7, 1e-5),
-        ("hidden-full-1", ("residual_rms", "extended"), 2e-7, 1e-5),
+        ("calibrate-planar", ("singular_values", 0), 2e-7, 1e-5),
     ],
 )
 def test_a_number_may_differ_by_rounding_and_not_more(name: str, place: Place, rounding: float, real: float) -> None:
@@ -132,8 +131,7 @@ def test_the_logarithm_of_a_p_value_is_compared() -> None:
         ("diagnose-ur10", ("effects", 0, "kind"), "backlash"),
         ("diagnose-ur10", ("effects", 1, "confounded_with"), [{"kind": "slip", "target": "base"}]),
         ("diagnose-ur10", ("effects", 1, "status"), "weak"),
-        ("hidden-full-1", ("verdict",), "unexplained"),
-        ("hidden-full-1", ("effects", 0, "target"), "base"),
+        ("diagnose-ur10", ("effects", 0, "target"), "base"),
         ("plan-planar", ("random_equivalent",), 12),
         ("map-panda", ("targets", 3, "status"), "optimal"),
     ],
@@ -198,19 +196,3 @@ def test_ranked_lists_are_compared_without_their_order() -> None:
     swapped = copy.deepcopy(document["budget"])
     swapped[0]["share"], swapped[-1]["share"] = swapped[-1]["share"], swapped[0]["share"]
     assert not passes(document, ("budget",), swapped)
-
-
-def test_with_a_tolerance_every_number_is_compared_to_it() -> None:
-    document = frozen("calibrate-planar")
-    for place in (("parameters", 0, "estimate"), ("residuals", "calibrated", "rms_interval95", 0), ("condition",)):
-        value = at(document, place)
-        assert list(differences(document, changed(document, place, value * (1 + 1e-8)), 1e-9))
-        assert not list(differences(document, changed(document, place, value * (1 + 1e-10)), 1e-9))
-
-
-def test_documents_are_written_on_few_lines() -> None:
-    value = {"a": [1.0 / 3] * 40, "b": [{"name": "x y-z", "c": None, "d": float("inf")}], "e": ["a word"] * 30, "f": {}}
-    written = text(value)
-    assert json.loads(written) == {**value, "a": [0.333333333333] * 40}
-    assert max(map(len, written.splitlines())) <= WIDTH
-    assert written.count("\n") < 45

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posture_opt.problem.load import problem_from_dict
+import posture_opt as po
 
 TABLE = {"name": "table", "kind": "box", "size": ["0.7 m", "1.2 m", "20 mm"], "xyz": ["0.65 m", "0 m", "-10 mm"]}
 POST = {"name": "post", "kind": "cylinder", "radius": "60 mm", "length": "0.8 m", "xyz": ["0.35 m", "0.4 m", "0.4 m"]}
@@ -19,4 +19,4 @@ def problem_in_cell(preset, *obstacles, clearance="20 mm", shape=None, mounting=
         "cell": {"obstacles": list(obstacles), "clearance": clearance, **({"mounting": mounting} if mounting else {})},
         "task": {"kind": "insert", **task},
     }
-    return problem_from_dict(document)
+    return po.problem_from_dict(document)

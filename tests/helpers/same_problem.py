@@ -9,19 +9,18 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.effects import Effect
-from posture_opt.problem.problem import Problem
 
 EXACT = 1e-9  # relative; files hold lengths to 1e-11 m and angles to 2e-12 rad
 
 
-def written(problem: Problem, folder: Path, stem: str = "again") -> Problem:
+def written(problem: po.Problem, folder: Path, stem: str = "again") -> po.Problem:
     """The problem as its files say it."""
     for name, content in problem.files(stem).items():
         (folder / name).write_bytes(content)
     return po.load_problem(folder / f"{stem}.yaml")
 
 
-def assert_same_numbers(again: Problem, problem: Problem) -> None:
+def assert_same_numbers(again: po.Problem, problem: po.Problem) -> None:
     """Parameters, frames, gravity, covariance, scatter, effects, task and inputs."""
     robot, other = problem.robot, again.robot
     assert again.name == problem.name

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 import posture_opt as po
-from posture_opt.calibration.calibrate import calibrate
-from posture_opt.validation.spread_check import SpreadCheck, check_spread
 from tests.helpers.planar_2r import position
 
 SCATTER = np.array([1e-3, 2e-3])  # rad, from repeat to repeat
@@ -43,6 +41,6 @@ def measured(
     return q, position(reached, lengths) + NOISE * rng.normal(size=q.shape)
 
 
-def checked(problem: Any, q: np.ndarray, points: np.ndarray) -> SpreadCheck:
+def checked(problem: Any, q: np.ndarray, points: np.ndarray) -> po.SpreadCheck:
     data = po.read_measurements(table(q, points), problem)
-    return check_spread(problem, data, calibrate(problem, data))
+    return po.check_spread(problem, data, po.calibrate(problem, data))

@@ -6,10 +6,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from posture_opt.problem.load import load_problem, problems_folder
+import posture_opt as po
+from posture_opt.problem.load import problems_folder
 
 
 @cache
 def shipped_tasks() -> dict[Path, Any]:
     """The task of each file."""
-    return {path: load_problem(path).task for path in sorted(problems_folder().glob("*.yaml"))}
+    return {path: po.load_problem(path).task for path in sorted(problems_folder().glob("*.yaml"))}

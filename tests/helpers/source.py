@@ -24,6 +24,7 @@ ROOMS = [
     "numerics",
     "interrupts",
     "files",
+    "statements",
     "staging",
     "manifest",
     "output",
@@ -51,6 +52,8 @@ SUBROOMS: dict[str, list[str]] = {
 other; files that are not listed come behind all folders.
 """
 
+STATEMENTS = "_statements"
+"""End of the names of files that make the statements of a result."""
 Where = Literal["top", "typing", "function", "string"]
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -270,10 +273,16 @@ def circles(
     """Groups of modules that import each other in a circle (strongly connected components, Tarjan 1972).
 
     The package's own ``__init__`` is left out: for types it imports whoever has a public name, and runs none of it.
+    So does a file of statements, for the type of the result that they are of.
     """
     inner = {name: module for name, module in modules.items() if "." in name}
     graph = {
-        name: {i.module for i in imports_of(module, inner) if i.where in kinds and i.module in inner} - {name}
+        name: {
+            i.module
+            for i in imports_of(module, inner)
+            if i.where in kinds and i.module in inner and not (i.where == "typing" and name.endswith(STATEMENTS))
+        }
+        - {name}
         for name, module in inner.items()
     }
     index: dict[str, int] = {}

@@ -5,11 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from posture_opt.model.arm import Arm
-from posture_opt.robot.robot import Robot
+import posture_opt as po
 from posture_opt.uncertainty.sources.sources import Sources
 
 
-def stated(robot: Robot, sources: Sources) -> Any:
+def stated(robot: po.Robot, sources: Sources) -> Any:
     """Robot and sources of error where a ``Problem`` would stand."""
-    return SimpleNamespace(arm=Arm(robot), robot=robot, sources=sources, task=None)
+    return SimpleNamespace(arm=po.Arm(robot), robot=robot, sources=sources, task=None)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posture_opt.errors import BadValueError, InputError, InsufficientDataError
+import posture_opt as po
 from posture_opt.measurements.board_detection import Board, detect_board
 from tests.helpers.cameras import TrueCamera, frame
 from tests.helpers.pictures import chessboard, rendered, write_png
@@ -89,7 +89,7 @@ def test_a_charuco_board_is_found_to_a_seventh_of_a_pixel(tmp_path: Path) -> Non
     ],
 )
 def test_what_is_no_board_is_refused(text: str, words: str) -> None:
-    with pytest.raises(BadValueError) as caught:
+    with pytest.raises(po.errors.BadValueError) as caught:
         Board.of(text)
     assert words in f"{caught.value.message} {caught.value.hint}"
 
@@ -106,7 +106,7 @@ def test_files_that_do_not_fit_are_named(tmp_path: Path) -> None:
         ("image, joint1 [deg]\n0.png, 1\n", "this is no picture"),
     ):
         table.write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(po.errors.InputError, match=words):
             detect_board([picture], board, table, "left")
 
 
@@ -115,20 +115,20 @@ def test_a_board_that_no_picture_shows_is_no_empty_table(tmp_path: Path) -> None
     table, picture = tmp_path / "joints.csv", tmp_path / "0.png"
     table.write_text("image, joint1 [deg]\n0.png, 1\n", encoding="utf-8")
     write_png(picture, np.full((60, 80), 128.0))
-    with pytest.raises(InsufficientDataError, match=r"the board was not found in 0\.png"):
+    with pytest.raises(po.errors.InsufficientDataError, match=r"the board was not found in 0\.png"):
         detect_board([picture], Board.of("grid:4x7:20mm"), table, "left")
-    with pytest.raises(BadValueError, match="10 x 20 squares has 100 marks, and dictionary 4X4_50 has 50"):
+    with pytest.raises(po.errors.BadValueError, match="10 x 20 squares has 100 marks, and dictionary 4X4_50 has 50"):
         detect_board([picture], Board.of("charuco:10x20:20mm:15mm", "4X4_50"), table, "left")
     (tmp_path / "other").mkdir()
     same = tmp_path / "other" / "0.png"
     same.write_bytes(picture.read_bytes())
-    with pytest.raises(InputError, match=r"2 of the named pictures are called 0\.png"):
+    with pytest.raises(po.errors.InputError, match=r"2 of the named pictures are called 0\.png"):
         detect_board([picture, same], Board.of("grid:4x7:20mm"), table, "left")
 
 
 def test_without_opencv_the_command_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     (tmp_path / "joints.csv").write_text("image, joint1 [deg]\n0.png, 1\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"pip install 'posture_opt\[camera\]'") as caught:
+    with pytest.raises(po.errors.InputError, match=r"pip install 'posture_opt\[camera\]'") as caught:
         detect_board([tmp_path / "0.png"], Board.of("grid:4x7:20mm"), tmp_path / "joints.csv", "left")
     assert caught.value.exit_code == 2

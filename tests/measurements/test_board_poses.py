@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from tests.helpers.cameras import TOOL_SCENE, camera_postures
 from tests.helpers.instruments import TrueArm, table_of
 
@@ -54,8 +53,8 @@ def test_poses_of_a_board_find_the_arm() -> None:
 
 def test_what_is_missing_is_said() -> None:
     bare = {key: column for key, column in table(3).items() if not key.startswith("r")}
-    with pytest.raises(InputError, match="poses of a board have x, y, z and an orientation"):
+    with pytest.raises(po.errors.InputError, match="poses of a board have x, y, z and an orientation"):
         po.read_measurements(bare, po.problem_from_dict(TEXT))
     held = po.problem_from_dict({**TEXT, "robot": {"kind": "preset", "name": "ur10"}})
-    with pytest.raises(InputError, match="write base: free and tool: free"):
+    with pytest.raises(po.errors.InputError, match="write base: free and tool: free"):
         po.read_measurements(table(3), held)

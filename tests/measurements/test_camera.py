@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.measurements.camera_places import Bodies
 from posture_opt.measurements.camera_section import CameraSpec
 from posture_opt.measurements.kinds import MarkerPixels, Seen
@@ -155,7 +154,7 @@ def test_files_of_opencv_and_ros_are_read(tmp_path: Path) -> None:
 )
 def test_files_that_are_none_of_a_camera_are_refused(text: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "left.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(po.errors.InputError, match=words):
         read_intrinsics(tmp_path / "left.yaml")
 
 
@@ -163,7 +162,7 @@ def test_what_the_problem_leaves_open_is_said(tmp_path: Path) -> None:
     table = pictures(False, 4)
     given = camera_problem(tmp_path)
     elsewhere = {"cameras": {"left": {"mount": "cell", "intrinsics": "right.yaml"}}}
-    with pytest.raises(InputError, match=r"no such file.*: .*right\.yaml"):
+    with pytest.raises(po.errors.InputError, match=r"no such file.*: .*right\.yaml"):
         po.problem_from_dict({**given, "data": elsewhere}, tmp_path)
     small = {"rows": 3, "columns": 4, "square": "25 mm"}
     for change, words in (
@@ -175,10 +174,10 @@ def test_what_the_problem_leaves_open_is_said(tmp_path: Path) -> None:
         ),
     ):
         problem = po.problem_from_dict({**given, "data": {**given["data"], **change}}, tmp_path)  # type: ignore[dict-item]
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(po.errors.InputError, match=words):
             po.read_measurements(table, problem)
     few = {key: value[: len(grid()) * 2] for key, value in table.items()}  # type: ignore[index]
-    with pytest.raises(InputError, match="too few pictures to say where the camera is"):
+    with pytest.raises(po.errors.InputError, match="too few pictures to say where the camera is"):
         po.read_measurements(few, po.problem_from_dict(given, tmp_path))
 
 

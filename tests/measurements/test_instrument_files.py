@@ -15,9 +15,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.problem.problem import Problem
 
 NAMES = ("j1", "j2", "j3", "j4", "j5", "j6")
 ROBOT = {
@@ -37,7 +34,7 @@ ROWS = 30
 Q = np.random.default_rng(1).uniform(-2, 2, (ROWS, 6)).round(4)  # rad
 
 
-def problem_with(**data: Any) -> Problem:
+def problem_with(**data: Any) -> po.Problem:
     return po.problem_from_dict({"robot": ROBOT, **({"data": data} if data else {})})
 
 
@@ -61,13 +58,13 @@ def german(value: float) -> str:
     return f"{value:.7f}".replace(".", ",")
 
 
-def read(tmp_path: Path, text: str | bytes, **data: Any) -> Measurements:
+def read(tmp_path: Path, text: str | bytes, **data: Any) -> po.Measurements:
     file = tmp_path / "data.txt"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     return po.read_measurements(file, problem_with(**data))
 
 
-def as_plain(found: Measurements) -> None:
+def as_plain(found: po.Measurements) -> None:
     np.testing.assert_allclose(found.q, Q, atol=1e-9)
     np.testing.assert_allclose(found.position, POINTS, atol=1e-9)
 
@@ -126,7 +123,7 @@ def test_a_file_without_a_header_is_told_by_numbers(tmp_path: Path) -> None:
     columns = {name: k + 1 for k, name in enumerate((*NAMES, "x", "y", "z"))}
     units = {**dict.fromkeys(NAMES, "rad"), **dict.fromkeys("xyz", "mm")}
     as_plain(read(tmp_path, rows(" "), columns=columns, units=units))
-    with pytest.raises(InputError, match=r"no unit in j1, j2, .* data: \{units: \{j1: deg, j2: deg"):
+    with pytest.raises(po.errors.InputError, match=r"no unit in j1, j2, .* data: \{units: \{j1: deg, j2: deg"):
         read(tmp_path, rows(" "), columns=columns)
 
 
@@ -199,7 +196,7 @@ def test_orientations_that_may_mean_two_things_are_refused(
     heads: str, values: tuple[float, ...], told: str, tmp_path: Path
 ) -> None:
     numbers = np.column_stack([NUMBERS, np.tile(values, (ROWS, 1))])
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(po.errors.InputError, match=told):
         read(tmp_path, f"{PLAIN}, {heads}\n" + rows(",", numbers=numbers))
 
 
@@ -253,7 +250,7 @@ HEADERS = {
 @pytest.mark.parametrize("case", HEADERS)
 def test_a_wrong_header_is_told_once(case: str, tmp_path: Path) -> None:
     header, said = HEADERS[case]
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(po.errors.InputError) as caught:
         read(tmp_path, header + "\n" + rows(","))
     (issue,) = caught.value.issues
     for words in said:
@@ -261,23 +258,23 @@ def test_a_wrong_header_is_told_once(case: str, tmp_path: Path) -> None:
 
 
 def test_columns_that_are_not_there_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"x: there is no column 'Pos X' – did you mean 'Posn X"):
+    with pytest.raises(po.errors.InputError, match=r"x: there is no column 'Pos X' – did you mean 'Posn X"):
         read(tmp_path, PLAIN.replace("x [mm]", "Posn X [mm]") + "\n" + rows(","), columns={"x": "Pos X"})
-    with pytest.raises(InputError, match="the columns 7, 8 are called 'X' – name it by its number"):
+    with pytest.raises(po.errors.InputError, match="the columns 7, 8 are called 'X' – name it by its number"):
         read(tmp_path, PLAIN.replace("x [", "X [").replace("y [", "X [") + "\n" + rows(","), columns={"x": "X"})
-    with pytest.raises(InputError, match="the column header says 'mm', the problem file 'm'"):
+    with pytest.raises(po.errors.InputError, match="the column header says 'mm', the problem file 'm'"):
         read(tmp_path, PLAIN + "\n" + rows(","), units={"x": "m"})
 
 
 @pytest.mark.parametrize("given", [{"columns": {"xx": "Pos X"}}, {"units": {"xx": "mm"}}])
 def test_names_of_columns_are_judged_with_the_file(given: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="xx: no file of this robot has such a column"):
+    with pytest.raises(po.errors.InputError, match="xx: no file of this robot has such a column"):
         problem_with(**given)
 
 
 def test_a_stated_decimal_mark_settles_what_could_be_both(tmp_path: Path) -> None:
     text = ";".join(HEAD) + "\n" + rows(";", lambda v: f"{v:.3f}".replace(".", ","), np.full((3, 9), 1.234))
-    with pytest.raises(InputError, match=r"1,234 may be 1\.234 or 1234"):
+    with pytest.raises(po.errors.InputError, match=r"1,234 may be 1\.234 or 1234"):
         read(tmp_path, text)
     assert read(tmp_path, text, decimal=",").q[0, 0] == 1.234
 
@@ -295,7 +292,7 @@ def test_data_frames_go_both_ways(tmp_path: Path) -> None:
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame.columns[:3]) == ["j1 [rad]", "j2 [rad]", "j3 [rad]"]
     again = po.read_measurements(frame, problem_with())
-    for name in Measurements.__dataclass_fields__:
+    for name in po.Measurements.__dataclass_fields__:
         before, after = getattr(data, name), getattr(again, name)
         assert np.array_equal(before, after) if isinstance(before, np.ndarray) else before == after, name
     assert math.isclose(frame["x [m]"].iloc[0], POINTS[0, 0], abs_tol=1e-12)

@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.kinds import KINDS, FramedPosition, Kind, PairSpec, Seen
 from posture_opt.measurements.kinds.kind import stacked
@@ -124,13 +123,13 @@ def test_a_table_of_each_kind_comes_back_from_a_data_frame() -> None:
 )
 def test_a_file_with_half_a_reading_is_refused(change: tuple[str, ...], words: str) -> None:
     table = distance_table(TrueArm(), np.random.default_rng(0), 2, 0.0)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(po.errors.InputError, match=words):
         po.read_measurements({key: value for key, value in table.items() if key not in change}, problem())
 
 
 def test_two_kinds_in_one_file_are_refused_and_idle_places_reported() -> None:
     table = distance_table(TrueArm(), np.random.default_rng(0), 2, 0.0)
-    with pytest.raises(InputError, match=r"both .*plane.* are given"):
+    with pytest.raises(po.errors.InputError, match=r"both .*plane.* are given"):
         po.read_measurements({**table, "plane": np.array(["a"] * len(table["anchor"]))}, problem())
     data = po.read_measurements(table, problem(anchors={"bar0": {"offset": "free"}, "baz1": {}}))
     assert [w for w in data.warnings if "data.anchors names 'baz1'" in w and "bar1" in w]

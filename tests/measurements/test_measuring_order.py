@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 import posture_opt as po
-from posture_opt.measurements.measurements import measuring_order
 from tests.helpers.simulated_session import SimulatedSession, beyond_geometry
 from tests.hidden.designs import Plan
 from tests.hidden.effects import Effect
@@ -48,12 +47,3 @@ def test_a_clock_that_starts_anew_is_asked_about_and_leaves_the_rows_as_they_sta
     read = po.read_measurements(table | {"time [s]": time}, problem)
     np.testing.assert_array_equal(read.approach, po.read_measurements(table, problem).approach)
     assert any("as if the clock had started anew" in note for note in read.warnings)
-
-
-def test_each_robot_has_a_clock_of_its_own() -> None:
-    robots = np.repeat([0, 1], 30)
-    time = np.tile(np.arange(30.0), 2)
-    assert measuring_order(time, robots).tolist() == list(range(60))
-    back = time.copy()
-    back[:30] = time[:30][::-1]
-    assert measuring_order(back, robots).tolist() == [*range(29, -1, -1), *range(30, 60)]

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio
 import pytest
 
-from posture_opt.model.arm import Arm
-from posture_opt.model.chain import factor_values, position_column, rotation_column, walk
+import posture_opt as po
+from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot import UrdfRobot
 from posture_opt.robot.preset import load_preset
 from tests.helpers.factors import pose, random_postures
@@ -34,7 +34,7 @@ def read(file, base, tip):
 @pytest.mark.parametrize(("file", "base", "tip"), URDFS)
 def test_pose_and_jacobian_are_pinocchio_s(file, base, tip):
     robot, outside = read(file, base, tip), PinArm(robots_folder() / file)
-    arm = Arm.from_problem(SimpleNamespace(arm=Arm(robot)))
+    arm = po.Arm.from_problem(SimpleNamespace(arm=po.Arm(robot)))
     for q in random_postures(robot, 20):
         named = dict(zip(robot.joint_names, q, strict=True))
         np.testing.assert_allclose(arm.pose(q), outside.pose(named, base, tip), atol=ROUNDING)
@@ -56,7 +56,7 @@ def pinocchio_jacobian(outside, named, base, tip):
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_pose_is_the_product_of_the_factors(name):
     robot = load_preset(name)
-    arm = Arm(robot)
+    arm = po.Arm(robot)
     rng = np.random.default_rng(0)
     for q in random_postures(robot, 3):
         p = rng.normal(0, 0.1, len(arm.parameters))
@@ -68,7 +68,7 @@ def test_pose_is_the_product_of_the_factors(name):
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_parameter_jacobian_is_the_complex_step(name):
     robot = load_preset(name)
-    arm = Arm(robot)
+    arm = po.Arm(robot)
     rng = np.random.default_rng(1)
     (q,) = random_postures(robot, 1)
     p = rng.normal(0, 0.1, len(arm.parameters))
@@ -82,7 +82,7 @@ def test_parameter_jacobian_is_the_complex_step(name):
 def test_jacobian_is_the_complex_step_of_the_joint(name):
     robot = load_preset(name)
     (q,) = random_postures(robot, 1, seed=2)
-    found = Arm(robot).jacobian(q)
+    found = po.Arm(robot).jacobian(q)
     joints = {f.joint: f.parameter for f in robot.factors if f.joint is not None}
     for joint in range(robot.n):  # an error of the joint value adds to it
         shift, rotation = complex_step(robot, q, {}, joints[joint])
@@ -102,7 +102,7 @@ def complex_step(robot, q, p, name, h=1e-30):
 @pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5e", "panda"])
 def test_symbols_give_the_numbers(name):
     robot = load_preset(name)
-    arm = Arm(robot)
+    arm = po.Arm(robot)
     p = ca.SX.sym("p", len(arm.parameters))
     outputs = [arm.pose(arm.q, p), arm.jacobian(arm.q, p), arm.parameter_jacobian(arm.q, p), arm.position(arm.q, p)]
     function = ca.Function("f", [arm.q, p], outputs)
@@ -114,28 +114,6 @@ def test_symbols_give_the_numbers(name):
             np.testing.assert_allclose(symbols.full().reshape(number.shape), number, atol=ROUNDING)
 
 
-def test_symbolic_jacobian_is_the_derivative_of_the_symbolic_position():
-    arm = Arm(load_preset("ur5e"))
-    both = ca.Function("f", [arm.q], [ca.jacobian(arm.position(arm.q), arm.q), arm.jacobian(arm.q)[:3, :]])
-    for expected, found in [both([0.1, -1.2, 1.3, 0.4, -0.5, 0.6])]:
-        np.testing.assert_allclose(found.full(), expected.full(), atol=ROUNDING)
-
-
-def test_arrays_of_postures_are_walked_at_once():
-    arm = Arm(load_preset("panda"))
-    Q = random_postures(arm.robot, 5)
-    reached = arm.walk(Q)
-    for row, q in enumerate(Q):
-        one = arm.walk(q)
-        for i in range(len(arm.robot.factors)):
-            many = [
-                np.broadcast_to(entry, 5)[row] for entry in (*position_column(reached, i), *rotation_column(reached, i))
-            ]
-            alone = (*position_column(one, i), *rotation_column(one, i))
-            np.testing.assert_allclose(many, alone, atol=ROUNDING)
-    np.testing.assert_allclose(arm.pose(Q), [arm.pose(q) for q in Q], atol=ROUNDING)
-
-
 def test_a_vector_of_another_length_is_refused():
     with pytest.raises(ValueError, match="posture: 2 values given, 6 expected"):
-        Arm(load_preset("ur5")).pose([0.0, 1.0])
+        po.Arm(load_preset("ur5")).pose([0.0, 1.0])

@@ -22,15 +22,11 @@ import posture_opt as po
 from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.diagnosis.causes.causes import Finding
-from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.errors import BadValueError
-from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Cause, Effect, FittedSizes
 from posture_opt.model.effects.slip import Slip
 from posture_opt.problem.schema import json_schema
 from posture_opt.report.figures.diagnosis_curves import plot_curves
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
 from tests.helpers.effect_cases import SHAPES, excitation, instances, one_row, read, sized, with_effects
 from tests.helpers.variants import conformance
 from tests.hidden.draw import draw
@@ -117,7 +113,7 @@ def test_an_effect_without_estimate_is_the_plain_chain(cls: type[Effect], sites:
         for effect in instances(cls, site, robot):
             assert set(effect.values) == {0.0}
             pose = with_effects(robot, (effect,), inputs).pose(site.session.q)
-            np.testing.assert_array_equal(pose, Arm(robot).pose(site.session.q))
+            np.testing.assert_array_equal(pose, po.Arm(robot).pose(site.session.q))
 
 
 @every_effect
@@ -163,7 +159,7 @@ def test_a_robot_without_the_target_is_refused(cls: type[Effect], sites: Any) ->
     if effect.target in ("base", "tool", "payload", "instrument", "linear", "exponential", "settling"):
         effect.check_robot(other)
     else:
-        with pytest.raises(BadValueError, match=r"joint1|one of its joints"):
+        with pytest.raises(po.errors.BadValueError, match=r"joint1|one of its joints"):
             effect.check_robot(other)
 
 
@@ -295,7 +291,7 @@ def simulated(cls: type[Effect], sites: Any, folder: Path) -> None:
     site, robot, inputs = sites["ur10"]
     effect = cls.candidates(excitation(site, robot))[0]
     unit = with_effects(robot, (effect.with_estimate([1e-6] * len(effect.dimensions)),), inputs)
-    moved = unit.position(site.session.q) - Arm(robot).position(site.session.q)
+    moved = unit.position(site.session.q) - po.Arm(robot).position(site.session.q)
     size = 1e-6 * 10 * SIGMA / np.sqrt(np.mean(moved**2))
     arm = with_effects(robot, (effect.with_estimate([size] * len(effect.dimensions)),), inputs)
     noise = np.random.default_rng(6).normal(0, SIGMA, (len(site.session.q), 3))
@@ -306,13 +302,13 @@ def simulated(cls: type[Effect], sites: Any, folder: Path) -> None:
     write(case, folder)
 
 
-def diagnosed(folder: Path) -> Diagnosis:
+def diagnosed(folder: Path) -> po.Diagnosis:
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
     return po.diagnose(problem, data)
 
 
-def names_of(found: Diagnosis) -> set[str]:
+def names_of(found: po.Diagnosis) -> set[str]:
     """Kinds that are named, or could stand for what is named."""
     return {cause.kind for f in found.effects for cause in (f.cause, *f.confounded_with)}
 
@@ -331,7 +327,7 @@ def test_the_search_finds_it_on_simulated_data_and_draws_it(cls: type[Effect], s
         pytest.skip("no data can show it: the report says so")
     found = diagnosed(tmp_path)
     assert cls.kind_name() in names_of(found)
-    assert len(plot_curves(found).axes) >= len(fitted_effects(found)) > 0
+    assert len(plot_curves(found).axes) >= len(found.fitted_effects) > 0
 
 
 @pytest.mark.campaign

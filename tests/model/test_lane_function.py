@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
-import threading
-
 import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.model.c_rows import LANES
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.lane_function import LaneFunction
@@ -64,20 +61,6 @@ def test_every_operation_is_the_interpreters(n: int) -> None:
     np.testing.assert_array_equal(rows(Q), np.array([rows(q[None])[0] for q in Q]).reshape(n, len(every)))
 
 
-@needs_compiler
-def test_rows_pickle_and_serve_threads() -> None:
-    x = ca.SX.sym("x", 2)
-    rows = pickle.loads(pickle.dumps(lanes(ca.sin(x) * x[0], x)))
-    Q = np.random.default_rng(0).uniform(-3, 3, (50_000, 2))
-    expected, found = rows(Q), {}
-    threads = [threading.Thread(target=lambda k=k: found.setdefault(k, rows(Q))) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert all(np.array_equal(found[k], expected) for k in range(4))
-
-
 def test_without_a_compiler_rows_are_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     x = ca.SX.sym("x", 2)
     assert not lanes(ca.sin(x), x, compiled=False).compiled
@@ -86,5 +69,5 @@ def test_without_a_compiler_rows_are_interpreted(monkeypatch: pytest.MonkeyPatch
     rows = lanes(ca.sin(x), x, compiled=None)
     assert not rows.compiled
     np.testing.assert_allclose(rows(np.eye(2)), np.sin(np.eye(2)), rtol=1e-15)
-    with pytest.raises(InputError, match="nothing compiled"):
+    with pytest.raises(po.errors.InputError, match="nothing compiled"):
         lanes(ca.sin(x), x, compiled=True)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from tests.helpers.said import said
 
 AMPLITUDE = 0.6e-3
 LOW, HIGH = -23.0, 57.0
@@ -89,8 +90,9 @@ def test_what_cannot_be_done_within_it_is_said_first_and_costs_what_is_lost() ->
     (lost,) = answer.to_json()["beyond_measured"]
     assert lost["effect"] == {"kind": "cyclic_error", "target": "joint1"}
     assert lost["range"] == pytest.approx(np.radians([LOW, HIGH]))
-    first = answer.report().splitlines()[1:3]
-    assert "outside the -23.0 to 57.0 deg in which its cyclic error was measured" in " ".join(first)
+    danger = next(one for one in answer.statements if one.severity == "danger")
+    assert (danger.id, danger.about) == ("selection.beyond-measured", "joint1")
+    assert np.degrees([danger.values[end].value for end in ("low", "high")]) == pytest.approx([LOW, HIGH])  # type: ignore[union-attr]
     x = AMPLITUDE / np.sqrt(2) * np.array([-tool(answer.q)[1], tool(answer.q)[0]])
     assert answer.sigma_max >= abs(x[0])
 
@@ -105,7 +107,7 @@ def test_features_paths_and_maps_stay_within_it() -> None:
     grid = po.map_targets(problem(), counts=(2, 2), low=(1.2, 0.6, 0.0), high=(1.3, 0.7, 0.0), compiled=False)
     for q in (several.postures, along.postures, grid.postures):
         assert np.all((np.degrees(q[:, 0]) >= LOW - 1e-9) & (np.degrees(q[:, 0]) <= HIGH + 1e-9))
-    assert any("beyond the range" in note for note in grid.notes)
+    assert "selection.beyond-range-left-out" in said(grid)
 
 
 def test_compensation_corrects_within_and_counts_beyond() -> None:
@@ -116,7 +118,7 @@ def test_compensation_corrects_within_and_counts_beyond() -> None:
     assert found.q[1] == pytest.approx(q[1], abs=1e-6)
     lever = np.linalg.norm(tool(q[1]))
     assert found.left[1] == pytest.approx(np.hypot(AMPLITUDE / np.sqrt(2) * lever, 5e-5), rel=0.01)
-    assert "150.0 deg, outside the -23.0 to 57.0 deg" in found.report()
+    assert np.degrees(said(found)["selection.beyond-measured"].values["value"].value) == pytest.approx(150)  # type: ignore[union-attr]
 
 
 def test_a_diagnosis_writes_down_what_it_measured(tmp_path: Any) -> None:

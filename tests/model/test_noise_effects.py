@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from scipy.stats import multivariate_normal
 
 import posture_opt as po
-from posture_opt.calibration.assumptions.frames import arm_and_data
 from posture_opt.calibration.assumptions.instrument import reading_sigmas, rotation_sigma
 from posture_opt.diagnosis.noise.noise_candidates import score_uneven_noise
 from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import InputError
-from posture_opt.model import effects
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
 from posture_opt.problem.fitted_problem import calibrated_problem
 from posture_opt.problem.schema import json_schema
@@ -78,18 +74,6 @@ def levers(q: np.ndarray) -> dict[str, np.ndarray]:
 def test_every_identifier_of_the_catalogue_is_listed() -> None:
     assert {kind_of(cls) for cls in CATALOGUE} >= IDENTIFIERS
     assert set(ENTRIES) == {kind_of(cls) for cls in NOISES}
-
-
-def test_every_file_of_an_effect_is_listed_and_read_in_problem_files() -> None:
-    folder = Path(effects.__file__).parent
-    files = {f.stem for f in folder.rglob("*.py") if f.parent.name != "base"} - {"__init__", "noise_effect"}
-    assert {cls.__module__.rpartition(".")[2] for cls in CATALOGUE} == files
-    mapping = json_schema()["properties"]["effects"]["items"]["discriminator"]["mapping"]
-    assert set(mapping) == {cls.kind_name() for cls in CATALOGUE}
-    for cls in CATALOGUE:
-        assert cls.model_config["frozen"]
-        assert cls.model_config["extra"] == "forbid"
-        assert cls.__doc__
 
 
 @every_kind
@@ -215,47 +199,6 @@ def test_what_cannot_be_known_is_said_by_the_kinds_themselves() -> None:
     assert told(Evidence(False, ("joint1.a",))) == set()
 
 
-def test_patterns_are_likelihood_ratios_of_their_covariances() -> None:
-    """The search over the grid against the density of the whole vector with the covariance written out."""
-    rng = np.random.default_rng(4)
-    robot, N = problem().robot, 30
-    rows = Rows(robot, rng.normal(size=(2, N, 2)), rng.uniform(1, 3, N), 2e-5)
-    e = rng.normal(size=(N, 2)) + rng.normal(size=(N, 1)) * rows.levers[1]
-    for suspect in score_uneven_noise(e, rows, seed=0):
-        pattern = next(p for cls in NOISES for p in cls.patterns(rows) if p.target == suspect.target)
-        plain = multivariate_normal(cov=np.mean(e**2)).logpdf(e.ravel()[:, None]).sum()
-        best = -np.inf
-        for value in pattern.grid:
-            V = np.tile(np.eye(2), (N, 1, 1))
-            if suspect.kind == "joint_noise":
-                c = rows.levers[robot.joint_names.index(suspect.target)]
-                V = V + value / np.mean(np.sum(c**2, axis=1)) * c[:, :, None] * c[:, None, :]
-            else:
-                V = V * np.exp(2 * value * (rows.ranges - rows.ranges.mean()) / np.ptp(rows.ranges))[:, None, None]
-            s2 = np.einsum("ni,nij,nj->", e, np.linalg.inv(V), e) / (2 * N)
-            best = max(best, sum(multivariate_normal(cov=s2 * v).logpdf(x) for x, v in zip(e, V, strict=True)))
-        assert suspect.ratio == pytest.approx(2 * (best - plain), abs=1e-9)
-
-
-def test_named_noise_has_the_size_that_was_drawn() -> None:
-    rng = np.random.default_rng(8)
-    robot, N, sigma = problem().robot, 2000, 2e-5
-    ranges = rng.uniform(0.5, 3.0, N)
-    c = 5e3 * rng.normal(size=(2, N, 2))
-    # One joint with 0.2 mrad, in units of the instrument: 2000 rows tell it to 1.6 %.
-    e = rng.normal(size=(N, 2)) + 2e-4 * rng.normal(size=(N, 1)) * c[1]
-    first = score_uneven_noise(e, Rows(robot, c, ranges, sigma), seed=0)[0]
-    assert (first.kind, first.target) == ("joint_noise", "joint2")
-    ((_, value, _),) = first.named().stated
-    assert value == pytest.approx(2e-4, rel=0.05)
-    # σ = 10 µm + 20 µm/m r; the search has its logarithm a straight line, which is 10 % off in the middle.
-    e = rng.normal(size=(N, 2)) * ((1e-5 + 2e-5 * ranges) / sigma)[:, None]
-    first = score_uneven_noise(e, Rows(robot, c, ranges, sigma), seed=0)[0]
-    assert first.kind == "range_noise"
-    found = first.named().reading(np.full(3, sigma), np.array([0.5, 1.75, 3.0]))
-    np.testing.assert_allclose(found, 1e-5 + 2e-5 * np.array([0.5, 1.75, 3.0]), rtol=0.2)
-
-
 @pytest.mark.campaign
 @pytest.mark.parametrize("loud", [1e-4, 4e-4])
 def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,17 +271,6 @@ def test_what_the_instrument_scatters_by_is_not_laid_on_the_joints() -> None:
         calibrated = calibrated_problem(of, po.calibrate(of, data))
         joint[name] = float(np.trace(calibrated.sources.scatter))
     assert joint["instrument"] < 0.1 * joint["arm"]
-
-
-def test_the_sigma_of_all_rows_is_their_root_mean_square() -> None:
-    of = problem(GROWING)
-    data = measured(of, 3, lambda r: 2e-5 + 0 * r)
-    r = np.linalg.norm(data.position, axis=1)
-    assert arm_and_data(of, data)[0].sigma == pytest.approx(np.sqrt(np.mean((5e-6 + 6e-5 * r) ** 2)))
-    np.testing.assert_allclose(reading_sigmas(of, data.position), 5e-6 + 6e-5 * r)
-    # Without a, what is stated of the instrument is its σ at no distance.
-    near = problem({"kind": "range_noise", "b": "60 um/m"})
-    np.testing.assert_allclose(reading_sigmas(near, data.position), 2e-5 + 6e-5 * r)
 
 
 def test_a_plan_counts_with_the_instrument_as_its_effects_have_it() -> None:

@@ -14,7 +14,6 @@ from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import rotating_parts
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.joint_coupling import JointCoupling
-from posture_opt.model.effects.thermal_growth import ThermalGrowth
 from tests.helpers.effect_cases import SHAPES, instances
 
 
@@ -52,14 +51,6 @@ def test_a_wrist_a_hundred_times_too_soft_is_told(stiffness: float, plausible: b
     assert known is not None
     assert known.holds(*effect.plausible_size(estimate)) is plausible
     assert "softer" in known.would_need(1 / stiffness)
-
-
-@pytest.mark.parametrize(("expansion", "plausible"), [(-250e-6, False), (12e-6, True), (23e-6, True), (90e-6, False)])
-def test_arms_expand_as_metals_do(expansion: float, plausible: bool) -> None:
-    known = ThermalGrowth().plausible(arm(1.0).robot)
-    assert known is not None
-    assert known.holds(expansion, 1e-6) is plausible
-    assert known.holds(expansion, math.nan) is plausible
 
 
 def test_couplings_are_of_neighbours_and_of_the_wrist() -> None:

@@ -10,10 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from posture_opt.model.arm import Arm
-from posture_opt.problem.load import builtin_problem, load_problem, problems_folder
+import posture_opt as po
+from posture_opt.problem.load import builtin_problem, problems_folder
 from posture_opt.problem.parts import parse_spec
-from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors
 from tests.helpers.pin import PinArm
@@ -46,8 +45,8 @@ def named(paths, always=ALWAYS):
 @cache
 def solved(path):
     """The problem and its answer; the planar ones with all the evidence, the others as a repeated solve does it."""
-    problem = load_problem(path)
-    selector = PostureSelector(problem, compiled=False)
+    problem = po.load_problem(path)
+    selector = po.PostureSelector(problem, compiled=False)
     return problem, selector.solve_thoroughly() if path in PLANAR else selector.solve()
 
 
@@ -203,7 +202,7 @@ def test_nothing_on_a_fine_grid_beats_the_planar_answer(path):
 
 
 def test_calibrated_covariance_is_that_of_the_stated_measurements():
-    Sigma = planar_covariance(load_problem(problems_folder() / "insert_planar_2r_calibrated.yaml"))
+    Sigma = planar_covariance(po.load_problem(problems_folder() / "insert_planar_2r_calibrated.yaml"))
     information = np.zeros((4, 4))
     for t1 in np.radians([-60, 0, 60]):
         for t12 in t1 + np.radians([30, 70, 110, 150]):
@@ -235,9 +234,9 @@ def test_every_file_says_how_it_is_called(path):
 def test_effects_of_the_extended_arm_matter():
     """Without its effects the arm would be sent half a millimetre aside of its hole."""
     path = problems_folder() / "insert_ur10_extended.yaml"
-    problem = load_problem(path)
-    plain = replace(problem, arm=Arm(problem.robot), effects=())
-    solution = PostureSelector(plain, compiled=False).solve()
+    problem = po.load_problem(path)
+    plain = replace(problem, arm=po.Arm(problem.robot), effects=())
+    solution = po.PostureSelector(plain, compiled=False).solve()
     miss = tool_pose(path, problem.robot, solution.q)[:2, 3] - problem.task.position[:2]
     assert 0.2e-3 < np.hypot(*miss) < 2e-3
 
@@ -248,6 +247,6 @@ def test_stated_repeatability_is_the_data_sheets(stem):
     paths = [path for path in FILES if path not in PLANAR and stem in path.stem]
     assert paths
     for path in paths:
-        problem = load_problem(path)
+        problem = po.load_problem(path)
         stated = parse_spec(problem.origin).uncertainty.repeatability
         assert stated is None or stated == problem.robot.repeatability.value

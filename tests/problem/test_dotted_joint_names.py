@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.problem.load import problems_folder
 from posture_opt.robot import UrdfRobot
 from posture_opt.uncertainty.spread.spread_function import covariance_c
@@ -108,7 +107,7 @@ def test_a_joint_named_as_another_with_its_parameter_keeps_its_own(tmp_path: Pat
 
 
 def test_a_name_that_lacks_its_parameter_is_still_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=re.escape("did you mean 'arm.joint_1.theta'")):
+    with pytest.raises(po.errors.InputError, match=re.escape("did you mean 'arm.joint_1.theta'")):
         po.problem_from_dict({
             "robot": {"kind": "dh", "joints": [{"name": "arm.joint_1", "type": "revolute", "a": "1 m"}]},
             "uncertainty": {"sigma": {"arm.joint_1.thet": "1 deg"}},
@@ -119,5 +118,5 @@ def test_a_side_column_and_a_joint_must_not_share_a_name(tmp_path: Path) -> None
     joints = [{"name": name, "type": "revolute", "a": "1 m"} for name in ("a", "a.approach")]
     problem = po.problem_from_dict({"robot": {"kind": "dh", "joints": joints}})
     (tmp_path / "data.csv").write_text("a [deg], a.approach [deg], x [mm], y [mm]\n1, 2, 3, 4\n")
-    with pytest.raises(InputError, match="a joint has the name of a column"):
+    with pytest.raises(po.errors.InputError, match="a joint has the name of a column"):
         po.read_measurements(tmp_path / "data.csv", problem)

@@ -5,9 +5,7 @@ The true arm is the simulator's, which knows nothing of the package; what the pa
 
 from __future__ import annotations
 
-import ctypes
 import json
-import subprocess
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -19,16 +17,8 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.errors import InputError
-from posture_opt.model.toolchain import find_compiler
-from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
-from posture_opt.problem.problem import Problem
-from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.answer.solution import Solution
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
-from posture_opt.uncertainty.spread.spread_function import SpreadFunction
 from tests.helpers.command_line import invoke
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Plan, Session, draw_session
@@ -135,7 +125,7 @@ def trials(arm: str, q: Array, covariance: Array, side: Array | float, n: int, r
 
 
 @pytest.fixture(scope="module")
-def uncertain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Problem]:
+def uncertain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, po.Problem]:
     folder = tmp_path_factory.mktemp("uncertain")
     data = file_with_effects("ur10", folder)
     stated = {**data, "task": {**data["task"], "approach": {"joint1": 1}}}
@@ -143,7 +133,7 @@ def uncertain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Problem]:
 
 
 @pytest.mark.parametrize("case", ["stated", pytest.param("unknown", marks=pytest.mark.long)])
-def test_moments_are_those_of_an_independent_simulator(case: str, uncertain: dict[str, Problem]) -> None:
+def test_moments_are_those_of_an_independent_simulator(case: str, uncertain: dict[str, po.Problem]) -> None:
     """Geometry and effects uncertain together; the covariance between them is a third of the variance and more."""
     problem, n = uncertain[case], 50_000
     rng = np.random.default_rng(1)
@@ -205,7 +195,7 @@ def test_effects_of_one_joint_share_its_side(tmp_path: Path) -> None:
     assert np.trace(more) == pytest.approx((3e-4**2 - 1.5e-4**2) * radius**2, rel=1e-3)
 
 
-def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, Problem]) -> None:
+def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, po.Problem]) -> None:
     for problem in uncertain.values():
         for shares in po.propagate(problem, POSTURE).axis_budgets:
             assert sum(share.share for share in shares) == pytest.approx(1.0, abs=1e-12)
@@ -272,37 +262,6 @@ def test_a_planar_arm_keeps_its_plane(tmp_path: Path) -> None:
     assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias)[:2] < 5 * sigma / np.sqrt(n) + 1e-7)
 
 
-@pytest.mark.conformance
-def test_compiled_exported_and_interpreted_covariances_agree(uncertain: dict[str, Problem], tmp_path: Path) -> None:
-    problem = uncertain["unknown"]
-    Q = np.random.default_rng(3).uniform(-2, 2, (7, 6))
-    plain = SpreadFunction(problem, compiled=False)
-    expected = np.array([po.propagate(problem, q).covariance for q in Q])
-    # Squares of 1e-4 m in double precision, through a few hundred operations.
-    np.testing.assert_allclose(plain(Q), expected, rtol=1e-9, atol=1e-18)
-    position = [po.propagate(problem, q).position for q in Q]
-    np.testing.assert_allclose(plain.position(Q), position, atol=1e-13)
-    compiler = find_compiler()
-    if not compiler:
-        pytest.skip("no C compiler")
-    (tmp_path / "problem").mkdir()
-    for name, content in problem.files("arm").items():
-        (tmp_path / "problem" / name).write_bytes(content)
-    result = invoke(
-        "export", "--to", "c", "--problem", str(tmp_path / "problem" / "arm.yaml"), "--out", str(tmp_path / "c")
-    )
-    assert result.exit_code == 0, result.output
-    source = next((tmp_path / "c").glob("*.c"))
-    library = tmp_path / "tool.so"
-    subprocess.run([*compiler, "-shared", "-fPIC", "-O1", "-o", str(library), str(source), "-lm"], check=True)
-    function = getattr(ctypes.CDLL(str(library)), source.stem)
-    double = ctypes.POINTER(ctypes.c_double)
-    for q, C in zip(Q, expected, strict=True):
-        point, full, first = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-        function(*(a.ctypes.data_as(double) for a in (np.ascontiguousarray(q), point, full, first)))
-        np.testing.assert_allclose(full, C, rtol=1e-9, atol=1e-18)
-
-
 # --- the true arm
 
 
@@ -313,9 +272,9 @@ class World:
     arm: Arm
     deviations: dict[str, Any]
     folder: Path
-    problem: Problem
-    found: Diagnosis
-    extended: Problem
+    problem: po.Problem
+    found: po.Diagnosis
+    extended: po.Problem
 
     def lands(self, q: Array, *, payload: float = LOAD, side: float = SIDE, warm: float = WARM) -> Array:
         """(3,) where the tool point of the true arm comes to lie."""
@@ -335,14 +294,14 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
     write_csv(folder / "data.csv", arm, session, points)
     problem = po.load_problem(folder / "problem.yaml")
     found = po.diagnose(problem, po.read_measurements(folder / "data.csv", problem), flips=99)
-    for name, content in extended_problem(problem, found).files("extended").items():
+    for name, content in po.extended_problem(problem, found).files("extended").items():
         (folder / name).write_bytes(content)
     return World(arm, deviations, folder, problem, found, po.load_problem(folder / "extended.yaml"))
 
 
 @cache
-def solved(problem: Problem) -> Solution:
-    return PostureSelector(problem, compiled=False).solve()
+def solved(problem: po.Problem) -> po.Solution:
+    return po.PostureSelector(problem, compiled=False).solve()
 
 
 def test_what_was_hidden_stands_in_the_file_of_the_extended_arm(world: World) -> None:
@@ -359,7 +318,7 @@ def test_what_was_hidden_stands_in_the_file_of_the_extended_arm(world: World) ->
 def test_the_true_arm_hits_the_target_that_the_extended_one_was_sent_to(world: World) -> None:
     """The nominal arm misses by a millimetre, the calibrated one by a fifth, as it knows no load and no side."""
     miss, predicted = {}, {}
-    calibrated = calibrated_problem(world.problem, world.found.calibration)
+    calibrated = po.calibrated_problem(world.problem, world.found.calibration)
     nominal = replace(world.problem, sources=world.extended.sources)
     for name, problem in (("nominal", nominal), ("calibrated", calibrated), ("extended", world.extended)):
         solution = solved(problem)
@@ -418,7 +377,7 @@ def test_a_task_without_a_side_says_so(world: World) -> None:
     assert not any("from which side" in note for note in said.notes)
     assert said.effects == world.extended.effects
     assert said.with_task("measure").arm.effects == world.extended.effects
-    with pytest.raises(InputError, match="no such joint"):
+    with pytest.raises(po.errors.InputError, match="no such joint"):
         world.extended.with_task(approach={"elbow": 1})
 
 
@@ -427,7 +386,7 @@ def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
     again = po.diagnose(world.extended, data, flips=99)
     assert not [f for f in again.effects if f.effect is not None]
     assert again.errors["nominal"].rms < 1.2 * np.sqrt(3) * NOISE
-    twice = extended_problem(world.extended, again)
+    twice = po.extended_problem(world.extended, again)
     for name, content in twice.files("twice").items():
         (world.folder / name).write_bytes(content)
     twice = po.load_problem(world.folder / "twice.yaml")
@@ -451,7 +410,7 @@ def test_an_effect_that_grew_is_found_on_top_of_the_known_one(world: World) -> N
     data = po.read_measurements(world.folder / "worn.csv", world.extended)
     found = po.diagnose(world.extended, data, flips=99)
     assert [(f.kind, f.target) for f in found.effects if f.effect is not None] == [("backlash", "joint1")]
-    corrected = extended_problem(world.extended, found)
+    corrected = po.extended_problem(world.extended, found)
     (width,) = next(e.values for e in corrected.effects if e.kind == "backlash")
     assert width == pytest.approx(8e-4, abs=8e-5)
     assert len(corrected.effects) == 3
@@ -468,7 +427,7 @@ def test_a_calibration_takes_the_effects_of_the_file_as_known(world: World) -> N
     found = po.calibrate(known, data)
     assert found.calibrated.rms < 0.2 * plain
     assert found.calibrated.rms < 1.25 * np.sqrt(3) * NOISE  # cross-validated, of 110 rows and two dozen parameters
-    again = calibrated_problem(known, found)
+    again = po.calibrated_problem(known, found)
     assert [e.name for e in again.effects] == [e.name for e in known.effects]
     q = solved(again).q
     assert np.hypot(*(world.lands(q) - np.array(TARGET))[:2]) < 0.06e-3
@@ -513,6 +472,6 @@ def test_effects_may_have_covariances_of_their_own(tmp_path: Path) -> None:
     again = po.load_problem(tmp_path / "elsewhere" / "moved.yaml")
     np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
     data["effects"][1]["covariance"] = "nowhere.csv"
-    with pytest.raises(InputError, match="no such file") as caught:
+    with pytest.raises(po.errors.InputError, match="no such file") as caught:
         po.problem_from_dict(data, tmp_path)
     assert caught.value.issues[0].key == ("effects", 1, "covariance")

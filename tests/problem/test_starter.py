@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.problem.problem import Problem
 from posture_opt.problem.starter import starter_text
 from posture_opt.problem.yaml_source import parse_yaml
 from posture_opt.robot import preset_names
@@ -18,7 +17,7 @@ from tests.helpers.variants import conformance
 SUGGESTIONS = ("region", "tool_axis", "tilt", "clearance", "criterion")
 
 
-def started(preset: str, *suggestions: str) -> Problem:
+def started(preset: str, *suggestions: str) -> po.Problem:
     """The problem of a starter file with some of its suggestions taken up."""
     text = starter_text(preset).replace("starts: 32", "starts: 4")
     for word in suggestions:

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.batch.batch_calibration import calibrate_batch
-from posture_opt.errors import InputError
 from posture_opt.model.effects import Backlash, JointCompliance, JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty
 from posture_opt.problem.load import load_builtin, problems_folder
-from posture_opt.problem.problem import Problem
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.same_problem import assert_same_numbers, written
@@ -24,7 +21,7 @@ ALWAYS = ("insert_planar_2r", "insert_scara_tray", "insert_ur10_extended", "inse
 FRAMES = ("base.", "tool.")
 
 
-def random_fit(problem: Problem, seed: int = 1, frames: bool = True) -> FittedArm:
+def random_fit(problem: po.Problem, seed: int = 1, frames: bool = True) -> FittedArm:
     """Every parameter off by half a millimetre or milliradian, known with a full covariance, and two effects."""
     rng = np.random.default_rng(seed)
     robot = problem.robot
@@ -96,18 +93,18 @@ def test_frames_alone_leave_all_else() -> None:
 
 def test_a_fit_of_another_robot_is_refused() -> None:
     planar, ur10 = load_builtin("insert_planar_2r"), load_builtin("insert_ur10")
-    with pytest.raises(InputError, match="no such parameter"):
+    with pytest.raises(po.errors.InputError, match="no such parameter"):
         planar.with_fit(random_fit(ur10))
 
 
 @pytest.fixture(scope="module")
-def measured() -> tuple[Problem, po.Diagnosis]:
+def measured() -> tuple[po.Problem, po.Diagnosis]:
     problem = load_builtin("insert_ur10_measured")
     return problem, po.diagnose(problem, po.read_measurements(problems_folder() / "ur10_measured.csv", problem))
 
 
 @pytest.mark.long
-def test_calibrated_and_extended_arms_come_back(measured: tuple[Problem, po.Diagnosis], tmp_path: Path) -> None:
+def test_calibrated_and_extended_arms_come_back(measured: tuple[po.Problem, po.Diagnosis], tmp_path: Path) -> None:
     problem, found = measured
     for model in (*found.models.values(), problem.with_fit(found.calibration), problem.with_fit(found)):
         again = written(model, tmp_path)
@@ -128,7 +125,7 @@ def test_calibrated_and_extended_arms_come_back(measured: tuple[Problem, po.Diag
 def test_what_a_batch_taught_comes_back(tmp_path: Path) -> None:
     problem = load_builtin("insert_planar_2r_measured")
     data = po.read_measurements(problems_folder() / "planar_2r_batch.csv", problem)
-    section = batch_uncertainty(problem, calibrate_batch(problem, data))
+    section = batch_uncertainty(problem, po.calibrate_batch(problem, data))
     taught = po.problem_from_dict({**problem.to_dict(), "uncertainty": section})
     assert_same_numbers(written(taught, tmp_path), taught)
     fitted = taught.with_fit(random_fit(taught))

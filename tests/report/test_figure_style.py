@@ -16,7 +16,7 @@ from matplotlib.text import Text
 import posture_opt as po
 from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.report.page.style import FONT, WIDTH
-from posture_opt.report.scene import scene_image
+from posture_opt.report.scene import shaded_picture
 from posture_opt.result import Result
 from tests.helpers.variants import conformance
 
@@ -63,7 +63,7 @@ RESULTS: dict[str, Callable[[], Result]] = {
 @pytest.fixture(scope="module", params=conformance(RESULTS, ["planar", "in space", "map"]))
 def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scene_image, "_DPI", 40)  # the grain of the shaded arm changes no text
+        patch.setattr(shaded_picture, "DPI", 40)  # the grain of the shaded arm changes no text
         drawn = RESULTS[request.param]().figures()
     assert drawn
     return drawn

@@ -18,7 +18,7 @@ from posture_opt.report.figures.diagnosis_curves import _left_by_side
 from posture_opt.report.figures.spread_check import plot_reliability
 from posture_opt.report.page.style import image
 from posture_opt.report.parts.budget_parts import budget_block
-from posture_opt.report.scene.arm_in_space import shortened
+from posture_opt.report.scene.arm_figure import shortened
 from posture_opt.report.text.blocks import Table
 from posture_opt.uncertainty.spread.budget_groups import ShareGroup
 
@@ -127,3 +127,15 @@ def test_a_long_name_in_the_column_of_joint_values_is_shortened_in_its_middle() 
     assert shortened("elbow", 25) == "elbow"
     assert len({shortened(name, 25) for name in names}) == 2
     assert all(len(shortened(name, 25)) == 25 for name in names)
+
+
+def test_a_map_colours_a_target_inside_an_obstacle_by_the_name_of_it() -> None:
+    problem = load_builtin("insert_panda_cell")
+    post = next(obstacle for obstacle in problem.scene.stated_obstacles if obstacle.name == "post")
+    x, y, _ = np.mean(post.facets(np.full(3, -2.0), np.full(3, 2.0)), axis=(0, 1))
+    found = po.map_targets(problem, counts=(3, 2), low=(x, y - 0.3, 0.2), high=(x + 0.4, y, 0.2))
+    blocked = {tuple(np.round(p["position"], 6)[:2]): p["blocked_by"] for p in found.to_json()["targets"]}  # type: ignore[index]
+    assert blocked[tuple(np.round([x, y], 6))] == "post"
+    assert all(not by for p, by in zip(found.map_points, blocked.values(), strict=True) if p.feasible)
+    (legend,) = found.plot().legends
+    assert {"post in the way", "best place", "base of the arm"} <= {text.get_text() for text in legend.get_texts()}

@@ -22,13 +22,14 @@ from posture_opt.report.figures.solution import plot_budget, plot_joint_map
 from posture_opt.report.page.save import OWN_FILES
 from posture_opt.report.page.style import image
 from posture_opt.report.scene.arm_geometry import ErrorRegion, enlargement
-from posture_opt.report.text import units_text
 from posture_opt.report.text.words import roll_pitch_yaw, source_words
+from posture_opt.statements import Quantity, notation
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 from posture_opt.units import plus_minus
 from tests.helpers import factors
 from tests.helpers.folders import names as names_in
 from tests.helpers.fresh import loaded_by
+from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 DOWN = {"kind": "insert", "direction": [0, 0, -1]}
@@ -128,24 +129,23 @@ class TestText:
 
     def test_the_answer_the_probability_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
-        report = " ".join(solution.report().split())
-        sigma = f"{1e3 * solution.critical.sigma_max:.1f} mm"
-        assert f"Standard deviation across the insertion direction: {sigma}." in report
-        assert f"(clearance 50 mm): {100 * solution.success_probability:.3g} %." in report
+        report, told = " ".join(solution.report().split()), said(solution)
+        best = told["selection.best-posture"].values
+        assert (best["sigma"], best["part"]) == (Quantity(solution.sigma_max), "across the insertion direction")
+        assert told["uncertainty.success"].values["probability"].value == solution.success_probability
         assert "(2.448 σ)" in report  # a plane ellipse, chi-square of two degrees of freedom
         assert "(1.960 σ)" in report  # the one direction across, of one degree
-        least = f"{1e3 * solution.lower_bound.sigma:.2f} mm"
-        assert f"{least} for any posture at this target, set by joint1 angle (lever 984.9 mm)" in report
+        least = f"{1e3 * solution.lower_bound.sigma:.2f}"
+        assert re.search(rf"lower bound \(joint1.theta [0-9.]+ %, lever 984.9 mm\) +{least}", report)
         # |(900, 400)| mm from the base: the lever of the first joint
         assert math.hypot(900, 400) == pytest.approx(984.9, abs=0.05)
 
     def test_a_small_gain_at_a_fixed_hole_offers_placement(self, solved: tuple[Any, Any]) -> None:
         _, solution = solved
-        report = solution.report()
-        typical = solution.statistics.typical
+        typical, told = solution.statistics.typical, said(solution)
         small = solution.target.kind == "point" and math.isfinite(typical) and solution.gain_over(typical) < 0.05
-        assert ("region: {min: [...], max: [...]}" in report) == small
-        assert ("Place the workpiece so that the target is at" in report) == (solution.target.kind != "point")
+        assert ("selection.state-region" in told) == small
+        assert ("selection.place-target" in told) == (solution.target.kind != "point")
 
     def test_budget_sums_to_all_of_it(self, solved: tuple[Any, Any]) -> None:
         report = solved[1].report()
@@ -169,8 +169,8 @@ class TestText:
             po.select_posture(problem)
         report = caught.value.solution.report()
         check_text(report)
-        assert "No posture meets the requirements of this task." in report
-        assert "out of reach by 500 mm" in report  # both links stretched reach 2 m
+        assert said(caught.value.solution)["selection.no-posture"].about == "target"
+        assert report.count("500 mm") == 1  # both links stretched reach 2 m
         assert "Nearest posture" in report
         files = contents(caught.value.solution)
         assert set(files) >= {"solution.json", "report.txt", "arm.png"}
@@ -194,9 +194,8 @@ class TestText:
                                         "solver": {"kind": "ipopt", "starts": 2}})  # fmt: skip
         solution = po.select_posture(problem)
         report = " ".join(solution.report().split())
-        ranked = "Postures are ranked by the probability of missing the clearance; the value listed is the"
-        assert report.count(ranked) >= 1
-        found = re.search(r"tilted ([\d.]+) deg from the task direction \(5 deg allowed\)", report)
+        assert "criterion miss" in said(solution)["selection.ranked-by"].text
+        found = re.search(r"tilted ([\d.]+) deg, 5 deg allowed", report)
         assert found
         axis = factors.pose(problem.robot, solution.q)[:3, 2]
         assert float(found[1]) == pytest.approx(math.degrees(math.acos(-axis[2])), abs=0.006)  # two decimals
@@ -259,32 +258,28 @@ class TestUnits:
          (0, "0 mm")],
     )  # fmt: skip
     def test_lengths(self, metres: float, shown: str) -> None:
-        assert units_text.length(metres) == shown
+        assert notation.length(metres) == shown
 
     @pytest.mark.parametrize(
         ("p", "shown"),
-        [(0.5, "50 %"), (0.9932, "99.32 %"),
-         (1.0, "> 99.9999 %"),
-         (1 - 1e-11, "> 99.9999 %"),
-         (0.0, "0 %"),
-         (1 - 3.2e-6, "99.99968 % (one miss in 312,500)")],
-    )  # fmt: skip
-    def test_probability_never_rounds_a_miss_away(self, p: float, shown: str) -> None:
-        assert units_text.probability(p) == shown
+        [(0.5, "50 %"), (0.9932, "99.3 %"), (1 - 1e-11, "> 99.9 %"), (0.0, "0 %"), (1e-9, "< 0.1 %")],
+    )
+    def test_probability_ends_where_the_model_does(self, p: float, shown: str) -> None:
+        assert notation.probability(p) == shown
 
     @pytest.mark.parametrize(("share", "shown"), [(0.974, "97 %"), (0.056, "5.6 %"), (0.002, "0.20 %"), (0, "0 %")])
     def test_shares(self, share: float, shown: str) -> None:
-        assert units_text.percent(share) == shown
+        assert notation.percent(share) == shown
 
     def test_what_is_stated_comes_back_as_stated(self) -> None:
-        assert units_text.stated_length(0.05e-3) == "0.05 mm"
-        assert units_text.stated_length(123.45e-3) == "123.45 mm"
-        assert units_text.stated_length(2.20863e-6) == "2.21 µm"
-        assert units_text.stated(0.05, "m/rad") == "50 mm per rad"
-        assert units_text.stated_angle(math.radians(0.02)) == "0.02 deg"
-        assert units_text.stated_angle(0.3e-3) == "0.0172 deg"
-        assert units_text.stated_sigma(math.radians(1.0), "rad") == "1 deg"
-        assert units_text.stated_sigma(math.radians(0.02), "rad") == "0.349 mrad"
+        assert notation.stated_length(0.05e-3) == "0.05 mm"
+        assert notation.stated_length(123.45e-3) == "123.45 mm"
+        assert notation.stated_length(2.20863e-6) == "2.21 µm"
+        assert notation.stated(0.05, "m/rad") == "50 mm per rad"
+        assert notation.stated_angle(math.radians(0.02)) == "0.02 deg"
+        assert notation.stated_angle(0.3e-3) == "0.0172 deg"
+        assert notation.stated_sigma(math.radians(1.0), "rad") == "1 deg"
+        assert notation.stated_sigma(math.radians(0.02), "rad") == "0.349 mrad"
 
     @pytest.mark.parametrize(
         ("value", "std", "shown"),
@@ -339,7 +334,7 @@ class TestFigures:
                 unit = any(re.search(r"\[(mm|µm|deg|%)\]", label) for label in labels)
                 assert unit or re.search(r"\d mm", words(figure)), f"{name}: no unit in {labels}, and no scale"
             if name in ("arm", "spread"):
-                assert re.search(r"95 % (ellipse|ellipsoid|interval),\s(enlarged \d+×|true to scale)", words(figure))
+                assert re.search(r"95 %\s(ellipse|ellipsoid|interval),\s(enlarged \d+×|true\sto\sscale)", words(figure))
 
     def test_png_at_150_dpi_and_the_same_every_time(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from posture_opt.report.page.style import image
-from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_lead
-from posture_opt.report.text.blocks import Report
-from posture_opt.report.text.text import render
+from posture_opt.statements import Statement
 from posture_opt.validation.spread_check import SpreadCheck
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
@@ -28,8 +26,8 @@ uncertainty:
 """
 
 
-def text_of(found: SpreadCheck) -> str:
-    return render(Report("Spread", (spread_check_lead(found),), spread_check_blocks(found)))
+def said(found: SpreadCheck) -> dict[str, Statement]:
+    return {one.id.removeprefix("validation."): one for one in found.statements}
 
 
 @pytest.fixture(scope="module")
@@ -37,42 +35,40 @@ def understated() -> SpreadCheck:
     return checked(arm(STATED), *measured(np.random.default_rng(1), 30, 4, times=2.0, length=2e-4))
 
 
-def test_the_line_that_a_person_understands(understated: SpreadCheck) -> None:
-    line = spread_check_lead(understated)
-    share = round(100 * understated.coverage95["nominal"])
-    assert f"the predicted 95 % ellipse contains {share} % of the measured points" in line
-    assert "the spread is understated by a factor of " in line
-    factor = float(line.split("by a factor of ")[1].split()[0])
-    assert factor == pytest.approx(2.0, abs=0.4)
+def test_the_answer_is_the_coverage_of_what_is_stated(understated: SpreadCheck) -> None:
+    answer = understated.statements[0]
+    assert (answer.id, answer.about, answer.severity) == ("validation.coverage-understated", "nominal", "result")
+    assert answer.values["share"].value == understated.coverage95["nominal"]
+    assert answer.values["factor"].value == pytest.approx(2.0, abs=0.4)
 
 
-def test_the_report_says_what_is_compared_with_what(understated: SpreadCheck) -> None:
-    text = " ".join(text_of(understated).split())
-    assert "Predicted from the scatter in the file and the instrument." in text
-    assert "Systematic errors, such as wrong lengths, do not show between repeats." in text
-    assert "times the predicted one" in text
-    assert "the predicted scatter is too small" in text
-    assert "Most of that is scatter." in text
-    assert "one σ for each joint predicts the scatter better than one isotropic region" in text
-    assert "Over the σ's stated in the file it gains" in text
+def test_repeats_are_compared_with_what_the_file_states(understated: SpreadCheck) -> None:
+    found = said(understated)
+    assert found["scatter-understated"].values["source"] == "the scatter in the file"
+    assert {"mostly-scatter", "postures-scatter-otherwise", "joints-from-repeats"} <= set(found)
+    assert found["joints-predict-better"].values["model"] == "one σ for each joint"
 
 
-def test_no_line_is_too_wide(understated: SpreadCheck) -> None:
-    assert max(map(len, text_of(understated).splitlines())) <= 100
+def test_the_report_has_a_table_of_each_kind(understated: SpreadCheck) -> None:
+    """The one snapshot: block titles, and lines that fit."""
+    report = understated.report()
+    assert max(map(len, report.splitlines())) <= 100
+    blocks = ["Coverage of the predicted spread", "Repeats against the predicted scatter", "Scatter of each joint"]
+    assert [block.title for block in understated.document().blocks] == blocks
 
 
 def test_without_stated_uncertainty_and_repeats_that_is_said() -> None:
-    text = " ".join(text_of(checked(arm({}), *measured(np.random.default_rng(2), 40))).split())
-    assert "The problem states no uncertainty of the arm" in text
-    assert "No posture was repeated" in text
-    assert "Estimated from the residuals of the calibration" in text
+    found = checked(arm({}), *measured(np.random.default_rng(2), 40))
+    assert found.statements[0].about == "calibrated"
+    assert {"uncertainty-unstated", "scatter-inseparable", "joints-from-residuals"} <= set(said(found))
 
 
 def test_repeats_that_scatter_less_than_what_is_left_are_no_scatter() -> None:
     rng = np.random.default_rng(3)
     q, points = measured(rng, 30, 3, times=0.02)
-    found = checked(arm({}), q, points + rng.normal(0, 1e-3, (30, 2)).repeat(3, axis=0))
-    assert "is the same in every repeat: systematic errors, not scatter" in " ".join(text_of(found).split())
+    found = said(checked(arm({}), q, points + rng.normal(0, 1e-3, (30, 2)).repeat(3, axis=0)))
+    assert found["mostly-systematic"].values["share"].value > 0.75
+    assert "scatter-unstated" in found
 
 
 def test_long_tails_are_told_from_a_wrong_size() -> None:
@@ -82,7 +78,7 @@ def test_long_tails_are_told_from_a_wrong_size() -> None:
     points = position(q + wide * SCATTER * rng.normal(size=q.shape), (1.0, 0.8)) + NOISE * rng.normal(size=q.shape)
     found = checked(arm({"scatter": {"j1.theta": "1 mrad", "j2.theta": "2 mrad"}}), q, points)
     assert found.coverage["nominal"].held(0.5) > 0.7
-    assert "errors are more concentrated than predicted" in " ".join(text_of(found).split())
+    assert ("validation.more-concentrated", "nominal") in [(one.id, one.about) for one in found.statements]
 
 
 def test_the_figures_are_drawn(understated: SpreadCheck) -> None:

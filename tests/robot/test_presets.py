@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.robot import PresetRobot, load_preset, preset_names, preset_text
 from posture_opt.robot.preset import PresetFile
 from tests.helpers.factors import elementary, frame, pose, random_postures
@@ -79,7 +79,7 @@ def test_a_turned_first_frame_is_no_part_of_the_base(name):
 
 
 def test_unknown_preset_offers_the_nearest():
-    with pytest.raises(InputError, match="did you mean 'ur10e'") as caught:
+    with pytest.raises(po.errors.InputError, match="did you mean 'ur10e'") as caught:
         load_preset("ur10-e")
     assert caught.value.issues[0].key == ("name",)
 
@@ -92,13 +92,15 @@ def test_unknown_preset_offers_the_nearest():
     ("staubli", "'ts2_60', 'tx2_60' or 'tx2_90'"), ("FANUC", "'crx10ia', 'lrmate200id', 'm10id' or 'r2000ic'"),
 ])  # fmt: skip
 def test_a_mistyped_name_or_a_maker_finds_its_arms(typed, meant):
-    with pytest.raises(InputError, match=f"there is no preset .* did you mean {meant}\\? presets: crb15000, "):
+    with pytest.raises(
+        po.errors.InputError, match=f"there is no preset .* did you mean {meant}\\? presets: crb15000, "
+    ):
         load_preset(typed)
 
 
 @pytest.mark.parametrize("typed", ["", "zzz", "-"])
 def test_what_is_like_no_preset_gets_the_list(typed):
-    with pytest.raises(InputError, match="– presets: crb15000, "):
+    with pytest.raises(po.errors.InputError, match="– presets: crb15000, "):
         load_preset(typed)
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.robot import Capsule, DhRobot, UrdfRobot, load_preset
-from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, along_links, stand_in
+from posture_opt.robot.link_capsules import along_links
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import elementary, frame, random_postures
 from tests.helpers.pin import BARE, robots_folder
@@ -74,13 +72,9 @@ def test_shape_of_a_table():
     ("thick", "robot.shape", "is not a list"),
 ])  # fmt: skip
 def test_bad_shapes_are_refused(shape, key, message):
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(po.errors.InputError, match=message) as caught:
         with_shape(shape)
     assert str(caught.value).startswith(f"{key}: ")
-
-
-def test_volume():
-    assert Capsule("base", (0, 0, 0), (0, 3, 4), 2.0).volume == pytest.approx(math.pi * 4 * 5 + 4 / 3 * math.pi * 8)
 
 
 UR5_URDF = robots_folder() / "ur_description/urdf/ur5_robot.urdf"
@@ -104,22 +98,3 @@ def test_capsules_lie_along_the_links(arm):
         points = corners(robot, q)
         ends = np.array([end for c, pair in zip(capsules, at, strict=True) if c.joint not in SLIDES for end in pair])
         assert np.linalg.norm(ends[:, None] - points, axis=2).min(axis=1).max() < ROUNDING
-
-
-def test_d_and_a_are_two_capsules_that_move_with_the_joint():
-    robot = DhRobot(joints=[{"name": "j", "d": "0.2 m", "a": "0.3 m", "alpha": "90 deg"}]).build(Path())
-    assert along_links(robot, 0.01) == (
-        Capsule("j", (-0.3, -0.2, 0.0), (-0.3, 0.0, 0.0), 0.01),
-        Capsule("j", (-0.3, 0.0, 0.0), (0.0, 0.0, 0.0), 0.01),
-    )
-
-
-def test_a_slide_reaches_back_over_its_stroke():
-    quill = next(c for c in along_links(load_preset("scara"), 0.01) if c.joint == "joint3")
-    assert (quill.start, quill.end) == ((0, 0, -0.15), (0, 0, 0))
-
-
-def test_the_stand_in_has_four_per_cent_of_the_length():
-    robot = load_preset("panda")
-    assert {c.radius for c in stand_in(robot)} == {STAND_IN_RADIUS_RATIO * robot.length}
-    assert with_shape({"radius": "50 mm"}, "panda").robot.shape == along_links(robot, 0.05)

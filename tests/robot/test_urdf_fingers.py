@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.robot.urdf_reader import read_urdf
 from posture_opt.robot.urdf_tip import chosen_tip
@@ -88,13 +88,13 @@ def test_what_is_no_finger_stays_in_the_chain(tmp_path: Path, arm: str) -> None:
 
 def test_a_linkage_that_follows_the_arm_is_no_finger(tmp_path: Path) -> None:
     """The wrist of a palletiser stays level by a mimic joint, which the chain cannot have."""
-    with pytest.raises(InputError, match="'level' mimics 'j2'"):
+    with pytest.raises(po.errors.InputError, match="'level' mimics 'j2'"):
         tip_of(tmp_path, (*ARM[:3], ("level", "revolute", "l3", "end", "-2 2", "j2")))
 
 
 def test_two_arms_on_one_torso_are_no_fingers(tmp_path: Path) -> None:
     arms = tuple((f"{s}{n}", k, a if a == "l0" else s + a, s + b, m, "") for s in "ab" for n, k, a, b, m, _ in ARM)
-    with pytest.raises(InputError, match="2 last links"):
+    with pytest.raises(po.errors.InputError, match="2 last links"):
         tip_of(tmp_path, arms)
 
 

@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+import posture_opt as po
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
-from posture_opt.errors import InputError
-from posture_opt.robot import Robot, UrdfRobot
-from posture_opt.robot.capsule_fit import Edges, fitted_capsules, smallest_capsule
+from posture_opt.robot import UrdfRobot
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import random_postures
 from tests.helpers.pin import PinArm, robots_folder
@@ -47,7 +46,7 @@ BODIES = """<robot name="two">
 OWNER = {"foot": "base", "stand": "base", "arm": "turn", "slide": "lift", "gripper": "lift"}
 
 
-def built(tmp_path: Path, text: str, **keys) -> Robot:
+def built(tmp_path: Path, text: str, **keys) -> po.Robot:
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     return UrdfRobot(file="arm.urdf", tip_link="tip", **keys).build(tmp_path)
 
@@ -68,7 +67,7 @@ def surface(shape) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore:Please update your 'hppfcl' imports:DeprecationWarning")
-def outside(robot: Robot, arm: PinArm, file: Path, owner, base: str, rename=str, scale=1.0) -> float:
+def outside(robot: po.Robot, arm: PinArm, file: Path, owner, base: str, rename=str, scale=1.0) -> float:
     """How far any collision body sticks out of the capsules of its joint [m], at random postures."""
     geometry = pinocchio.buildGeomFromUrdf(
         arm.model, str(file), pinocchio.GeometryType.COLLISION, package_dirs=[str(robots_folder().parents[1])]
@@ -97,30 +96,6 @@ def test_capsules_contain_boxes_cylinders_and_spheres(tmp_path: Path) -> None:
     assert {capsule.joint for capsule in robot.shape} == {"base", "turn", "lift"}
     assert outside(robot, PinArm(BODIES), tmp_path / "arm.urdf", OWNER, "foot") < 1e-8
     assert robot.shape_notes == ("not in the shape, as they move apart from the chain: finger",)
-
-
-def least_volume(radius: float, length: float) -> float:
-    """Of a capsule along the axis of a cylinder, by a fine grid over its radius [m³]."""
-    r = radius * np.linspace(1.0, 3.0, 20001)
-    straight = np.maximum(length - 2 * np.sqrt(r * r - radius * radius), 0.0)
-    volume = np.pi * r * r * (straight + 4 / 3 * r)
-    return float(volume[np.hypot(radius, length / 2) <= r + straight / 2 + 1e-12].min())
-
-
-def test_capsules_are_small(tmp_path: Path) -> None:
-    robot = built(tmp_path, BODIES)
-    (ball,) = (capsule for capsule in robot.shape if capsule.radius == pytest.approx(0.07))
-    assert ball.start == ball.end == pytest.approx((0, 0, 0.3))
-    rod = next(capsule for capsule in robot.shape if capsule.joint == "lift")
-    assert rod.volume <= 1.02 * least_volume(0.02, 0.3)  # the search stops within 1e-3 of its size
-
-
-def test_a_flat_plate_takes_several_capsules() -> None:
-    corners = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.01, 0.01)])
-    plate = Edges.about(corners)
-    one, several = smallest_capsule(corners, "base"), fitted_capsules(plate, "base")
-    assert len(several) == 3
-    assert sum(capsule.volume for capsule in several) < 0.6 * one.volume
 
 
 def test_capsules_of_a_self_collision_model_are_taken_as_they_are() -> None:
@@ -176,12 +151,6 @@ def test_meshes_of_a_package_are_found(tmp_path: Path, name: str) -> None:
     assert sum(c.radius for c in robot.shape) / len(ends) < 0.5 * math.sqrt(3)
 
 
-def test_a_mesh_that_is_not_there_is_a_note(tmp_path: Path) -> None:
-    robot = built(tmp_path, MESH.format("package://parts/meshes/cube.stl"))
-    assert robot.shape == ()
-    assert robot.shape_notes == ("no shape of tip: mesh cube.stl not found",)
-
-
 def test_without_trimesh_a_note_says_what_would_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "trimesh", None)
     (tmp_path / "cube.obj").write_text(CUBE)
@@ -208,7 +177,7 @@ def test_a_mesh_with_an_absurd_coordinate_is_a_note(tmp_path: Path) -> None:
 
 
 def test_numbers_that_are_none_are_refused_with_their_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"arm.urdf:2.*box size") as caught:
+    with pytest.raises(po.errors.InputError, match=r"arm.urdf:2.*box size") as caught:
         built(tmp_path, BODIES.replace("0.3 0.2 0.1", "0.3 0.2"))
     assert caught.value.issues[0].key == ("file",)
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.robot import load_preset, preset_names
 from tests.helpers.pin import PinArm, robots_folder
 
@@ -68,7 +67,7 @@ def test_the_file_has_the_last_word():
     ],
 )
 def test_what_is_no_speed_is_refused(velocity, message):
-    with pytest.raises(InputError, match=re.escape(message)):
+    with pytest.raises(po.errors.InputError, match=re.escape(message)):
         problem({"kind": "preset", "name": "scara", "velocity": velocity})
 
 

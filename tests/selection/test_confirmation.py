@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 import posture_opt as po
-from posture_opt.report.parts.solution_checks import confirmation_words
-from posture_opt.report.text.units_text import percent
 from posture_opt.robot.preset import load_preset
+from posture_opt.selection.answer import selector
+from posture_opt.selection.answer.confirmation_statement import confirmed as statements_of
+from posture_opt.selection.search.confirmation import Confirmation
 from posture_opt.selection.search.confirmed_posture import confirmed
+from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 TARGETS = {
@@ -52,15 +54,14 @@ def test_where_both_differ_the_better_posture_is_taken() -> None:
     assert engine is not None
     given = max(engine.candidates(solution.feasible, target), key=lambda one: one.sigma)
     assert given.sigma > solution.sigma_max * (1 + 1e-3)
-    (best, *others), said = confirmed(engine, [given], target, scene)
-    assert said is not None
-    assert (said.taken, said.differs, best.optimal) == (True, True, True)
-    assert said.agrees == pytest.approx(1 - best.sigma / given.sigma, rel=1e-6)
+    (best, *others), result = confirmed(engine, [given], target, scene)
+    assert result is not None
+    assert (result.taken, result.differs, best.optimal) == (True, True, True)
+    assert result.agrees == pytest.approx(1 - best.sigma / given.sigma, rel=1e-6)
     assert given.sigma > best.sigma >= solution.sigma_max * (1 - 1e-6)
     assert [one.q for one in others] == [given.q]
-    words = confirmation_words(said)
-    assert "better posture, which is the answer" in words
-    assert f"differs by {percent(said.agrees)}" in words
+    (told,) = statements_of(result)
+    assert (told.id, told.values["difference"].value) == ("selection.confirmation-better", result.agrees)  # type: ignore[union-attr]
 
 
 def test_a_repeated_solve_is_confirmed_on_request() -> None:
@@ -111,7 +112,7 @@ def test_every_feature_is_confirmed(combine: str) -> None:
     assert told["name"] == "ipopt"
     assert told["agrees"] == max(one.agrees for one in every if one is not None) <= 1e-6
     assert told["iterations"] == sum(one.iterations for one in every if one is not None)
-    assert "confirmed by IPOPT" in found.report()
+    assert "selection.confirmed" in said(found)
     assert bool(found.prices) == (combine == "worst")
 
 
@@ -121,7 +122,7 @@ def test_the_targets_that_a_map_names_are_confirmed() -> None:
     assert told["name"] == "ipopt"
     assert told["agrees"] <= 1e-6
     assert told["iterations"] >= 2  # at the best target and at the worst
-    assert "confirmed by IPOPT" in " ".join(found.report().split())
+    assert "selection.confirmed" in said(found)
 
 
 def test_ipopt_finds_the_motion_along_a_path() -> None:
@@ -146,4 +147,16 @@ def test_ipopt_finds_the_motion_along_a_path() -> None:
     assert told["iterations"] > 0
     assert told["agrees"] <= 1e-6
     assert told["kkt"] <= 1e-6
-    assert "confirmed by IPOPT" in " ".join(found.report().split())
+    assert "selection.confirmed" in said(found)
+
+
+def test_a_solver_that_goes_elsewhere_leaves_no_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """IPOPT is made to end at a worse posture: what the search found is the answer, and not called an optimum."""
+
+    def elsewhere(engine: Any, best_first: Any, target: Any, scene: Any) -> Any:
+        return list(best_first), Confirmation("ipopt", 1, 1e-9, 0.01)
+
+    monkeypatch.setattr(selector, "confirmed", elsewhere)
+    assert po.select_posture(problem_of("planar_2r", "insert")).status == "feasible"
+    monkeypatch.undo()
+    assert po.select_posture(problem_of("planar_2r", "insert")).status == "optimal"

@@ -11,6 +11,7 @@ from posture_opt.export.robot_program import answer_program
 from posture_opt.problem.load import problem_from_dict
 from tests.helpers.brute_force import in_the_world
 from tests.helpers.cells import POST, TABLE
+from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 NEAR = {**TABLE, "size": ["1.6 m", "1.6 m", "40 mm"], "xyz": ["0.9 m", "0 m", "-40 mm"]}  # begins 0.1 m before the arm
@@ -69,8 +70,9 @@ def test_the_plane_is_the_ceiling_of_a_hanging_arm() -> None:
 def test_a_plane_that_the_task_cannot_do_with_is_dropped_and_named_first() -> None:
     solution = po.select_posture(problem_of("ur5e", (0.4, 0.1, -0.35)))
     depth = -heights(solution.problem, solution.q)[:, 0].min()
-    first = solution.report().splitlines()[1]
-    assert first.startswith(f"The arm reaches {depth * 1e3:.0f} mm below its mounting plane")
+    dropped = said(solution)["collision.mounting-dropped"]
+    assert (dropped.severity, dropped.values["depth"].value) == ("danger", pytest.approx(depth, abs=1e-6))
+    assert "below its mounting plane" in solution.report().splitlines()[2]
     assert solution.to_json()["mounting"] == {"below": 0.0, "assumed": True, "dropped": True}
     assert any("below its mounting plane" in note for note in answer_program(solution.problem, solution).notes)
 
@@ -81,7 +83,7 @@ def test_a_plane_that_is_stated_is_kept() -> None:
         po.select_posture(problem_of("ur5e", (0.4, 0.1, -0.35), {"mounting": {"below": "0 m"}}))
     pedestal = po.select_posture(problem_of("ur5e", (0.4, 0.1, -0.35), {"mounting": {"below": "750 mm"}}))
     assert heights(pedestal.problem, pedestal.q)[:, 0].min() >= -0.75
-    assert "mounting plane, assumed" not in pedestal.report()
+    assert "collision.mounting-assumed" not in said(pedestal)
 
 
 @pytest.mark.parametrize(
@@ -114,13 +116,13 @@ def test_features_and_maps_drop_the_plane_together() -> None:
     workpiece = {"x": "0.4 m", "y": "0.1 m", "z": "0.1 m"}
     both = po.select_posture(problem_of("ur5e", workpiece=workpiece, features=[low, high]))
     assert both.problem.scene.mounting.dropped
-    assert "below its mounting plane" in both.report().splitlines()[1]
+    assert "collision.mounting-dropped" in said(both)
     found = po.map_targets(
         problem_of("ur5e", (0.4, 0.1, -0.35)), counts=(2, 2), low=(0.38, 0.1, -0.35), high=(0.42, 0.14, -0.35),
         compiled=False,
     )  # fmt: skip
     assert found.problem.scene.mounting.dropped
-    assert "below its mounting plane" in found.report().splitlines()[1]
+    assert "collision.mounting-dropped" in said(found)
 
 
 @pytest.mark.long
@@ -150,13 +152,13 @@ def dh_ur5(cell=None):
 def test_an_elbow_below_the_base_is_said_where_nothing_tells_what_the_arm_stands_on() -> None:
     problem = dh_ur5()
     below = np.radians([40.7, 156.7, 120.8, 172.5, 90.0, 0.0])  # a posture that was once delivered without a word
-    note = problem.scene.mounting_note(below)
-    assert note.startswith(
-        "Before driving there: the link behind J2 ends 79 mm below the xy plane of the base"
-    )  # 425 sin 156.7° − 89.459
+    danger = problem.scene.mounting_statement(below)
+    assert (danger.id, danger.severity, danger.about) == ("collision.link-below-base", "danger", "J2")
+    assert danger.values["depth"].value == pytest.approx(0.079, abs=5e-4)  # 425 sin 156.7° − 89.459
     assert not problem.scene.mounting_note(np.radians([40.7, -115.8, -93.1, 118.9, -90.0, 0.0]))
     for cell in ({"mounting": "none"}, {"mounting": {"below": "0 m"}}, {"obstacles": [TABLE]}, "none"):
-        assert "ends" not in dh_ur5(cell).scene.mounting_note(below)
+        other = dh_ur5(cell).scene.mounting_statement(below)
+        assert other is None or other.id != "collision.link-below-base"
     kept = po.PostureSelector(dh_ur5({"mounting": {"below": "0 m"}}), compiled=False).solve()
     assert not dh_ur5().scene.mounting_note(kept.q)
     assert dh_ur5().scene.mounting is None  # only said: no plane is assumed

@@ -11,6 +11,7 @@ import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from tests.helpers import factors
 from tests.helpers.command_line import invoke
+from tests.helpers.said import said
 
 SLOW = {"joint1": "60 deg/s", "joint2": "90 deg/s"}
 
@@ -24,9 +25,8 @@ def problem(points, robot=None, **task):
     robot = links() if robot is None else robot
     sigma = {f"joint{k + 1}.theta": f"{0.1 * (k + 1)} deg" for k in range(len(robot["joints"]))}
     listed = [[f"{v:.9f} m" for v in point] for point in points]
-    return po.problem_from_dict(
-        {"robot": robot, "uncertainty": {"sigma": sigma}, "task": {"kind": "trace", "points": listed, **task}}
-    )
+    task = {"kind": "trace", "points": listed, "spacing": "9 m", **task}  # at these points alone
+    return po.problem_from_dict({"robot": robot, "uncertainty": {"sigma": sigma}, "task": task})
 
 
 def tool(Q):
@@ -72,7 +72,7 @@ def test_the_highest_speed_is_reported_without_being_asked_for():
     found = po.select_posture(problem(ring(5, (0.9, 0.5), 0.4, 2.0), links(velocity=SLOW)))
     document = found.to_json()
     assert (rates(document, postures(document)) / np.radians([60, 90])).max() == pytest.approx(1, abs=1e-9)
-    assert "Highest possible constant speed" in found.report()
+    assert "selection.speed-highest" in said(found)
 
 
 def test_without_known_speeds_only_a_stated_one_has_times():
@@ -136,7 +136,7 @@ def test_round_the_base_the_first_joint_ends_a_whole_turn_away():
     assert abs(document["whole_turns"]["joint1"]) == 1
     np.testing.assert_allclose(Q[-1] - Q[0], [2 * math.pi * document["whole_turns"]["joint1"], 0], atol=1e-9)
     assert document["breaks"] == []
-    assert "whole turns: joint1 by" in found.report()
+    assert said(found)["selection.path-turned"].about == "joint1"
 
 
 def test_round_the_base_within_half_a_turn_the_arm_has_to_swing_back_and_says_so():
@@ -160,7 +160,7 @@ def test_a_path_through_the_base_is_singular_there_and_no_step_leaves_the_limits
     np.testing.assert_allclose(tool(found.motion.Q), found.path.points[:, :2], atol=1e-7)
     apart = np.sort(np.abs(np.diff(found.motion.Q, axis=0)).max(axis=1))
     assert apart[-2] < math.radians(5)
-    assert "Singular between points 1 and 2: there joint1 moves by 17" in found.report()
+    assert said(found)["selection.path-singular"].about == "joint1"
 
 
 def test_an_arm_that_may_turn_its_elbow_through_goes_straight_over_its_base():
@@ -176,7 +176,7 @@ def test_spatial_motions_keep_speed_and_close():
     found = po.select_posture(
         po.problem_from_dict({
             "robot": {"kind": "preset", "name": "ur10"}, "cell": "none",
-            "task": {"kind": "weld", "points": listed, "closed": True, "speed": "highest"},
+            "task": {"kind": "weld", "points": listed, "spacing": "9 m", "closed": True, "speed": "highest"},
         })
     )  # fmt: skip
     document = found.to_json()

@@ -47,7 +47,7 @@ def arc(count, centre=(1.0, 0.5), radius=0.3):
 def planar(points, **task):
     return po.problem_from_dict({
         "robot": PLANAR, "uncertainty": {"sigma": SIGMA},
-        "task": {"kind": "trace", "points": metres(points), **task},
+        "task": {"kind": "trace", "points": metres(points), "spacing": "9 m", **task},  # at these points alone
     })  # fmt: skip
 
 
@@ -55,7 +55,7 @@ def preset(name, points, axis=None, **task):
     axes = {} if axis is None else {"axes": [list(axis)] * len(points)}
     return po.problem_from_dict({
         "robot": {"kind": "preset", "name": name},
-        "task": {"kind": "trace", "points": metres(points), **axes, **task},
+        "task": {"kind": "trace", "points": metres(points), "spacing": "9 m", **axes, **task},
     })  # fmt: skip
 
 
@@ -179,6 +179,19 @@ def test_workers_do_not_change_a_placement_and_progress_is_reported():
     assert all(done <= total for done, total in calls)
 
 
+def test_a_line_that_is_given_by_its_ends_is_followed_between_them():
+    """Coarse, it led from one branch into another, and the tool off the line by 432 mm."""
+    points = np.array([[0.5, -0.3, 0.25], [-0.2, -0.3, 0.25]])
+    problem = preset("ur10e", points, (0, 0, -1)).replace(task__spacing=None, cell="none")
+    found, near = po.select_posture(problem), po.select_posture(problem.replace(task__spacing="20 mm"))
+    assert found.breaks == ()
+    assert len(found.to_json()["path"]) == 2
+    assert found.critical.sigma_max == pytest.approx(near.critical.sigma_max, rel=1e-6)
+    assert found.off_line < 5e-3
+    between = found.law.highest / near.law.highest  # joints are as fast between the points as dense points say
+    assert between == pytest.approx(1, abs=0.015)
+
+
 def test_two_points_with_a_free_axis_keep_to_their_bound():
     """So few candidates stand near the optimum that the motion finds better postures than any of them."""
     found = po.select_posture(preset("ur10", np.array([[0.45, -0.2, 0.25], [0.48, -0.1, 0.25]])))
@@ -281,7 +294,8 @@ def test_the_table_of_a_long_path_has_the_point_that_the_headline_names():
 def test_a_torch_points_along_the_seams_own_axes():
     points = bent((0.6, -0.3, 0.2), (0.8, 0.0, 0.1), (0.6, 0.3, 0.2), 5)
     axes = [[0.2, 0.1 * k, -1.0] for k in range(5)]
-    problem = preset("ur10", points).with_task("weld", axes=axes, points=metres(points), standoff="15 mm")
+    problem = preset("ur10", points).with_task("weld", axes=axes, points=metres(points), standoff="15 mm",
+                                                spacing="9 m")  # fmt: skip
     found = po.select_posture(problem)
     d = np.array(axes) / np.linalg.norm(axes, axis=1, keepdims=True)
     for q, axis, point in zip(found.motion.Q, d, points, strict=True):

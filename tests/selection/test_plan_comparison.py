@@ -52,7 +52,7 @@ def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None
     assert predicted.critical_error > predicted.distance
     assert found.answered["calibrated"].judged["calibrated"].distance < 1e-7
     document = found.to_json()
-    assert set(document) == {"nominal", "calibrated", "reasons"}
+    assert set(document) == {"nominal", "calibrated", "reasons", "statements"}
     assert document["nominal"]["posture"] == solution.posture
     assert document["nominal"]["success_probability"] is None
 

@@ -60,7 +60,7 @@ def test_a_bad_file_has_its_row_and_the_others_their_answers(files: dict[str, Pa
     words = ["batch", "insert_planar_2r", files["far"], files["bad"], "drill_planar_2r"]
     result = invoke(*words, "--out", out, "--no-plots")
     assert result.exit_code == 2
-    assert "2 of 4 problems solved; 1 with bad input, 1 without a solution." in result.stdout
+    assert "2 of 4 problems solved.\nFailed    1 with bad input and 1 without a solution." in result.stdout
     assert "joints" in result.stdout
     with (out / "answers.csv").open(encoding="utf-8") as table:
         rows = list(csv.DictReader(table, skipinitialspace=True))

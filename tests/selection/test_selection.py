@@ -13,6 +13,7 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from tests.helpers.factors import joint_jacobian, parameter_jacobian, pose
+from tests.helpers.said import said
 from tests.helpers.variants import conformance
 
 SIGMA_2R = {"joint1.theta": "1 deg", "joint2.theta": "3 deg", "joint1.a": "10 mm", "joint2.a": "10 mm"}
@@ -82,7 +83,7 @@ def test_anywhere_in_reach_finds_the_grid_optimum() -> None:
 
 def test_a_tool_axis_that_cannot_turn_is_left_out_and_said_so() -> None:
     solution = po.select_posture(problem("planar_2r", {"direction": [0, -1, 0]}, SIGMA_2R))
-    assert any("orientation is not constrained" in note for note in solution.notes)
+    assert "selection.axis-impossible" in said(solution)
 
 
 # --- spatial arms: the answer obeys its requirements, judged by an independent forward kinematics -------------------
@@ -278,7 +279,7 @@ def test_out_of_reach_says_by_how_much_and_where_to() -> None:
     assert reason.amount == pytest.approx(3.0 - 2.0, abs=1e-5)
     assert "out of reach by 1000 mm" in reason.message
     # Straight towards the base: (0.6, 0.8) of the missing metre.
-    assert "(-600.0, -800.0, 0.0) mm" in reason.message
+    assert "(-600.0, -800.0, 0.0) mm" in said(solution)["selection.remedy"].text
     assert pose(solution.problem.robot, solution.q)[:2, 3] == pytest.approx([1.2, 1.6], abs=1e-4)
 
 
@@ -354,7 +355,7 @@ def test_what_the_first_joint_cannot_move_has_no_lower_bound() -> None:
     solution = po.select_posture(problem("ur10", task, base=TILTED))
     assert solution.lower_bound is None
     assert solution.to_json()["floor"] is None
-    assert "Lower bound" not in solution.report()
+    assert "lower bound" not in solution.report()
 
 
 def test_nothing_uncertain_and_no_task_are_input_errors() -> None:

@@ -337,3 +337,8 @@ def test_no_task_is_loaded_from_the_working_directory(tmp_path: Path) -> None:
     done = subprocess.run(words, env=env, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "polish" not in done.stdout
+
+
+def test_an_empty_list_of_features_is_refused() -> None:
+    with pytest.raises(InputError, match="features is an empty list"):
+        po.problem_from_dict({"robot": {"kind": "preset", "name": "ur5e"}, "task": {"kind": "insert", "features": []}})

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.report.parts.budget_parts import group_words
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
-from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, share_groups
-from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE
 from tests.helpers.stated import stated
 
 Q6 = (0.3, -1.0, 1.2, 0.4, 0.7, 0.0)
@@ -35,8 +33,6 @@ def test_two_lengths_that_cancel_are_one_line() -> None:
     assert lengths.share + angle.share == pytest.approx(1.0)
     assert lengths.share == pytest.approx(1.0, abs=1e-3)
     report = spread.report()
-    words = group_words(lengths, spread.tool_point.arm)
-    assert sorted(words.removesuffix(" (correlated)").split(" and ")) == ["joint1 link length", "joint2 link length"]
     assert "-40 %" not in report
     document = spread.to_json()
     assert {entry["parameter"] for entry in document["critical_budget"]} == {"joint1.theta", "joint1.a", "joint2.a"}
@@ -56,7 +52,7 @@ def test_dense_covariances_have_no_line_below_zero(seed: int) -> None:
     names = tuple(f"{joint}.{p}" for joint in robot.joint_names for p in ("theta", "a", "d"))
     A = rng.standard_normal((len(names), 4)) * 2e-4
     sources = Sources(names, A @ A.T + 1e-10 * np.eye(len(names)))
-    spread = propagate(stated(robot, sources), Q6)
+    spread = po.propagate(stated(robot, sources), Q6)
     groups = spread.budget_groups
     assert sum(g.share for g in groups) == pytest.approx(1.0)
     assert min(g.share for g in groups) > -SHARE_TOLERANCE
@@ -65,21 +61,3 @@ def test_dense_covariances_have_no_line_below_zero(seed: int) -> None:
     assert min(s.share for s in spread.budget) < -SHARE_TOLERANCE  # or this test would say nothing
     (own,) = budgets(spread.tool_point, spread.q, spread.axes[-1:])
     assert {s.parameter: s.share for s in own} == {s.parameter: s.share for s in spread.budget}
-
-
-def test_groups_of_independent_blocks_do_not_mix() -> None:
-    # Two pairs that cancel, independent of each other: two lines, not one.
-    robot = po.load_problem("insert_ur10").robot
-    names = ("shoulder_pan.theta", "shoulder_lift.theta", "elbow.theta", "wrist_1.theta")
-    C = 1e-8 * np.eye(4)
-    spread = propagate(stated(robot, Sources(names, C)), Q6)
-    u = spread.axes[-1]
-    J = u @ np.asarray(spread.tool_point.jacobian(spread.tool_point.walk(Q6)[0]), dtype=float)
-    for a, b in ((0, 1), (2, 3)):
-        scale = abs(J[a] / J[b])
-        C[b, b] = 1e-8 * (0.6 * scale) ** 2
-        C[a, b] = C[b, a] = -np.sign(J[a] * J[b]) * 0.95 * np.sqrt(C[a, a] * C[b, b])
-    spread = propagate(stated(robot, Sources(names, C)), Q6)
-    (shares,) = budgets(spread.tool_point, Q6, u[None])
-    found = {frozenset(g.parameters) for g in share_groups(shares, spread.tool_point, Q6, u)}
-    assert found == {frozenset(names[:2]), frozenset(names[2:])}

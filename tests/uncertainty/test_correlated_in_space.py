@@ -9,17 +9,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.model.arm import Arm
-from posture_opt.problem.load import problem_from_dict
+import posture_opt as po
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.moments.integration import relative_difference
-from posture_opt.uncertainty.moments.node_plan import NodePlan
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.budget import budgets
-from posture_opt.uncertainty.spread.fixed_plan import FixedPlan
-from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
@@ -65,7 +60,7 @@ def stanford():
         for k in range(6)
     ]
     content = {"name": "Stanford arm", "robot": {"kind": "dh", "joints": rows}, "task": {"kind": "insert"}}
-    return problem_from_dict(content).robot
+    return po.problem_from_dict(content).robot
 
 
 def arm_of(name):
@@ -106,7 +101,7 @@ CASES = {
 def spread_of(case, sigma, q):
     robot, sources = CASES[case]
     robot = arm_of(robot)
-    return propagate(stated(robot=robot, sources=scaled(sources(), np.radians(sigma))), (*q, 0.4)[: robot.n])
+    return po.propagate(stated(robot=robot, sources=scaled(sources(), np.radians(sigma))), (*q, 0.4)[: robot.n])
 
 
 @pytest.mark.parametrize(
@@ -139,39 +134,12 @@ def test_moments_are_those_of_samples(case, sigma, q):
     assert spread.integration.relative_error < (1e-2 if case == "lengths and angles" else 1e-5)
 
 
-@pytest.mark.parametrize("sigma", [1, 10, 30])
-@pytest.mark.parametrize("case", ["one pair", "equal", "dense", "three pairs that overlap", "a prismatic joint"])
-def test_more_nodes_converge(case, sigma):
-    robot, sources = CASES[case]
-    tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), np.radians(sigma)))
-    q = list(Q6)
-    exact = tool_point.moments(q)
-    errors = []
-    for level in (0, 1, 2):
-        plan = NodePlan.at_level(tool_point.shared, tool_point.spans, level)
-        errors.append(relative_difference(tool_point.moments(q, plan).covariance, exact.covariance))
-    # Each level adds a node or more along each factor: the error of degree 5 falls to a fifth and less, until rounding.
-    floor = 1e-12
-    assert errors[1] < max(errors[0] / 5, floor)
-    assert errors[2] < max(errors[1] / 5, floor)
-    assert exact.integration.relative_error < 1e-7
-    assert exact.integration.nodes > sum(s.centre.count for s in NodePlan.at_level(
-        tool_point.shared, tool_point.spans, 0).segments)  # fmt: skip
-
-
-def test_nodes_grow_with_sigma_and_small_errors_are_cheap():
-    nodes = [spread_of("equal", sigma, Q6).integration.nodes for sigma in (0.01, 1, 10, 30)]
-    assert nodes[0] <= 5
-    assert nodes == sorted(nodes)
-    assert nodes[-1] > 20
-
-
 @pytest.mark.parametrize("case", ["one pair", "equal", "one shaft", "dense", "lengths and angles", "a prismatic joint"])
 @pytest.mark.parametrize("sigma", [np.radians(0.01), 1e-9])
 def test_small_errors_keep_their_digits(case, sigma):
     robot, sources = CASES[case]
     problem = stated(robot=arm_of(robot), sources=scaled(sources(), sigma))
-    spread = propagate(problem, Q6)
+    spread = po.propagate(problem, Q6)
     # C = J S J' (1 + O(s^2)): six errors of one sign turn by 6 s. Raw moments would lose all digits at 1e-9.
     size = np.sqrt(np.outer(np.diag(spread.first_order), np.diag(spread.first_order)))
     assert (np.abs(spread.covariance - spread.first_order) <= (1000 * sigma**2 + 1e-13) * size).all()
@@ -208,12 +176,12 @@ def test_every_covariance_is_positive_semidefinite(seed):
     sigma = np.radians(10.0 ** rng.uniform(-2, 1.8, 6))
     sources = with_correlations(joints(), random_correlations(rng, 6))
     sources = Sources(sources.names, sources.covariance * np.outer(sigma, sigma))
-    tool_point = ToolPoint.of(Arm(robot), sources)
+    tool_point = ToolPoint.of(po.Arm(robot), sources)
     q = rng.uniform(-3, 3, 6)
     q[rng.random(6) < 0.3] = 0.0  # singular postures among them
     symbol = ca.SX.sym("q", 6)
     symbolic = ca.Function("C", [symbol], [tool_point.moments(ca.vertsplit(symbol)).covariance])
-    spread = propagate(stated(robot=robot, sources=sources), q)
+    spread = po.propagate(stated(robot=robot, sources=sources), q)
     batch = tool_point.moments([np.array([value]) for value in q]).covariance
     for C in (spread.covariance, symbolic(q).full(), batch.reshape(3, 3), spread.pose_covariance):
         units = np.sqrt(np.diag(C))
@@ -229,31 +197,18 @@ def test_full_correlation_is_one_error(sign):
     names = ("base.yaw", "shoulder_pan.theta")
     R = np.array([[1.0, sign], [sign, 1.0]])
     upright = replace(robot, base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    both = propagate(stated(robot=upright, sources=Sources(names, 0.3**2 * R)), Q6)
+    both = po.propagate(stated(robot=upright, sources=Sources(names, 0.3**2 * R)), Q6)
     twice = Sources(names[1:], np.array([[(0.3 * (1 + sign)) ** 2]]))
     if sign > 0:
-        alone = propagate(stated(robot=upright, sources=twice), Q6)
+        alone = po.propagate(stated(robot=upright, sources=twice), Q6)
         np.testing.assert_allclose(both.covariance, alone.covariance, atol=1e-9)
         np.testing.assert_allclose(both.bias, alone.bias, atol=1e-9)
     else:
         np.testing.assert_allclose(both.covariance, 0, atol=1e-15)
 
 
-@pytest.mark.parametrize("case", ["one pair", "three pairs that overlap", "dense", "lengths and angles"])
-def test_few_nodes_are_complete_to_fourth_order(case):
-    robot, sources = CASES[case]
-    errors = []
-    for sigma in (0.04, 0.02):
-        tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), sigma))
-        plan = NodePlan.few(tool_point.shared, tool_point.indices, tool_point.robot.factors, most=20)
-        exact = tool_point.moments(list(Q6)).covariance
-        errors.append(np.abs(tool_point.moments(list(Q6), plan).covariance - exact).max())
-    assert errors[0] / errors[1] > 40  # sixth order: 64
-    assert errors[1] < 1e-6
-
-
 def test_the_covariance_of_symbols_has_derivatives():
-    tool_point = ToolPoint.of(Arm(load_preset("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
+    tool_point = ToolPoint.of(po.Arm(load_preset("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
     q = ca.SX.sym("q", 6)
     C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
     gradient = ca.Function("g", [q], [ca.gradient(ca.trace(C), q)])
@@ -263,27 +218,6 @@ def test_the_covariance_of_symbols_has_derivatives():
     differences = [(float(trace(Q6 + s)) - float(trace(Q6 - s))) / (2 * h) for s in steps]
     np.testing.assert_allclose(gradient(Q6).full()[:, 0], differences, atol=1e-8)  # h² of a trace of 0.01 m²
     assert ca.Function("f", [q], [C]).n_instructions() < 6000  # of 250 for independent errors
-
-
-def test_the_graph_of_dense_correlations_is_bounded():
-    sources = scaled(correlated(errors_of(load_preset("ur10"), 1.0, 0.5)), 1e-4)
-    tool_point = ToolPoint.of(Arm(load_preset("ur10")), sources)
-    assert len(sources.names) == 30
-    q = ca.SX.sym("q", 6)
-    C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
-    assert ca.Function("f", [q], [C]).n_instructions() < 8000  # complete second order took 90 000
-
-
-@pytest.mark.parametrize(("case", "sigma"), [("one pair", 0.1), ("one pair", 10), ("equal", 10), ("dense", 0.1)])
-def test_fixed_nodes_serve_postures_they_were_not_chosen_at(case, sigma):
-    robot, sources = CASES[case]
-    tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), np.radians(sigma)))
-    found = FixedPlan.of(tool_point)
-    assert found.relative_error < 1e-6
-    for q in np.random.default_rng(5).uniform(-3, 3, (10, 6)):
-        one = [float(v) for v in q]
-        C = tool_point.moments(one, found.plan).covariance
-        assert relative_difference(C, tool_point.moments(one).covariance) < 1e-5  # ten times the goal
 
 
 def test_shares_of_correlated_sources_are_those_of_the_covariance():
@@ -310,8 +244,8 @@ def test_errors_that_cancel_leave_what_is_small(big):
     small = correlated(Sources(names, 1e-6**2 * np.eye(7)), seed=4).covariance
     loose = np.zeros(7)
     loose[:2] = big, -big
-    tight = propagate(stated(robot=robot, sources=Sources(names, small)), Q6)
-    found = propagate(stated(robot=robot, sources=Sources(names, small + np.outer(loose, loose))), Q6)
+    tight = po.propagate(stated(robot=robot, sources=Sources(names, small)), Q6)
+    found = po.propagate(stated(robot=robot, sources=Sources(names, small + np.outer(loose, loose))), Q6)
     # The matrix itself holds the small ones beside big^2 to 1e-16 of it.
     rounding = 1e-14 * (big / 1e-6) ** 2
     np.testing.assert_allclose(

@@ -11,9 +11,7 @@ import pytest
 from posture_opt.uncertainty.moments.gaussian_rules import (
     degree_five,
     degree_three,
-    product_rule,
     quasi_random,
-    side_by_side,
 )
 
 RULES = {
@@ -46,41 +44,3 @@ def test_polynomials_are_exact_up_to_the_degree(name, r):
     assert (nodes.weights > 0).all()
     assert nodes.points.shape == (nodes.count, r)
     moments_agree(nodes, degree, 1e-12)  # sums of some hundred terms of up to r²
-
-
-def test_degree_five_needs_few_nodes():
-    assert [degree_five(r).count for r in (1, 2, 3, 4)] == [3, 7, 15, 25]
-    assert degree_five(20).count < 6 * 20**2  # a product of three each would be 3e9
-
-
-def test_two_rules_of_a_degree_differ_beyond_it():
-    for r in (2, 3, 6):
-        sixth = [nodes.weights @ nodes.points[:, 0] ** 6 for nodes in (degree_five(r), degree_five(r, other=True))]
-        assert abs(sixth[0] - sixth[1]) > 0.1
-
-
-@pytest.mark.parametrize("counts", [(3,), (4, 2), (5, 3, 2)])
-def test_products_have_the_degree_of_each_axis(counts):
-    nodes = product_rule(counts)
-    assert nodes.count == math.prod(counts)
-    for k, count in enumerate(counts):
-        for power in range(2 * count):
-            assert nodes.weights @ nodes.points[:, k] ** power == pytest.approx(normal_moment([power]), rel=1e-12)
-
-
-def test_rules_stand_side_by_side_in_the_order_of_their_variables():
-    nodes = side_by_side((product_rule((3, 3)), np.array([0, 2])), (degree_three(2), np.array([3, 1])))
-    assert nodes.points.shape == (36, 4)
-    moments_agree(nodes, 3, 1e-14)
-    assert nodes.weights @ nodes.points[:, 2] ** 4 == pytest.approx(3)  # of three nodes of Gauss and Hermite
-    assert nodes.weights @ nodes.points[:, 1] ** 4 == pytest.approx(2)  # of degree 3 in two variables
-
-
-def test_quasi_random_nodes_are_better_than_random_ones():
-    def error(points):
-        return abs(np.mean(np.cos(points.sum(axis=1))) - math.exp(-3 / 2))
-
-    rng = np.random.default_rng(0)
-    ours = np.mean([error(quasi_random(3, 4000, rng).points) for _ in range(20)])
-    theirs = np.mean([error(rng.standard_normal((4000, 3))) for _ in range(20)])
-    assert ours < theirs / 3

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from posture_opt.uncertainty.regions.clearance import success_probability
-from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all, within_circle
+from posture_opt.uncertainty.spread.success_of_all import PlaceErrors, success_of_all
 from tests.helpers.variants import conformance
 
 
@@ -77,19 +77,3 @@ def test_one_shared_error_across_is_an_interval() -> None:
     second = PlaceErrors(np.array([-0.1]), np.array([[-0.8]]), np.zeros((1, 1)), 1.0)
     low, high = max(-1.2 / 0.5, -1.1 / 0.8), min(0.8 / 0.5, 0.9 / 0.8)
     assert success_of_all([first, second]).probability == pytest.approx(norm.cdf(high) - norm.cdf(low), rel=1e-9)
-
-
-def test_mean_outside_of_the_clearance() -> None:
-    place = PlaceErrors(np.array([1.5, 0.0]), np.diag([0.5, 0.3]), np.zeros((2, 2)), 1.0)
-    p, error = sampled([place, place], 400_000)
-    assert success_of_all([place, place]).probability == pytest.approx(p, abs=4 * error)
-
-
-@pytest.mark.parametrize("values", [(0.3, 0.02), (1e-4, 1e-6), (0.5, 0.0), (2.0, 1.0)])
-def test_within_circle_against_the_quadrature_in_polar_coordinates(values: tuple[float, float]) -> None:
-    angle = 0.4
-    R = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    C = R @ np.diag(values) @ R.T
-    for mean in ([0.0, 0.0], [0.5, -0.2], [1.3, 0.4]):
-        expected = success_probability(C, 1.0, mean)
-        assert within_circle(np.array([mean]), C, 1.0)[0] == pytest.approx(expected, abs=2e-7)

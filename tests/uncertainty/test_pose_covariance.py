@@ -6,15 +6,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+import posture_opt as po
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.moments.pose_covariance import turns
-from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.simulation.cloud import simulate
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.spread.spread import propagate
-from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
@@ -43,7 +38,7 @@ CASES = {
 
 def spread_of(case, sigma):
     problem = stated(robot=load_preset("ur10"), sources=scaled(CASES[case](), np.radians(sigma)))
-    return propagate(problem, Q6)
+    return po.propagate(problem, Q6)
 
 
 @pytest.mark.parametrize(
@@ -85,33 +80,8 @@ def test_large_turns_are_said():
     assert far.to_json()["pose_covariance_within_half_turn"] is False
 
 
-def test_the_sampler_has_the_same_chart():
-    problem = stated(robot=load_preset("ur10"), sources=scaled(joints(0.8), np.radians(10)))
-    cloud = simulate(problem, Q6, n=200_000)
-    P, units = cloud.spread.pose, np.sqrt(np.diag(cloud.pose_covariance))
-    # The standard error of an entry of a normal sample is below √(2/n) = 0.3 % of its units; of these tails, thrice.
-    off = np.abs(P.covariance - cloud.pose_covariance) / np.outer(units, units)
-    assert off.max() < 3 * 5 * np.sqrt(2 / 200_000) + P.integration.relative_error
-    closed, sampled = cloud.spread.to_json(), cloud.to_json()
-    assert closed["pose_covariance_frame"] == sampled["pose_covariance_frame"]
-
-
-def test_rotation_vectors_are_the_logarithm_of_the_product():
-    robot = load_preset("puma560")
-    sources = errors_of(robot, 1.0, 1.0, ("theta", "alpha"))
-    tool_point = ToolPoint.of(stated(robot=robot, sources=sources).arm, sources)
-    rng = np.random.default_rng(0)
-    for size in (1e-9, 1e-3, 0.3):
-        errors = size * rng.standard_normal((len(tool_point.names), 5))
-        found = turns(tool_point.walk(list(Q6))[0], dict(zip(tool_point.indices, errors, strict=True)))
-        for n in range(5):
-            moved = pose(robot, Q6, dict(zip(tool_point.names, errors[:, n], strict=True)))
-            expected = Rotation.from_matrix(moved[:3, :3] @ pose(robot, Q6)[:3, :3].T).as_rotvec()
-            np.testing.assert_allclose(found[:, n], expected, atol=1e-13)  # products of rounded matrices
-
-
 def test_lengths_alone_turn_nothing():
     sources = errors_of(load_preset("ur10"), 1e-3, 1e-3, ("d", "a"))
-    spread = propagate(stated(robot=load_preset("ur10"), sources=sources), Q6)
+    spread = po.propagate(stated(robot=load_preset("ur10"), sources=sources), Q6)
     np.testing.assert_array_equal(spread.pose_covariance[3:], 0)
     np.testing.assert_array_equal(spread.pose_covariance[:3, :3], spread.covariance)

@@ -24,12 +24,6 @@ def split(covariance, turning=None):
     return found
 
 
-def test_independent_sources_share_nothing():
-    found = split(np.diag([1.0, 4.0, 9.0]))
-    assert found.count == 0
-    np.testing.assert_array_equal(found.own, [1, 4, 9])
-
-
 @pytest.mark.parametrize("rho", [0.8, -0.3, 1.0, -1.0, 1e-9])
 def test_a_pair_shares_one_factor(rho):
     S = np.array([[4.0, 0.0, 6e-3 * rho], [0.0, 1.0, 0.0], [6e-3 * rho, 0.0, 9e-6]])  # radians and millimetres
@@ -46,26 +40,11 @@ def test_equal_correlations_share_one_factor(k, rho):
     np.testing.assert_allclose(found.own, 1 - rho, atol=1e-9)
 
 
-def test_equal_negative_correlations_have_the_diagonal_of_the_smallest_eigenvalue():
-    found = split(np.full((6, 6), -0.15) + 1.15 * np.eye(6))  # I - 0.15 (11' - I): eigenvalues 0.25 and 1.15
-    assert found.count == 5
-    np.testing.assert_allclose(found.own, 0.25, atol=1e-9)
-
-
 @pytest.mark.parametrize(("k", "rank"), [(6, 1), (8, 2), (10, 3)])
 def test_factors_that_were_put_in_are_found(k, rank):
     rng = np.random.default_rng(3)
     assert split(correlations(rng, k, rank)).count == rank
     assert split(correlations(rng, k, rank, own=0.6)).count == rank
-
-
-def test_groups_that_are_independent_have_their_own_factors():
-    S = np.eye(7)
-    for i, j, rho in ((0, 3, 0.8), (1, 4, -0.5), (2, 5, 0.9)):
-        S[i, j] = S[j, i] = rho
-    found = split(S)
-    assert found.count == 3
-    assert {tuple(np.flatnonzero(column)) for column in found.loadings.T} == {(0, 3), (1, 4), (2, 5)}
 
 
 @pytest.mark.parametrize("seed", range(20))

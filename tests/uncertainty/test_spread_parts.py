@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.spread.spread_parts import leading_parameters, spread_parts
+from posture_opt.uncertainty.spread.spread_parts import spread_parts
 from tests.helpers.planar_2r import position
 
 Q = (0.4, 1.1)
@@ -59,17 +59,3 @@ def test_only_what_the_task_cares_about_counts() -> None:
     parts = spread_parts(po.propagate(stated, Q), across)
     assert parts.systematic_sigma == pytest.approx(KNOWN * abs(moved(1)[0]), rel=1e-4)
     assert parts.scatter_sigma == pytest.approx(EACH * abs(moved(0)[0]), rel=1e-4)
-
-
-def test_scatter_alone_leaves_nothing_open() -> None:
-    parts = spread_parts(po.propagate(problem(scatter={"joint1.theta": "0.3 mrad"}), Q), np.eye(3)[:, :2])
-    assert parts.systematic_sigma == parts.systematic_radius == 0.0
-    assert parts.parameters == ()
-    assert not parts.mostly_systematic
-
-
-def test_estimates_whose_errors_cancel_are_not_named() -> None:
-    # a and b are each unknown by 1, their sum by 0.01; c by 0.1 makes nearly all of the variance.
-    C = np.array([[1.0, -1.0 + 5e-5, 0.0], [-1.0 + 5e-5, 1.0, 0.0], [0.0, 0.0, 0.01]])
-    assert leading_parameters(["a", "b", "c"], np.ones(3), C) == ("c",)
-    assert set(leading_parameters(["a", "b", "c"], np.array([1.0, -1.0, 1.0]), C)) == {"a", "b"}

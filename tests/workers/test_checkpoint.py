@@ -12,11 +12,9 @@ from typing import Any
 
 import pytest
 
+import posture_opt as po
 from posture_opt import __version__
-from posture_opt.errors import InputError
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.target_map import map_targets
-from posture_opt.selection.posture_batch import select_postures
 from posture_opt.workers import Part, Serial, Workers
 from posture_opt.workers.checkpoint import Checkpoint
 from tests.helpers.command_line import invoke
@@ -40,7 +38,7 @@ class Counted(Workers):
 
 def mapped(folder: Path) -> None:
     with Checkpoint(folder / "kept", {"grid": GRID["counts"]}, Counted(folder / "log")) as workers:
-        found = map_targets(load_builtin("insert_scara"), executor=workers, **GRID)
+        found = po.map_targets(load_builtin("insert_scara"), executor=workers, **GRID)
     document = json.dumps(found.to_json() | {"seconds": 0.0})
     (folder / "answer.new").write_text(document)
     (folder / "answer.new").rename(folder / "answer")
@@ -120,7 +118,7 @@ def test_another_question_is_refused(tmp_path: Path, asked: dict[str, Any], told
     file = tmp_path / "kept"
     worked(file, {"grid": "3x3", "seed": 1})
     content = file.read_bytes()
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(po.errors.InputError, match=told):
         worked(file, asked)
     assert file.read_bytes() == content
 
@@ -128,7 +126,7 @@ def test_another_question_is_refused(tmp_path: Path, asked: dict[str, Any], told
 def test_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     worked(tmp_path / "kept", {})
     monkeypatch.setattr("posture_opt.workers.checkpoint.__version__", "99")
-    with pytest.raises(InputError, match="another version"):
+    with pytest.raises(po.errors.InputError, match="another version"):
         worked(tmp_path / "kept", {})
 
 
@@ -136,14 +134,17 @@ def test_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_foreign_file_is_refused_and_left_alone(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "table.csv"
     file.write_bytes(content)
-    with pytest.raises(InputError, match="this is no checkpoint"):
+    with pytest.raises(po.errors.InputError, match="this is no checkpoint"):
         worked(file, {})
     assert file.read_bytes() == content
 
 
 def test_two_runs_do_not_share_a_file(tmp_path: Path) -> None:
     pytest.importorskip("fcntl", reason="files are not locked on this system")
-    with Checkpoint(tmp_path / "kept", {}, Serial()), pytest.raises(InputError, match="another run uses this file"):
+    with (
+        Checkpoint(tmp_path / "kept", {}, Serial()),
+        pytest.raises(po.errors.InputError, match="another run uses this file"),
+    ):
         Checkpoint(tmp_path / "kept", {}, Serial())
 
 
@@ -151,7 +152,7 @@ def test_two_runs_do_not_share_a_file(tmp_path: Path) -> None:
     ("name", "told"), [(".", "this is no file"), ("no/such/kept", "cannot be written"), ("x" * 300, "too long")]
 )
 def test_a_file_that_cannot_be_is_refused(tmp_path: Path, name: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(po.errors.InputError, match=told):
         Checkpoint(tmp_path / name, {}, Serial())
 
 
@@ -161,7 +162,7 @@ def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     with Checkpoint(tmp_path / "kept", {}, Serial()) as workers:
         monkeypatch.setattr("os.fsync", full)
-        with pytest.raises(InputError, match=r"cannot be written \(No space left on device\)"):
+        with pytest.raises(po.errors.InputError, match=r"cannot be written \(No space left on device\)"):
             workers.in_order(squared, 2, [1])
 
 
@@ -207,7 +208,7 @@ def test_forged_records_are_refused(tmp_path: Path) -> None:
 
     def run() -> Any:
         with Checkpoint(file, {"grid": "3x3"}, Serial()) as workers:
-            return map_targets(problem, executor=workers, **grid)
+            return po.map_targets(problem, executor=workers, **grid)
 
     found = run()
     head, first, *_ = file.read_bytes().splitlines(keepends=True)
@@ -216,7 +217,7 @@ def test_forged_records_are_refused(tmp_path: Path) -> None:
     for what, forged in FORGED:
         record = [number, part, forged(rows)] if callable(forged) else forged
         file.write_bytes(head + signed(record, key))
-        with pytest.raises(InputError, match="no result of this computation"):
+        with pytest.raises(po.errors.InputError, match="no result of this computation"):
             pytest.fail(f"{what}: {run()}")
     file.write_bytes(head + signed([number, part, rows], b"of another problem"))
     assert run().to_json() | {"seconds": 0} == found.to_json() | {"seconds": 0}, "a foreign line is done again"
@@ -230,6 +231,6 @@ def test_forged_answers_of_a_batch_are_refused(tmp_path: Path) -> None:
         file.write_bytes(head + signed([1, 0, forged], key))
         with (
             Checkpoint(file, {}, Serial()) as workers,
-            pytest.raises(InputError, match="no result of this computation"),
+            pytest.raises(po.errors.InputError, match="no result of this computation"),
         ):
-            select_postures(problems, executor=workers)
+            po.select_postures(problems, executor=workers)

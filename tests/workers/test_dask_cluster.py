@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.errors import InputError
 from posture_opt.workers import opened
 from posture_opt.workers.dask_cluster import scheduled
 from tests.helpers.command_line import invoke
@@ -94,7 +93,7 @@ def test_the_command_takes_the_address_of_a_scheduler(client: Any, cluster: Any)
 
 def test_a_worker_of_another_version_is_refused(client: Any, cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("posture_opt.workers.dask_cluster.__version__", "99")
-    with pytest.raises(InputError, match="here is 99 – install the same version"):
+    with pytest.raises(po.errors.InputError, match="here is 99 – install the same version"):
         scheduled(cluster.scheduler_address)
 
 

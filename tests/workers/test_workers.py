@@ -14,13 +14,12 @@ from typing import Any
 
 import pytest
 
-from posture_opt.errors import InputError
+import posture_opt as po
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.maps.target_map import map_targets
 from posture_opt.workers import Serial, Workers, opened
 from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.fresh import ROOT
-from tests.workers.parts import always_deadly, deadly, failing, slow, squared
+from tests.workers.parts import always_deadly, deadly, failing, slow
 
 
 def alive(pid: int) -> bool:
@@ -51,12 +50,6 @@ def workers(request: pytest.FixtureRequest) -> Iterator[Workers]:
             yield found
 
 
-def test_every_part_is_done_once(workers: Workers) -> None:
-    assert sorted(workers.run(squared, 3, range(100))) == [(k, [3 * k * k]) for k in range(100)]
-    assert workers.in_order(squared, 2, [5, 4]) == [[50], [32]]
-    assert workers.in_order(squared, 2, []) == []
-
-
 def test_an_error_of_a_part_is_that_of_the_call(workers: Workers) -> None:
     with pytest.raises(ValueError, match="two is no number"):
         workers.in_order(failing, None, range(5))
@@ -70,19 +63,13 @@ def test_a_lost_worker_is_replaced_and_its_part_done_again(tmp_path: Path) -> No
 
 
 def test_a_part_that_ends_every_worker_is_told() -> None:
-    with ProcessWorkers(2) as workers, pytest.raises(InputError, match="3 worker processes were ended"):
+    with ProcessWorkers(2) as workers, pytest.raises(po.errors.InputError, match="3 worker processes were ended"):
         workers.in_order(always_deadly, None, range(4))
 
 
 def test_a_pool_that_broke_is_told() -> None:
-    with ProcessPoolExecutor(1) as pool, pytest.raises(InputError, match="the executor lost its workers"):
+    with ProcessPoolExecutor(1) as pool, pytest.raises(po.errors.InputError, match="the executor lost its workers"):
         opened(executor=pool).in_order(always_deadly, None, range(4))
-
-
-def test_what_is_no_executor_is_refused() -> None:
-    executor: Any = 3
-    with pytest.raises(InputError, match="int is no executor"):
-        opened(executor=executor)
 
 
 def test_no_worker_is_left_when_work_is_given_up() -> None:
@@ -129,7 +116,7 @@ GRID: dict[str, Any] = {"counts": (9, 9), "low": (-0.4, -0.4, -0.08), "high": (0
 def test_a_map_is_the_same_whoever_makes_it() -> None:
     problem = load_builtin("insert_scara")
     alone, *others = (
-        map_targets(problem, executor=executor, **GRID).to_json() | {"seconds": 0.0}
+        po.map_targets(problem, executor=executor, **GRID).to_json() | {"seconds": 0.0}
         for executor in (Serial(), ProcessWorkers(3))
     )
     for other in others:

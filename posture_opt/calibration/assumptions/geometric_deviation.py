@@ -24,9 +24,9 @@ _KIND_OF_PARAMETER = {
 }
 _PHRASES = {
     "joint_offset": "{target} has a zero offset",
-    "link_length": "the length of the link behind {target} differs from the file",
+    "link_length": "the length of the {link} differs from the file",
     "link_offset": "the offset along the axis of {target} differs from the file",
-    "link_twist": "the twist of the link behind {target} differs from the file",
+    "link_twist": "the twist of the {link} differs from the file",
     "axis_tilt": "the axis behind {target} is tilted from what the file states",
     "base_frame": "the base frame differs from the file",
     "tool_frame": "the tool frame differs from the file",
@@ -34,16 +34,16 @@ _PHRASES = {
 }
 _NOUNS = {
     "joint_offset": "zero of {target}",
-    "link_length": "length of the link behind {target}",
+    "link_length": "length of the {link}",
     "link_offset": "offset along the axis of {target}",
-    "link_twist": "twist of the link behind {target}",
+    "link_twist": "twist of the {link}",
     "axis_tilt": "tilt of the axis behind {target}",
 }
 _INSPECTIONS = {
     "joint_offset": "zero mark of {target}: was it mastered again, its motor or encoder changed, or its belt moved?",
-    "link_length": "type and version of the arm in the file; the link behind {target}: exchanged, or bent",
+    "link_length": "type and version of the arm in the file; the {link}: exchanged, or bent",
     "link_offset": "type and version of the arm in the file; spacers and flange of {target}",
-    "link_twist": "flange and seat of the link behind {target}: a collision, dirt, or bolts tightened unevenly",
+    "link_twist": "flange and seat of the {link}: a collision, dirt, or bolts tightened unevenly",
     "axis_tilt": "flange and bearing seat behind {target}: a collision, dirt, or bolts tightened unevenly",
     "base_frame": "where the base is mounted, and how its frame was measured",
     "tool_frame": "mounting of tool and reflector, and the offsets that the file has of them",
@@ -81,10 +81,9 @@ class GeometricDeviation(Cause):
         """Many parameters together, none of which is prominent."""
         return cls("geometry", "all")
 
-    @property
-    def noun(self) -> str:
-        """The parameter in words: "twist of the link behind elbow"."""
-        return _NOUNS[self.kind].format(target=self.target)
+    def noun_on(self, robot: Robot) -> str:
+        """The parameter in words: "twist of the link from elbow to wrist_1"."""
+        return _NOUNS[self.kind].format(target=self.target, link=robot.link_words(self.target))
 
     @property
     def single(self) -> bool:
@@ -94,11 +93,11 @@ class GeometricDeviation(Cause):
     @property
     def words(self) -> str:
         """The cause in a sentence of a report."""
-        return _PHRASES[self.kind].format(target=self.target)
+        return _PHRASES[self.kind].format(target=self.target, link=f"link behind {self.target}")
 
     def inspect(self, robot: Robot) -> str:
         """What to look at on the arm."""
-        return _INSPECTIONS[self.kind].format(target=self.target)
+        return _INSPECTIONS[self.kind].format(target=self.target, link=robot.link_words(self.target))
 
     @property
     def moved_joint(self) -> str:

@@ -61,7 +61,7 @@ def consistent_problem(
     Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
     """
     before = _Statements(problem, data, priors, effects)
-    coupling = None if effects else full_coupling(problem.arm, data)
+    coupling = None if effects else full_coupling(problem.arm, data, problem.measurement)
     stated = before if coupling is None else _Statements(problem.released((), (), (coupling,)), data, priors)
     if coupling is not None and not stated.explains(before):
         coupling, stated = None, before

@@ -101,7 +101,14 @@ def task_options(command: Command) -> Command:
         command,
         click.option("--task", type=TASK, metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
         click.option("--position", metavar="TEXT", help='Target in the world: "0.6 m, 0.2 m, 0.1 m".'),
+        click.option("--region", metavar="TEXT", help='Target in a box: "0.5 m, 0 m, 0.2 m to 0.7 m, 0 m, 0.2 m".'),
         click.option("--direction", metavar="TEXT", help='Task direction in the world frame: "0, 0, -1".'),
+        click.option(
+            "--tool-axis", metavar="TEXT", help='Axis of the tool along it, tool frame.  [default: "0, 0, 1"]'
+        ),
+        click.option("--tilt", metavar="TEXT", help='By how much that axis may lean from it: "5 deg".'),
+        click.option("--clearance", metavar="TEXT", help='Radial play of the hole: "0.2 mm".'),
+        click.option("--limit-margin", metavar="TEXT", help='Keep joints so far from their limits: "5 deg".'),
         click.option("--link-height", metavar="TEXT", help='Keep all links at least this high in the world: "50 mm".'),
     )
 

@@ -27,6 +27,10 @@ _OPTION_OF: dict[KeyPath, str] = {
     ("task", "kind"): "--task",
     ("task", "position"): "--position",
     ("task", "direction"): "--direction",
+    ("task", "region"): "--region",
+    ("task", "clearance"): "--clearance",
+    ("task", "tool_axis"): "--tool-axis",
+    ("task", "tilt"): "--tilt",
     ("robot", "name"): "--robot",
     ("robot", "file"): "--robot",
     ("robot", "base_link"): "--base-link",
@@ -50,9 +54,7 @@ def requested_problem(
     base: str | None = None,
     payload: str | None = None,
     task: str | None = None,
-    position: str | None = None,
-    direction: str | None = None,
-    link_height: str | None = None,
+    **goal_options: str | None,
 ) -> Problem:
     """The problem that the options describe.
 
@@ -60,7 +62,7 @@ def requested_problem(
 
     Args:
         problem: file or name of a built-in problem; ``robot`` preset or file, one of both.
-        task: its kind; the other options are texts with units, as in a file.
+        task: its kind; ``goal_options`` the others of `task_options`. All are texts with units, as in a file.
 
     Raises:
         InputError: what the options or the file say does not fit.
@@ -70,7 +72,7 @@ def requested_problem(
         raise click.UsageError("--problem and --robot both name a robot: keep one of them.")
     options = RobotOptions(robot, base_link, tip_link, sigma, tool, base, payload)
     options.check()
-    goal = _goal(position, direction, link_height)
+    goal = _goal(goal_options)
     if robot:
         return _as_options(lambda: _problem_of_robot(options, task, goal))
     if problem:
@@ -79,23 +81,25 @@ def requested_problem(
         chosen = _as_options(lambda: builtin_problem(task))
     else:
         raise click.UsageError("Name a --problem or a --robot.")
-    if link_height:
-        former = (chosen.document.get("task") or {}).get("subject_to") or []
-        goal["subject_to"] = [*(term for term in former if term["kind"] != "link_height"), *goal["subject_to"]]
+    if terms := goal.get("subject_to"):
+        former, kinds = (chosen.document.get("task") or {}).get("subject_to") or [], {term["kind"] for term in terms}
+        goal["subject_to"] = [*(term for term in former if term["kind"] not in kinds), *terms]
     chosen = _as_options(lambda: with_robot_options(chosen, options))
     return _as_options(lambda: chosen.with_task(task, **goal)) if task or goal else chosen
 
 
-def _goal(position: str | None, direction: str | None, link_height: str | None) -> dict[str, Any]:
+def _goal(given: Mapping[str, str | None]) -> dict[str, Any]:
     """Keys of the task that options state."""
-    goal: dict[str, Any] = {}
-    if position:
-        goal["position"] = entries(position)
-    if direction:
-        goal["direction"] = entries(direction)
-    if link_height:
-        goal["subject_to"] = [_link_height(link_height)]
-    return goal
+    stated = {key: text for key, text in given.items() if text}
+    goal: dict[str, Any] = {key: stated[key] for key in ("clearance", "tilt") if key in stated}
+    goal |= {key: entries(stated[key]) for key in ("position", "direction", "tool_axis") if key in stated}
+    if "region" in stated:
+        low, _, high = stated["region"].partition(" to ")
+        goal["region"] = {"min": entries(low), "max": entries(high)}
+    if "link_height" in stated:
+        height_of(stated["link_height"])
+    terms = [{"kind": key, "at_least": stated[key]} for key in ("link_height", "limit_margin") if key in stated]
+    return goal | ({"subject_to": terms} if terms else {})
 
 
 def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, Any]) -> Problem:
@@ -107,7 +111,7 @@ def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, A
         UsageError: a target without a task.
     """
     if goal and not task:
-        raise click.UsageError("--position, --direction and --link-height belong to a task: name it with --task.")
+        raise click.UsageError("Options of a target belong to a task: name it with --task.")
     if options.is_problem_file:
         known = robot_of_problem_file(options)
         return _with_sigma(known.with_task(task, **goal) if task else known, options)
@@ -161,12 +165,6 @@ def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, 
         joints = _as_options(lambda: problem_from_dict({"robot": section})).robot.joints
         stated["sigma"] = joint_sigmas(options.sigma, joints)
     return _as_options(lambda: problem_of_measured_robot(section, data, stated, columns))
-
-
-def _link_height(text: str) -> dict[str, str]:
-    """The bound that keeps all links at least this high."""
-    height_of(text)
-    return {"kind": "link_height", "at_least": text}
 
 
 def _as_options(build: Callable[[], T]) -> T:

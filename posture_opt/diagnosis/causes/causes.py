@@ -31,6 +31,7 @@ from posture_opt.model.effects import (
     Limit,
     NoiseEffect,
 )
+from posture_opt.model.effects.base.lost_motion import LostMotion
 from posture_opt.model.effects.base.plausible_range import PlausibleRange
 from posture_opt.model.effects.base.rotating_parts import RotatingPart
 from posture_opt.numerics import Array, Codes, Json
@@ -87,6 +88,16 @@ class Finding:
     def label(self) -> str:
         """Kind and target, as its size has them."""
         return self.cause.labelled(self.sizes)
+
+    @property
+    def size_text(self) -> str:
+        """The size that is shown with its words; empty where no single number says it, or no data."""
+        return self.cause.headline(self.sizes) if self.determined else ""
+
+    @property
+    def leads(self) -> bool:
+        """Whether it is lost motion by which the joint goes beyond its command."""
+        return isinstance(self.cause, LostMotion) and self.cause.leads(self.sizes)
 
     @property
     def plausible(self) -> bool:

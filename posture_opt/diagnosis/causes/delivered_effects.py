@@ -26,6 +26,9 @@ from posture_opt.numerics import Array, Json
 Judge = Callable[[Fit, Sequence[Effect]], HeldOut]
 """An arm, and the effects that were left out of it -> its errors on held-out rows."""
 
+DeliveredAs = Literal["delivered", "together", "session", "size_undetermined", "no_gain"]
+"""``together``: with the rest of the delivered arm alone; the last three: left out, and why."""
+
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
@@ -58,6 +61,14 @@ class Delivery:
         if not self.kept:
             return "nominal" if self.nominal else "calibrated"
         return "without_session" if self.session else "extended"
+
+    def status(self, place: int) -> DeliveredAs:
+        """How the effect at a place of the model is delivered, or why it is not."""
+        if place in self.kept:
+            return "together" if place in self.together else "delivered"
+        if place in self.session:
+            return "session"
+        return "size_undetermined" if place in self.vague else "no_gain"
 
     def to_json(self, effects: Sequence[Effect]) -> dict[str, Json]:
         """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""

@@ -54,6 +54,11 @@ class UnnamedComponent(Cause):
         """The component in words of a report."""
         return _PHRASES[self.kind].format(target=self.target)
 
+    @property
+    def title_or_words(self) -> str:
+        """Its words: it has no name."""
+        return self.words
+
 
 def unnamed_components(
     sensitivities: EffectSensitivities, excitation: Excitation

@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.measurements.kinds.board_pose import BoardPose
 from posture_opt.measurements.kinds.kind import Kind, MeasuredQuantity, Seen, Slots, Vector, stacked
-from posture_opt.measurements.kinds.pose_columns import ANGLES, ORIENTATION, POSE_COLUMNS, QUATERNION, VECTOR
+from posture_opt.measurements.kinds.pose_columns import ORIENTATION, ORIENTATION_GROUPS, POSE_COLUMNS
 from posture_opt.measurements.kinds.position import COORDINATES, FramedPosition, Position
 from posture_opt.measurements.rotations import rotation_matrices, rotation_vectors, turned_by
 from posture_opt.numerics import Array
@@ -39,7 +39,7 @@ class Pose(Position):
     @classmethod
     def required(cls, data: object, there: Container[str]) -> frozenset[str]:
         """The coordinates that are there, and one way to write the orientation; nothing without either."""
-        turned = next((group for group in (QUATERNION, ANGLES, VECTOR) if any(name in there for name in group)), ())
+        turned = next((group for group in ORIENTATION_GROUPS.values() if any(name in there for name in group)), ())
         placed = frozenset(COORDINATES) if _of_camera(data) else Position.required(data, there)
         return placed | {*turned} if placed and turned else frozenset()
 

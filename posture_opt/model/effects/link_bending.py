@@ -31,14 +31,16 @@ class LinkBending(GravityLoaded, EffectOfJoint):
     summary: ClassVar[str] = "the link behind the joint bends under the weight that it carries"
     phrase: ClassVar[str] = "the link behind {target} bends under gravity"
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
-    inspection: ClassVar[str] = (
-        "flange bolts at both ends of the link behind {target}, against an equal arm; cracks last"
-    )
+    inspection: ClassVar[str] = "flange bolts at both ends of the {link}, against an equal arm; cracks last"
     rivals: ClassVar[Mapping[str, str]] = {"base_compliance": "measure targets fixed to the base in every posture"}
     yields: ClassVar[str] = "bends by"
     types: ClassVar[tuple[str, ...]] = ("revolute", "prismatic")
 
     kind: Literal["link_bending"] = "link_bending"
+
+    def inspect(self, robot: Robot) -> str:
+        """What to look at on the arm, in one line."""
+        return self.inspection.format(link=robot.link_words(self.target))
 
     def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """Turn (3,) [rad/(N m)] of the end of the link, and the shift of the tool point ``φ × (ℓ/2 + x − end)``."""

@@ -12,13 +12,8 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.report.figures.target_map import (
     Canvas,
-    draw_cells,
-    edges_of,
+    draw_layer,
     finish,
-    hatch_cells,
-    mark_base,
-    mark_direction,
-    mark_own,
     new_panels,
     plot_line,
 )
@@ -27,7 +22,6 @@ from posture_opt.report.page.style import styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
     from posture_opt.validation.accuracy_map import AccuracyMap
@@ -72,20 +66,14 @@ def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None,
     if grid.shape[:2] == (1, 1):
         return plot_line(grid, label, values)
     near = found.measured is not None and found.measured.near
-    canvas = Canvas.of(grid, values, None if measured is None else measured[near])
-    statuses = np.array([map_point.status for map_point in targets.map_points])
+    canvas = Canvas.of(targets, values, None if measured is None else measured[near])
     figure, panels = new_panels(canvas)
-    mesh: QuadMesh | None = None
     for axes, layer in panels:
-        mesh = draw_cells(axes, canvas, canvas.layers(values)[layer])
-        hatch_cells(axes, canvas, canvas.layers(statuses)[layer])
+        mesh = draw_layer(axes, canvas, targets, values, layer)
         if arrows:
             _arrows(axes, canvas, found, layer)
         if measured is not None:
             _rows(axes, canvas, found, measured, layer)
-        mark_own(axes, canvas, targets, layer)
-        mark_base(axes, canvas, targets.optimisation_problem.robot)
-        mark_direction(axes, grid, targets.target.direction)
     finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
     return figure
 
@@ -136,5 +124,3 @@ def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer:
         u, v, c=canvas.scale * lengths[mine], cmap=COLOUR_MAP, norm=canvas.norm, s=size, edgecolors="white",
         linewidths=0.8, zorder=5, label="measured", clip_on=False,
     )  # fmt: skip
-    (u0, u1), (v0, v1) = edges_of(grid)  # which points on its edge would widen
-    axes.set(xlim=(u0, u1), ylim=(v0, v1))

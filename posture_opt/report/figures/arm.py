@@ -1,6 +1,6 @@
 """The arm in its posture, with the enlarged 95 % region of its tool point, the direction of the task, and its cell.
 
-A planar arm is drawn in its plane, others shaded in space from the side that shows most.
+A planar arm is seen along the normal of its plane, others from the side that shows most.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.style import styled
+from posture_opt.report.scene.arm_figure import draw_arm
 from posture_opt.report.scene.arm_geometry import ArmGeometry
-from posture_opt.report.scene.arm_in_plane import draw_in_plane
-from posture_opt.report.scene.arm_in_space import draw_in_space
 from posture_opt.report.scene.arm_solids import ArmSolids, Solid
-from posture_opt.report.text.units_text import joint_unit
+from posture_opt.statements.notation import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
@@ -59,16 +58,14 @@ def plot_motion(found: Solution) -> Figure:
 
 
 def _draw(spread: Spread, geometry: ArmGeometry, ghosts: Sequence[Solid] = (), way: Array | None = None) -> Figure:
-    """The arm in its plane or in space.
+    """The arm with the values of its joints.
 
     Args:
         ghosts: further postures, drawn faintly.
         way: (k, 3) path of the tool point [m].
     """
-    if geometry.planar:
-        return draw_in_plane(geometry, spread.basis, ghosts, way)
     robot = spread.tool_point.robot
     units = [joint_unit(joint.type) for joint in robot.joints]
     values = zip(robot.joint_names, spread.q, units, strict=True)
     posture = [(name, f"{fixed(factor * value, 1)} {unit}") for name, value, (unit, factor) in values]
-    return draw_in_space(geometry, robot.name, posture, ghosts, way)
+    return draw_arm(geometry, robot.name, posture, ghosts, way)

@@ -1,4 +1,4 @@
-"""How two parameters vary together across a batch of robots.
+"""How two parameters vary together across a batch of robots, and the spread of the answers to many problems.
 
 Parameters that vary together have one cause in production: a fixture, say, or a common tool.
 """
@@ -13,6 +13,7 @@ from posture_opt.report.page.colours import BLUE, GREY, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_below, legend_beside, styled
 from posture_opt.report.text.words import source_words
+from posture_opt.statements.notation import length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.units import ERROR_UNITS
 
@@ -22,9 +23,12 @@ if TYPE_CHECKING:
 
     from posture_opt.batch.batch_calibration import Batch
     from posture_opt.batch.batch_covariance import CorrelatedPair
+    from posture_opt.selection.posture_batch import PostureBatch
     from posture_opt.selection.problem_data import ProblemData
 
 _MAX_PANELS = 3
+_MAX_LINEAR_RATIO = 30.0  # of the largest answer to the smallest: on a linear axis small ones would be one dot
+_MAX_NAMED_PROBLEMS = 25  # problems that have room for their names
 
 
 @styled
@@ -95,3 +99,29 @@ def _stated(found: Batch, pair: CorrelatedPair, index: tuple[int, int]) -> Any:
     if not np.all(sigma > 0) or abs(pair.stated) >= 1:
         return None
     return np.outer(sigma, sigma) * [[1.0, pair.stated], [pair.stated, 1.0]]
+
+
+@styled
+def plot_posture_batch(found: PostureBatch) -> Figure:
+    """Largest standard deviation of each problem that has a solution [µm or mm], the smallest at the top.
+
+    Of several features or a path it is that of the worst one. Names are shown where there is room for them, and the
+    axis is logarithmic where answers differ by orders of magnitude; problems without a solution are in the report only.
+    """
+    answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
+    unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
+    figure = new_figure(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
+    axes = figure.add_subplot()
+    axes.plot([factor * answer.sigma_max for answer in answers], range(len(answers)), "o", color=BLUE, ms=4)
+    axes.set_ylim(-0.5, max(len(answers), 1) - 0.5)  # no dot on the frame
+    if len(answers) <= _MAX_NAMED_PROBLEMS:
+        axes.set_yticks(range(len(answers)), [answer.name for answer in answers])
+    else:
+        axes.set_ylabel("problems, in order")
+    sizes = [answer.sigma_max for answer in answers if answer.sigma_max > 0]
+    if sizes and max(sizes) > _MAX_LINEAR_RATIO * min(sizes):
+        axes.set_xscale("log")
+    else:
+        axes.set_xlim(left=0)
+    axes.set_xlabel(f"standard deviation that counts for the task [{unit}]")
+    return figure

@@ -14,8 +14,8 @@ from posture_opt.numerics import Array
 from posture_opt.report.page.colours import COLOUR_MAP, GREY, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_beside, styled
-from posture_opt.report.text.units_text import length_unit
 from posture_opt.selection.answer.placement import COORDINATES
+from posture_opt.statements.notation import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

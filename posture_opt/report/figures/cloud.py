@@ -17,7 +17,7 @@ from posture_opt.report.figures.axis_names import axis_name, levelled
 from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_below, legend_beside, styled
-from posture_opt.report.text.units_text import length, length_unit, stated_length
+from posture_opt.statements.notation import length, length_unit, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 

@@ -14,8 +14,8 @@ from posture_opt.report.page.colours import BLUE, GREEN, MODEL_COLOURS, ORANGE, 
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import MODEL_DASHES, legend_below, legend_beside, styled
 from posture_opt.report.parts.comparison_parts import distinct_columns
-from posture_opt.report.text.units_text import length, length_unit
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import length, length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:

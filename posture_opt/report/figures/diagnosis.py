@@ -16,7 +16,7 @@ from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.measured_parts.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
+from posture_opt.report.measured_parts.diagnosis_tables import MODELS
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import MODEL_DASHES, legend_below, styled
@@ -37,6 +37,8 @@ _MIN_BIN_ROWS = 5  # rows of such a bin
 
 _MAX_JOINTS = 6  # joints
 _OPEN_COLOUR = "#8c8c8c"  # grey with enough contrast for text
+_BEFORE = "without this joint's periodic errors in the model"
+_AFTER = "with all causes in the model: what is left above the dashed line is unexplained"
 _CYCLE_TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 
 
@@ -50,7 +52,7 @@ def plot_errors(found: Diagnosis) -> Figure:
     """
     figure = new_figure(3.9)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
-    names = [name for name in MODELS if name != "extended" or fitted_effects(found)]
+    names = [name for name in MODELS if name != "extended" or found.fitted_effects]
     smallest = math.inf
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
@@ -64,7 +66,7 @@ def plot_errors(found: Diagnosis) -> Figure:
             color=MODEL_COLOURS[name], ls=MODEL_DASHES[name],
             label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
-    noise = noise_floor(found)
+    noise = found.noise_floor
     floor = 1e3 * noise.rms
     if floor:
         for axes in (over, below):
@@ -101,7 +103,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     search. A peak that is left above it in the second curve is not explained. In brackets stand lines of a size that
     the data leave open.
     """
-    joints = periodic_joints(found)[:_MAX_JOINTS]
+    joints = found.periodic_joints[:_MAX_JOINTS]
     linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     line = critical_log_p(found.search.null, CyclicError.family)
@@ -113,17 +115,18 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         mine = [s for s in chosen if s.what.spectral_lines and s.target == name]
         before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
         cycles, share = _spectrum(found, before, joint)
-        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
+        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label=_BEFORE, zorder=3)
         cycles, share = _spectrum(found, after, joint)
-        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        null = f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
+        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label=_AFTER, zorder=4)
+        null = f"significant: {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach it by chance"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, mark in enumerate(sorted(_marks(found, name))):
             _mark(axes, *mark, k)
-        axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
+        axes.set(title=name, ylabel="share explained [%]", xscale="log", ylim=(0, None))
     grid[-1].set_xticks(_CYCLE_TICKS, [f"{t:g}" for t in _CYCLE_TICKS])
     grid[-1].minorticks_off()
-    grid[-1].set_xlabel("cycles per revolution")
+    grid[-1].set_xlabel("cycles per revolution of the joint")
+    figure.suptitle("Share of the errors left that one sine wave in a joint's angle explains")
     legend_below(figure)
     return figure
 

@@ -20,7 +20,6 @@ from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.measured_parts.diagnosis_sizes import fitted_effects
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, styled
@@ -87,7 +86,7 @@ def plot_curves(found: Diagnosis) -> Figure:
 
 def shown_curves(found: Diagnosis) -> list[tuple[int, Finding, int]]:
     """(place, finding, line) of what is drawn: every effect, of cyclic errors as many lines as there is room for."""
-    effects = fitted_effects(found)[:_MAX_CURVES]
+    effects = found.fitted_effects[:_MAX_CURVES]
     lines = [max(len(f.cause.spectral_lines), 1) for _, f in effects]
     most = 1
     while sum(min(n, most + 1) for n in lines) <= _MAX_CURVES and most < max(lines, default=0):

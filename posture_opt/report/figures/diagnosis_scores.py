@@ -15,7 +15,6 @@ import numpy as np
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT_LEVEL
 from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.numerics import TURN
-from posture_opt.report.page.colours import GREY
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, styled
 from posture_opt.report.text.words import p_value
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.scores.candidates import ScoredCandidate
     from posture_opt.diagnosis.scores.score_tests import NullDistribution
 
-_MAX_CANDIDATES = 22  # candidates
+_MAX_CANDIDATES = 16  # rows
 _TICK_SPACING = 0.09  # of the width of the axes
 _EVIDENCE_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 
@@ -93,34 +92,44 @@ def plot_scores(found: Diagnosis) -> Figure:
     """Evidence of each candidate on the calibrated arm alone, with the line of the significance level.
 
     A cause that the others hide at first ranks low here: so those of the model come first, each with its p-value in
-    it. The axis is the square root of the evidence with its values at the ticks: evidence spans from below 1 to
-    hundreds. Dark bars are in the model, hatched ones have no name in the catalogue.
+    it. The axis is the square root of the evidence: evidence spans from below 1 to hundreds.
     """
     rows, count = scored_rows(found)
-    figure = new_figure(1.3 + 0.22 * max(len(rows), 4))
+    own = [row for row in rows if row.p_value is not None]
+    others = rows[len(own) :]
+    figure = new_figure(1.3 + 0.22 * (len(rows) + 3))
     axes = figure.add_subplot()
-    # Evidence spans from a little to hundreds of times what noise does: its root shows both ends.
     right = 1.04 * max([*(math.sqrt(row.evidence) for row in rows), 1.5])
-    axes.axvline(1, color="black", lw=1.2, ls="--", zorder=3, label=_line_words())
-    for k, row in enumerate(rows):
-        width = math.sqrt(row.evidence)
-        axes.barh(k, width, height=0.74, zorder=2, edgecolor="white", lw=0.5, **_look(row))
-        if row.p_value is not None:
-            _say(axes, k, p_value(row.p_value))
-    own = sum(row.p_value is not None for row in rows)
+    names: dict[int, str] = {}
+    at = 0
+    for title, group in (
+        ("In the model", own),
+        (f"Not in the model: not significant beside it (best {len(others)} of {count - len(own)})", others),
+    ):
+        if not group:
+            continue
+        heading = axes.annotate(title, (0.01, at), xycoords=("figure fraction", "data"), weight="bold", va="center")
+        heading.set_in_layout(False)
+        for k, row in enumerate(group, at + 1):
+            axes.barh(k, math.sqrt(row.evidence), height=0.74, zorder=2, edgecolor="white", lw=0.5, **_look(row))
+            names[k] = row.label
+            if row.p_value is not None:
+                _say(axes, k, p_value(row.p_value))
+        at += len(group) + 1
     if own:
-        _say(axes, -1, "p in the model")
-    if 0 < own < len(rows):
-        axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
-    axes.set_yticks(range(len(rows)), [row.label for row in rows])
-    axes.set_ylim(max(len(rows), 4) - 0.5, -0.5)
+        _say(axes, 0, "p in the model")
+    axes.plot([1, 1], [-0.6, at], color="black", lw=1.2, ls="--", zorder=3)
+    axes.annotate(
+        f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)", (1, at), xytext=(4, 0),
+        textcoords="offset points", va="center", zorder=4,
+    )  # fmt: skip
+    axes.set_yticks(list(names), list(names.values()))
+    axes.set(ylim=(at + 0.6, -0.7), xlim=(0, right))
     ticks = _spaced_ticks(right)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
-    axes.set_xlim(0, right)
-    axes.set_xlabel("log p-value on the calibrated arm alone; 1 is that of the dashed line")
+    axes.set_xlabel("evidence of each cause tested alone: log p-value over that of the dashed line")
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
-    axes.set_title(_title(own, len(rows), count), loc="left")
     legend_below(figure)
     return figure
 
@@ -135,13 +144,6 @@ def _spaced_ticks(right: float) -> list[float]:
     return sorted(ticks)
 
 
-def _title(own: int, drawn: int, count: int) -> str:
-    """Where the candidates of the model end, and how many of the others are drawn."""
-    if not own:
-        return f"The best {drawn} of {count} candidates" if drawn < count else "All candidates"
-    return f"Above the line: the model. Below: {drawn - own} of {count - own} others"
-
-
 def _say(axes: Axes, k: int, text: str) -> None:
     """A text in a column behind the axes, where no bar and no line runs through it."""
     axes.annotate(
@@ -153,17 +155,12 @@ def _say(axes: Axes, k: int, text: str) -> None:
 def _look(row: ScoredRow) -> Look:
     """Dark is in the model, paler what shows beside the others only; hatched has no name in the catalogue."""
     if row.p_value is not None and row.evidence < 1:
-        return {"color": "#7DB5A2", "label": "in the model, seen only once the larger causes are removed"}
+        return {"color": "#7DB5A2", "label": "hidden by larger causes when tested alone"}
     if row.p_value is not None:
-        return {"color": "#00664B", "label": "in the model"}
-    return {"color": "#B9D5E4", "label": "named cause, not in the model"} if row.named else {
-        "facecolor": "#F1DCE7", "hatch": "///", "label": "unnamed component"
-    }  # fmt: skip
-
-
-def _line_words() -> str:
-    """What the dashed line is, for the legend."""
-    return f"by chance, {100 * FIRST_EFFECT_LEVEL:.1f} % of data sets reach this line"
+        return {"color": "#00664B", "label": "seen when tested alone"}
+    if row.named:
+        return {"color": "#B9D5E4", "label": "named cause"}
+    return {"facecolor": "#F1DCE7", "hatch": "///", "label": "pattern without a name"}
 
 
 def _in_model(scored: ScoredCandidate, found: Diagnosis) -> tuple[float | None, str]:

@@ -14,8 +14,8 @@ from posture_opt.numerics import Array, Codes
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import label_of, styled
-from posture_opt.report.text.units_text import joint_unit, length_unit
 from posture_opt.report.text.words import source_words
+from posture_opt.statements.notation import joint_unit, length_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
-from posture_opt.report.measured_parts.plan_parts import is_listed
+from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, LIMIT_COLOUR, ORANGE
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import Look, legend_below, legend_beside, styled
@@ -75,10 +75,7 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     logarithmic: of these some may come out worse than with random postures, as the plan is chosen for all of them
     together. Hollow squares: before; hollow diamonds: random postures; dots: the plan.
     """
-    rows = {
-        unit: [i for i, p in enumerate(plan.parameters) if is_listed(plan, i) and p.unit == unit]
-        for unit in ("rad", "m")
-    }
+    rows = {unit: [i for i in plan.listed if plan.parameters[i].unit == unit] for unit in ("rad", "m")}
     drawn = [unit for unit in rows if rows[unit]]
     merits = _merits(plan)
     most = max((len(r) for r in rows.values()), default=1)
@@ -156,16 +153,11 @@ def _errors(axes: Axes, plan: MeasurementPlan, rows: list[int], factor: float) -
     Args:
         rows: numbers of the parameters, from the top; ``factor`` from SI to the unit of the axis.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     y = np.arange(len(rows), dtype=float)
     before, after, random = (stage.std[rows] * factor for stage in (plan.before, plan.after, plan.random))
     _dots(axes, y, before, after, random, len(plan.q))
     axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 20 * low else (1.0,), numticks=20))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    decimals(axes.xaxis)
     axes.set_yticks(y, [plan.parameters[i].name for i in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)

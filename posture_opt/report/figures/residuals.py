@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes, stacked_rows
+from posture_opt.numerics import Array, Codes, round_below, stacked_rows
 from posture_opt.report.page.colours import MODEL_COLOURS
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import styled
+from posture_opt.report.scene.arm_geometry import enlargement
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 _MANY_DOTS = 400  # dots
 _MAX_ARROWS = 400  # more of them hide each other
-_ARROW_SHARE = 0.16  # of the workspace: the arrow of a large error
 _MIN_LENGTH_RATIO = 0.6  # of the arrows of both models: shorter ones have a scale of their own
 _FLAT_SHARE = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
 
@@ -98,20 +97,6 @@ class Shown:
         return (0, 1), (int(np.argmax(extent[:2])), 2)
 
 
-def exaggeration(size: float, extent: float) -> float:
-    """The round factor (1, 2, 5, 10, …) that makes an arrow of ``size`` nearest below a share of ``extent``.
-
-    Args:
-        size: length of a large error; ``extent`` of the workspace in the same unit. The factor is never below 1.
-
-    >>> exaggeration(1.0, 1000.0)
-    100.0
-    """
-    wanted = max(_ARROW_SHARE * extent / size, 1.0) if size > 0 else 1.0
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
-
-
 def dots_look(n: int) -> dict[str, float]:
     """Size and opacity of n dots: the fewer, the larger, so that each is seen and many do not merge."""
     size = float(np.clip(60.0 / max(n, 1) ** 0.5, 3.5, 9.0))
@@ -158,7 +143,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
             axes.set(xlim=(left - margin, right + margin), ylim=(low - margin, high + margin))
             if view == views[0]:
                 axes.set_title(f"{TITLES[name]}, {factors[name]:g}\N{MULTIPLICATION SIGN}", loc="left")
-                key = _round(large[name])
+                key = round_below(large[name]) if large[name] > 0 else 1.0
                 label = f"{number(key, 1)} mm  "
                 axes.quiverkey(drawn[-1], 0.86, 1.04, key * factors[name], label, labelpos="W", color="black")
         line[1].tick_params(labelleft=False)
@@ -174,10 +159,10 @@ def _factors(large: dict[str, float], extent: float) -> dict[str, float]:
     Args:
         large: length of a large error of each model; ``extent`` of the workspace in the same unit.
     """
-    common = exaggeration(max(large.values()), extent)
+    common = enlargement(max(large.values()), extent)
     if min(large.values()) > _MIN_LENGTH_RATIO * max(large.values()):
         return dict.fromkeys(large, common)
-    return {name: exaggeration(size, extent) for name, size in large.items()}
+    return {name: enlargement(size, extent) for name, size in large.items()}
 
 
 def _arrows(
@@ -201,9 +186,3 @@ def _arrows(
     return axes.quiver(
         x, y, u, v, color=colour, angles="xy", scale_units="xy", scale=1, width=0.0035, headwidth=3.5, zorder=4
     )
-
-
-def _round(value: float) -> float:
-    """The largest of 1, 2, 5, 10, … that does not exceed a value."""
-    power = 10.0 ** math.floor(math.log10(value)) if value > 0 else 1.0
-    return max(step * power for step in (1, 2, 5) if step * power <= max(value, power) * (1 + 1e-9))

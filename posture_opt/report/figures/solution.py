@@ -14,8 +14,8 @@ from posture_opt.report.page.colours import BLUE, COLOUR_MAP, GREY, LIGHT, ORANG
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import legend_beside, styled
 from posture_opt.report.parts.budget_parts import group_words, main_groups, others_words
-from posture_opt.report.text.units_text import joint_unit, length_unit, percent
 from posture_opt.report.text.words import PARTS
+from posture_opt.statements.notation import joint_unit, length_unit, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

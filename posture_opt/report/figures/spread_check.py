@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.report.measured_parts.scatter_parts import stated_words
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, MODEL_COLOURS, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import MODEL_DASHES, legend_below, legend_beside, styled
@@ -80,19 +79,17 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     heights = [len(part) for part, _, _ in panels]
     figure = new_figure(1.3 + 0.28 * sum(heights) + 0.4 * len(panels))
     grid = figure.add_gridspec(len(panels), 1, height_ratios=[h + 0.8 for h in heights])
-    said = stated_words(found)
     for k, (part, unit, factor) in enumerate(panels):
-        _bars(figure.add_subplot(grid[k]), part, unit, factor, said)
+        _bars(figure.add_subplot(grid[k]), part, unit, factor)
     legend_below(figure)
     return figure
 
 
-def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float, said: str) -> None:
+def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
     """One panel: bars of estimates, lines of their intervals, diamonds of stated values.
 
     Args:
         rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` converts them to ``unit``.
-        said: what the stated σ's are called.
     """
     known = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
     largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)
@@ -115,7 +112,7 @@ def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float, sai
         if beyond:
             axes.plot(end, k, ">", color="black", ms=6, zorder=4, clip_on=False)
         if stated > 0:
-            label = said if labels.pop("stated", 0) else None
+            label = "stated" if labels.pop("stated", 0) else None
             axes.plot(factor * stated, k, "D", color=VERMILLION, ms=6, mec="white", zorder=5, label=label)
     axes.set_yticks(range(len(rows)), [row[0] for row in rows])
     axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, edge), xlabel=f"standard deviation [{unit}]")

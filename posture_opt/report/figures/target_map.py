@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle, pairwise, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,9 +19,9 @@ from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import WIDTH, Look, legend_below, styled
-from posture_opt.report.text.units_text import length_unit
 from posture_opt.report.text.words import PARTS, line_words
-from posture_opt.robot.robot import Robot
+from posture_opt.selection.maps.map_collisions import SELF_COLLISION
+from posture_opt.statements.notation import length_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
@@ -35,8 +36,14 @@ if TYPE_CHECKING:
 _PANELS_WIDTH_INCH = WIDTH - 1.6  # the rest is the scale of colours with its numbers
 _MAX_LAYERS = 9
 _ARROW_SHARE = 0.14  # of the picture
-_HATCH_OF_STATUS = {"not reached": "////", "requirement not met": "...."}
-_STATUS_LABELS = {"not reached": "not reached", "requirement not met": "reached, but a requirement is not met"}
+_REASONS = {"not reached": "out of reach", "requirement not met": "a requirement is not met"}
+_LOOKS = (
+    ("#E4E4E4", "////"), ("#F6F6F6", "...."), ("#F3C9C4", ""), ("#DCC9E8", "\\\\"), ("#CBE6D3", "xx"),
+    ("#FBE3BC", "--"),
+)  # fmt: skip
+_OUTLINE_COLOUR = "#7A4A12"
+_FAR = 2.0  # m: so far around the targets, planes and other endless obstacles are drawn
+_BASE_ROOM = 0.5  # of the picture: a base that is not farther outside of it is drawn
 
 
 @dataclass(frozen=True)
@@ -45,16 +52,18 @@ class Canvas:
 
     Args:
         grid: of targets.
+        base: (2,) of the arm [mm].
         norm: from lengths in ``unit`` to colours; ``scale`` converts m to the unit.
     """
 
     grid: Grid
+    base: Array
     norm: Normalize
     unit: str
     scale: float
 
     @classmethod
-    def of(cls, grid: Grid, values: Array, others: Array | None = None) -> Canvas:
+    def of(cls, found: TargetMap, values: Array, others: Array | None = None) -> Canvas:
         """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours.
 
         Of the others, those above their 95 % quantile do not widen the scale; a range below 0.1 % is widened to 4 %.
@@ -69,7 +78,20 @@ class Canvas:
             low, high = 0.98 * low, 1.02 * high
         from matplotlib.colors import Normalize
 
-        return cls(grid, Normalize(scale * low, scale * high), unit, scale)
+        robot, grid = found.optimisation_problem.robot, found.grid
+        origin = np.array([walk(robot.base, factor_values(robot.base, [])).position], dtype=float)
+        return cls(
+            grid, 1e3 * grid.coordinates(origin)[0, :2], Normalize(scale * low, scale * high), unit, scale
+        )  # fmt: skip
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """(2,) lower left and upper right of the picture [mm]: all cells, and the base where that is near."""
+        low, high = np.array(edges_of(self.grid)).T
+        if np.any(np.abs(self.base - (low + high) / 2) > (0.5 + _BASE_ROOM) * (high - low)):
+            return low, high
+        margin = 0.04 * (high - low)
+        return np.minimum(low, self.base - margin), np.maximum(high, self.base + margin)
 
     def layers(self, values: NDArray[Any]) -> NDArray[Any]:
         """(W, V, U, ...) an array over all targets by layers."""
@@ -80,23 +102,35 @@ class Canvas:
 def plot_target_map(found: TargetMap) -> Figure:
     """The smallest spread that a posture gives, over the targets of the grid.
 
-    Colours are the standard deviation of the part that counts [µm or mm]; hatched cells have no posture, and the
-    legend says why. The star is the best target, a cross the position in the problem: the difference of their colours
-    is what moving the workpiece gains. Targets on a line are drawn as a curve.
+    Colours are the standard deviation of the part that counts [µm or mm]; cells without a posture have the colour of
+    what fails there. Base, obstacles and the box for the target are outlined. The star is the best target, a cross the
+    position in the problem: the difference of their colours is what moving the workpiece gains. Targets on a line are
+    drawn as a curve.
     """
     label = f"standard deviation {PARTS[found.within]}"
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
         return plot_line(found.grid, label, found.sigma)
-    canvas = Canvas.of(found.grid, found.sigma)
-    statuses = np.array([map_point.status for map_point in found.map_points])
+    canvas = Canvas.of(found, found.sigma)
     figure, panels = new_panels(canvas)
-    mesh: QuadMesh | None = None
     for axes, layer in panels:
-        mesh = draw_cells(axes, canvas, canvas.layers(found.sigma)[layer])
-        hatch_cells(axes, canvas, canvas.layers(statuses)[layer])
-        _mark_spots(axes, canvas, found, layer)
+        mesh = draw_layer(axes, canvas, found, found.sigma, layer)
+        _mark(axes, canvas, found.best.position, layer, "best place", marker="*", color=ORANGE, mec="black", ms=18)
     finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
     return figure
+
+
+def draw_layer(axes: Axes, canvas: Canvas, found: TargetMap, values: Array, layer: int) -> QuadMesh:
+    """One layer of values (N,) [m] with all that a map shows of the problem; the cells serve the scale of colours."""
+    shown = np.ma.masked_invalid(canvas.scale * canvas.layers(values)[layer])
+    mesh = axes.pcolormesh(*_corners(canvas.grid), shown, cmap=COLOUR_MAP, norm=canvas.norm, zorder=1)
+    mesh.set_rasterized(True)  # as paths, hairlines show between the cells
+    _colour_failing(axes, canvas, found, layer)
+    _outline_surroundings(axes, canvas, found)
+    if found.own is not None:
+        text = "position in the problem" + ("" if found.own.feasible else ", no posture there")
+        _mark(axes, canvas, found.own.position, layer, text, marker="X", color=VERMILLION, mec="white", ms=12)
+    mark_direction(axes, canvas.grid, found.target.direction)
+    return mesh
 
 
 def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
@@ -108,14 +142,16 @@ def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
     shown = np.unique(np.linspace(0, count - 1, min(count, _MAX_LAYERS)).round().astype(int)).tolist()
     columns = min(len(shown), 3 if len(shown) not in (1, 2, 4) else 2)
     rows = math.ceil(len(shown) / columns)
-    (u0, u1), (v0, v1) = edges_of(canvas.grid)
+    wide, tall = np.subtract(*canvas.limits[::-1])
     # As high as the panels are for their width: no white bands, and a scale of colours of the same height.
-    height = _PANELS_WIDTH_INCH / columns * min(max((v1 - v0) / (u1 - u0), 0.3), 1.4)
+    height = _PANELS_WIDTH_INCH / columns * min(max(tall / wide, 0.3), 1.4)
     figure = new_figure(rows * (height + 0.25) + 1.0)
     panels = []
     for k, layer in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1)
         _name_axes(axes, canvas.grid, layer, small=columns > 1)
+        (u0, v0), (u1, v1) = canvas.limits
+        axes.set(xlim=(u0, u1), ylim=(v0, v1), autoscale_on=False)
         # Numbers at the left and below the lowest only: the panels get their room.
         axes.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= len(shown))
         axes.set_ylabel(axes.get_ylabel() if k % columns == 0 else "")
@@ -140,8 +176,6 @@ def _name_axes(axes: Axes, grid: Grid, layer: int, small: bool) -> None:
     axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
     if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
         axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm")
-    (u0, u1), (v0, v1) = edges_of(grid)
-    axes.set(xlim=(u0, u1), ylim=(v0, v1))
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     axes.locator_params(nbins=5 if small else 8)
@@ -153,42 +187,54 @@ def _corners(grid: Grid) -> tuple[Array, Array]:
     return np.linspace(u0, u1, len(grid.values[0]) + 1), np.linspace(v0, v1, len(grid.values[1]) + 1)
 
 
-def draw_cells(axes: Axes, canvas: Canvas, values: Array) -> QuadMesh:
-    """The cells of one layer, values (V, U) [m], NaN left empty; what it returns serves the scale of colours."""
-    shown = np.ma.masked_invalid(canvas.scale * values)
-    mesh = axes.pcolormesh(*_corners(canvas.grid), shown, cmap=COLOUR_MAP, norm=canvas.norm, zorder=1)
-    mesh.set_rasterized(True)  # as paths, hairlines show between the cells
-    return mesh
-
-
-def hatch_cells(axes: Axes, canvas: Canvas, statuses: NDArray[Any]) -> None:
-    """Grey hatching over the cells (V, U) without a posture, by what keeps the arm from it."""
+def _colour_failing(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
+    """The cells without a posture, by what keeps the arm from it: reach, an obstacle, itself, another requirement."""
     from matplotlib.collections import PolyCollection
 
     u, v = _corners(canvas.grid)
-    for status, hatch in _HATCH_OF_STATUS.items():
+    reasons = np.array(["" if p.feasible else p.blocked_by or _REASONS[p.status] for p in found.map_points])
+    looks = dict(zip([*_REASONS.values(), *sorted({*reasons} - {"", *_REASONS.values()})], cycle(_LOOKS)))
+    for reason, (colour, hatch) in looks.items():
         cells = [
             [(u[i], v[k]), (u[i + 1], v[k]), (u[i + 1], v[k + 1]), (u[i], v[k + 1])]
-            for k, i in np.argwhere(statuses == status).tolist()
+            for k, i in np.argwhere(canvas.layers(reasons)[layer] == reason).tolist()
         ]
         if cells:
-            look: Look = {"facecolor": "#EFEFEF", "edgecolor": "#B0B0B0", "hatch": hatch, "lw": 0}
-            axes.add_collection(PolyCollection(cells, zorder=1, label=_STATUS_LABELS[status], **look))
+            look: Look = {"facecolor": colour, "edgecolor": "#A0A0A0", "hatch": hatch, "lw": 0}
+            label = reason if reason in (*_REASONS.values(), SELF_COLLISION) else f"{reason} in the way"
+            axes.add_collection(PolyCollection(cells, zorder=1, label=label, **look))
 
 
-def _mark_spots(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
-    """The best place, the file's own position, base and direction."""
-    mark_own(axes, canvas, found, layer)
-    _mark(axes, canvas, found.best.position, layer, "best place", marker="*", color=ORANGE, mec="black", ms=18)
-    mark_base(axes, canvas, found.optimisation_problem.robot)
-    mark_direction(axes, canvas.grid, found.target.direction)
+def _outline_surroundings(axes: Axes, canvas: Canvas, found: TargetMap) -> None:
+    """The outlines of the base, of the obstacles and of the box for the target, as they are seen along the third axis.
+
+    Names stand on what is seen of the obstacles; one that reaches beyond the whole picture has no outline there.
+    """
+    (u0, v0), (u1, v1) = canvas.limits
+    for obstacle in found.problem.scene.stated_obstacles:
+        points = obstacle.facets(*found.grid.points[[0, -1]] + [[-_FAR], [_FAR]]).reshape(-1, 3)
+        outline = _outline(1e3 * canvas.grid.coordinates(points)[:, :2])
+        axes.plot(*outline.T, color=_OUTLINE_COLOUR, lw=1.4, zorder=3)
+        seen = outline[np.all((outline > [u0, v0]) & (outline < [u1, v1]), axis=1)]
+        if len(seen):
+            x, y = seen.mean(axis=0)
+            axes.text(x, y, obstacle.name, color=_OUTLINE_COLOUR, ha="center", va="center", clip_on=True, zorder=4,
+                      bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1})  # fmt: skip
+    if found.target.kind == "region":
+        corners = np.array(list(product(*zip(found.target.lower, found.target.upper, strict=True))))
+        box = _outline(1e3 * canvas.grid.coordinates(corners)[:, :2])
+        axes.plot(*box.T, color="black", lw=1.4, ls=":", zorder=3, clip_on=False, label="box for the target")
+    low, high = canvas.limits
+    if np.all((canvas.base >= low) & (canvas.base <= high)):
+        look: Look = {"mfc": "none", "mec": "black", "mew": 1.8, "ms": 11, "clip_on": False, "ls": "none"}
+        axes.plot(*canvas.base, "s", zorder=5, label="base of the arm", **look)
 
 
-def mark_own(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
-    """The position in the file, if this layer is the one next to it."""
-    if found.own is not None:
-        text = "position in the problem" + ("" if found.own.feasible else ", no posture there")
-        _mark(axes, canvas, found.own.position, layer, text, marker="X", color=VERMILLION, mec="white", ms=12)
+def _outline(points: Array) -> Array:
+    """The closed convex outline (k, 2) of points (n, 2), densely: the farthest ones in directions of every degree."""
+    turn = np.radians(np.arange(361))
+    corners = points[np.argmax(points @ np.array([np.cos(turn), np.sin(turn)]), axis=0)]
+    return np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(corners) if np.any(a != b)] or [corners])
 
 
 def _mark(axes: Axes, canvas: Canvas, point: Array, layer: int, label: str, **look: Any) -> None:
@@ -200,19 +246,10 @@ def _mark(axes: Axes, canvas: Canvas, point: Array, layer: int, label: str, **lo
 
 
 def _seen(grid: Grid, u: float, v: float) -> bool:
-    """Whether a point (u, v) [mm] lies in the picture, its edge included."""
+    """Whether a point (u, v) [mm] lies in a cell, its edge included."""
     (u0, u1), (v0, v1) = edges_of(grid)
     near = 1e-6 * max(u1 - u0, v1 - v0)  # what is on the edge is seen, whatever rounding says
     return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
-
-
-def mark_base(axes: Axes, canvas: Canvas, robot: Robot) -> None:
-    """The base of the arm as a square, if the picture shows it."""
-    reached = walk(robot.base, factor_values(robot.base, []))
-    u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
-    if _seen(canvas.grid, u, v):
-        look: Look = {"color": "black", "mec": "white", "ms": 9, "ls": "none", "clip_on": False}
-        axes.plot(u, v, "s", zorder=5, label="base of the arm", **look)  # whole on the edge, too
 
 
 def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
@@ -233,11 +270,10 @@ def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
     axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
 
 
-def finish(figure: Figure, panels: Sequence[tuple[Axes, int]], mesh: QuadMesh | None, label: str) -> None:
+def finish(figure: Figure, panels: Sequence[tuple[Axes, int]], mesh: QuadMesh, label: str) -> None:
     """The scale of colours, and one legend for all panels."""
     from matplotlib.ticker import MaxNLocator
 
-    assert mesh is not None, "there is a panel"
     bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], aspect=25, ticks=MaxNLocator(7))
     bar.set_label(label)
     bar.outline.set_visible(False)

@@ -16,15 +16,17 @@ from posture_opt.numerics import Array, Json
 from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
 from posture_opt.report.page.page import View
 from posture_opt.report.scene.arm_geometry import (
+    ARROW_SHARE,
     ErrorRegion,
     TargetGeometry,
     enlargement,
     extent_of,
     floor_under,
+    frame_along,
     obstacles_near,
 )
-from posture_opt.report.scene.arm_solids import ArmSolids, Solid
-from posture_opt.report.text.units_text import joint_unit
+from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids, Solid
+from posture_opt.statements.notation import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
@@ -34,10 +36,7 @@ if TYPE_CHECKING:
 
 VIEWED_ROWS = 200
 """Of a table: more postures hide each other."""
-_ARROW_SHARE = 0.28  # of the extent: the direction of the task
 _MAX_REGION_SHARE = 0.4  # of the extent: an enlarged region is no longer than this
-_MAX_RIM_SHARE = 0.25  # of the extent: an enlarged clearance is no wider than this
-_TARGET_TOLERANCE_M = 1e-4  # m: from there on a target is marked next to the tool point
 _VIEW_TURNS_DEG = -62.0, 62.0, -100.0, 100.0, -30.0, 30.0  # deg off where the arm reaches to, the best view first
 _MAX_CORNERS = 800  # corners of an arm are looked at for its extent
 
@@ -113,6 +112,7 @@ class ArmView(View):
         # The floor goes on beyond what is drawn of it.
         low, high = _bounds(np.concatenate([self._points, *(_corners(s) for s in around if s.role != "floor")]))
         return {
+            "colours": COLOURS,
             "arm": solids_document(self._arm.solids),
             "joints": [self._joint(k) for k in range(self.robot.n)],
             "around": [{"name": s.name, "role": s.role, **Triangles.of([s.faces]).document()} for s in around],
@@ -182,8 +182,8 @@ class ArmView(View):
         return tuple(ErrorRegion.of(spread, factor) for spread in spreads)
 
     def _posture(self, posture: ShownPosture) -> dict[str, Json]:
-        """One posture as plain numbers: frames, region, arrow of the direction, clearance, target that is missed,
-        shares, marks.
+        """One posture as plain numbers: frames, region, arrow of the direction, ring, target that is missed, shares,
+        marks.
 
         What a posture has not is None. The region is the map of a unit ball, enlarged; ``missed`` is the target [mm]
         where the tool point is more than 0.1 mm off it.
@@ -192,33 +192,22 @@ class ArmView(View):
         region = None
         if posture.spread is not None:
             region = self._regions[sum(p.spread is not None for p in self.postures[:k])]
-        target = posture.target
-        tool = self._frames[k][-1][:3, 3]
-        missed = (
-            target is not None and target.kind == "point" and np.linalg.norm(target.lower - tool) > _TARGET_TOLERANCE_M
-        )
+        target, tool = posture.target, self._frames[k][-1][:3, 3]
+        ring = None if target is None or region is None else target.ring(region.factor, tool, self._extent)
+        arrow = None if target is None else ARROW_SHARE * self._extent * frame_along(target.direction)
         return {
             "key": posture.key,
             "label": posture.label,
             "facts": [*posture.facts, *self._joint_facts(posture.q)],
             "frames": [_affine(T[:3, :3], T[:3, 3]) for T in self._frames[k]],
             "region": None if region is None else _affine(region.factor * _square(region.semi_axes), region.center),
-            "arrow": None if target is None else _affine(_ARROW_SHARE * self._extent * _turned(target.direction), tool),
-            "hole": None if region is None else self._hole(target, region.factor, tool),
-            "missed": (1e3 * target.lower).round(1).tolist() if target is not None and missed else None,
+            "arrow": None if arrow is None else _affine(arrow, tool),
+            "ring": None if ring is None else {"axes": _affine(ring.axes, ring.center), "label": ring.label},
+            "missed": (1e3 * target.lower).round(1).tolist() if target is not None and target.missed(tool) else None,
             "shares": [[owner, round(share, 4)] for owner, share in posture.shares],
             "marks": [[mark.owner, mark.text] for mark in posture.marks],
             "value": posture.value,
         }
-
-    def _hole(self, target: TargetGeometry | None, factor: float, tool: Array) -> list[float] | None:
-        """The rim of the clearance as what makes it of a unit circle, enlarged as the region is; None where there is
-        none, or it lies outside of the picture.
-        """
-        if target is None or target.clearance is None or factor * target.clearance > _MAX_RIM_SHARE * self._extent:
-            return None
-        middle = target.lower if target.kind == "point" else tool
-        return _affine(factor * target.clearance * _turned(target.direction), middle)
 
     def _joint_facts(self, q: Array) -> list[tuple[str, str]]:
         """Name and value [deg or mm] of each joint at q (n,) [rad or m]."""
@@ -285,13 +274,3 @@ def _affine(A: Array, t: Array) -> list[float]:
 def _square(semi_axes: Array) -> Array:
     """Semi-axes (3, m) as the columns of a (3, 3) matrix; those that are missing are zero."""
     return np.hstack([semi_axes, np.zeros((3, 3 - semi_axes.shape[1]))])
-
-
-def _turned(direction: Array) -> Array:
-    """A rotation (3, 3) that brings z along a unit vector (3,).
-
-    The turn about that vector is arbitrary: what is drawn with it is round.
-    """
-    side = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    side /= np.linalg.norm(side)
-    return np.column_stack([side, np.cross(direction, side), direction])

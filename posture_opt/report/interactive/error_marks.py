@@ -9,7 +9,6 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.arm_view import Mark
 from posture_opt.report.interactive.source_owners import owner_of
-from posture_opt.report.measured_parts.diagnosis_sizes import headline_of
 from posture_opt.robot.shape import BASE, TOOL
 from posture_opt.uncertainty.spread.spread import propagate
 from posture_opt.units import ERROR_UNITS, plus_minus
@@ -67,7 +66,7 @@ def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
     named = (cause.target, cause.moved_joint, owner_of(cause.target, problem.arm))
     owner = next((name for name in named if name in owners), "")
-    size = headline_of(finding)
+    size = finding.size_text
     if owner:
         return (Mark(owner, f"{finding.label}\n{size}" if size else finding.label),)
     geometric = finding.effect is None and finding.noise is None

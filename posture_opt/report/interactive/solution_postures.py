@@ -10,8 +10,8 @@ import numpy as np
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.source_owners import shares_by_owner
 from posture_opt.report.scene.arm_geometry import TargetGeometry
-from posture_opt.report.text.units_text import length, place
 from posture_opt.report.text.words import PARTS
+from posture_opt.statements.notation import length, place
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution

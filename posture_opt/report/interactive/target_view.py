@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.scene.arm_geometry import TargetGeometry
-from posture_opt.report.text.units_text import length, length_unit, place
+from posture_opt.statements.notation import length, length_unit, place
 from posture_opt.uncertainty.spread.spread import relative_spread
 
 if TYPE_CHECKING:

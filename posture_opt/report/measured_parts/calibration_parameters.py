@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.calibration.calibration import CORRELATION_SHOWN
-from posture_opt.calibration.estimation.identifiability import ANGLE_TOLERANCE_RAD, LENGTH_TOLERANCE_M
+from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN
 from posture_opt.numerics import Json
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.report.text.units_text import count, decimals_of
-from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
+from posture_opt.statements.notation import count, decimals_of
+from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
 
 _MAX_CORRELATIONS = 10
-_SIGNIFICANCE_LEVEL = 0.05  # probability of a change of this size where nothing changed
 _GOOD_CONDITION = 100  # condition below which estimates lose little to noise (Schröer, Albright, Grethlein 1997)
 
 
@@ -47,14 +45,7 @@ def parameters_block(found: Calibration) -> Block:
     )
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=2)
-    data = found.request.data
-    points = len(data.point_names) if data.touches else 0
-    extra = [f"The positions of {count(points, 'touched point')} are fitted too."] if points else []
-    priors = "; the prior is the stated σ" if width == len(headers) else "; no prior σ is stated"
-    priors = "; the prior is a tolerance by manufacturing, or the stated σ" if found.assumed.any() else priors
-    text = f"Estimates with one standard error, without bounds{priors}. "
-    words = [*extra, *_significance(found), *_far(found, shown)]
-    return Block("Parameters", (text, table, *words, *_correlations(found, shown)))
+    return Block("Parameters", (table, *_correlations(found, shown)), brief=())
 
 
 def places_blocks(found: Calibration) -> list[Block]:
@@ -122,19 +113,6 @@ def _row(found: Calibration, i: int) -> tuple[str, ...]:
     return p.name, how, nominal, estimate, change, error, times, believed
 
 
-def _significance(found: Calibration) -> list[str]:
-    """How many determined parameters of the arm differ from nominal at a level of 5 % each.
-
-    Of many parameters some differ by chance: the sentence counts, it does not correct for their number.
-    """
-    judged = _judged(found)
-    if not judged:
-        return []
-    sure = [i for i in judged if found.p_values[i] < _SIGNIFICANCE_LEVEL]
-    of = f"{len(sure)} of {count(len(judged), 'determined parameter')} of the arm"
-    return [f"{of} differ significantly from nominal (individual p below 5 %, more than 1.96 standard errors)."]
-
-
 def determined_words(found: Calibration) -> str:
     """How many unknowns are determined by themselves, and how many together."""
     alone, rank, all_of = int(found.fixed.sum()), found.identifiability.rank, len(found.parameters)
@@ -144,100 +122,23 @@ def determined_words(found: Calibration) -> str:
     return f"{alone} of {all_of} unknowns are determined individually{more}"
 
 
-def differing(found: Calibration, most: int) -> str:
-    """The parameters of the arm that differ significantly from the file, the most certain first; empty where none does.
-
-    Args:
-        most: how many are named.
-    """
-    sure = [i for i in _judged(found) if found.p_values[i] < _SIGNIFICANCE_LEVEL]
-    if not sure:
-        return ""
-    sure.sort(key=lambda i: -abs(found.z[i]))
-    named = ", ".join(_deviation(found, i) for i in sure[:most])
-    if len(sure) == 1:
-        return f"One of the arm differs from the file: {named}"
-    return f"{len(sure)} of the arm differ from the file, {'most surely' if len(sure) > most else 'namely'} {named}"
-
-
-def undetermined_names(found: Calibration, most: int) -> str:
-    """The parameters that neither the data nor a prior determine by themselves.
-
-    Args:
-        most: how many are named; the others are counted.
-    """
-    names = [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if not fixed and p.group != "place"]
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def _deviation(found: Calibration, i: int) -> str:
-    """A parameter's deviation from the file with one standard error."""
-    p = found.parameters[i]
-    return f"{p.name} by {plus_minus(float(found.x[i]), float(found.std[i]), *ERROR_UNITS[p.unit])}"
-
-
-def _judged(found: Calibration) -> list[int]:
-    """Parameters of the arm itself whose deviation can be separated from chance."""
-    return [i for i, p in enumerate(found.parameters) if p.group == "geometry" and math.isfinite(found.z[i])]
-
-
-def _far(found: Calibration, shown: list[int]) -> list[str]:
-    """Parameters of the arm that deviate by more than usual manufacturing tolerances, in one sentence.
-
-    A deviation of that size is mostly a wrong zero or length in the file; nothing where there is none.
-    """
-    far = []
-    for i in shown:
-        p = found.parameters[i]
-        if (
-            p.group == "geometry"
-            and found.fixed[i]
-            and abs(found.x[i]) > (LENGTH_TOLERANCE_M if p.unit == "m" else ANGLE_TOLERANCE_RAD)
-        ):
-            factor, unit = ERROR_UNITS[p.unit]
-            far.append(f"{p.name} by {number(float(found.x[i]) * factor)} {unit}")
-    if not far:
-        return []
-    usual = f"{LENGTH_TOLERANCE_M * 1e3:g} mm, {ANGLE_TOLERANCE_RAD * 1e3:.3g} mrad"
-    return [f"Deviations beyond usual tolerances ({usual}): {', '.join(far)}. Is a zero or a length in the file wrong?"]
-
-
-def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
-    """Pairs of estimates that are strongly correlated, the strongest first.
-
-    Of correlated estimates only a combination is known well: neither value should be used alone.
-    """
+def _correlations(found: Calibration, shown: list[int]) -> list[Table]:
+    """Pairs of estimates that are strongly correlated, the strongest first."""
     known = [i for i in shown if found.fixed[i]]
-    C = found.correlation
+    C, names = found.correlation, [p.name for p in found.parameters]
     pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATION_SHOWN]
-    if not pairs:
-        return [f"No two estimates have a correlation above {CORRELATION_SHOWN:g}."] if len(known) > 1 else []
     pairs.sort(key=lambda pair: -abs(C[pair]))
-    names = [p.name for p in found.parameters]
     rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:_MAX_CORRELATIONS])
-    more = f", the closest {_MAX_CORRELATIONS} of {len(pairs)}" if len(pairs) > _MAX_CORRELATIONS else ""
-    return [f"Correlations above {CORRELATION_SHOWN:g}{more}:", Table(("estimate", "with", "correlation"), rows, 2)]
+    return [Table(("estimate", "with", "correlation"), rows, 2)] if rows else []
 
 
 def undetermined_block(found: Calibration) -> Block:
-    """The combinations of parameters that no fit to these data can determine.
-
-    Below them: parameters that only a prior determines, the condition number of the scaled Jacobian and its
-    observability indices. A condition below 100 loses little to noise (Schröer, Albright, Grethlein 1997).
-    """
+    """Condition number of the scaled Jacobian and observability indices; the statements name what is undetermined."""
     known = found.identifiability
-    size = f"The data determine {known.rank} combinations of {count(len(found.parameters), 'unknown')}"
-    words = [sentence(text) for text in known.words]
-    helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
-    by_prior = [f"Determined only with the stated σ's as priors: {', '.join(helped)}."] if helped else []
-    left = [f"{size}; undetermined combinations:" if words else f"{size}: all are determined."]
-    hint = ["'optimize-posture plan-measurements' proposes more informative postures."] if words else []
     indices = ", ".join(f"{name} {value:.3g}" for name, value in known.observability.items())
-    good = f"below {_GOOD_CONDITION} is good" if known.condition > _GOOD_CONDITION else "good"
-    facts = Facts(
-        (
-            ("Condition", f"{number(known.condition)} (largest over smallest singular value; {good})"),
-            ("Observability", indices),
-        )
+    facts = (
+        ("Determined", f"{known.rank} combinations of {count(len(found.parameters), 'unknown')}"),
+        ("Condition", f"{number(known.condition)} (good below {_GOOD_CONDITION})"),
+        ("Observability", indices),
     )
-    return Block("What the data do not determine", (*left, *words, *by_prior, *hint, facts))
+    return Block("What the data do not determine", (Facts(facts),))

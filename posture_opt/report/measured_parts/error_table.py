@@ -12,35 +12,17 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import rms
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import angle_error, count, decimals_of, stated_length
+from posture_opt.statements.notation import angle_error, count, decimals_of, stated_length
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.estimation.error_statistics import Statistics
+    from posture_opt.calibration.second_file import OtherFile
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.robot.robot import Robot
     from posture_opt.selection.problem_data import ProblemData
 
-ELSEWHERE = 20
-"""Times the errors at home: no arm drifts that far."""
 _ERROR_HEADERS = ("RMS", "interval of RMS", "mean", "95 % below", "max")
-_LEFT_OUT = {
-    "pose": "its pose",
-    "block": "its block of the workspace",
-    "place": "the point that it touches",
-    "stretch": "its stretch of the path",
-}
-
-
-def held_out_sentence(by: str, rounds: int) -> str:
-    """What each row was predicted without, in words.
-
-    Args:
-        by: ``pose``, ``block`` or ``place``, what cross-validation holds out together.
-        rounds: of the cross-validation.
-    """
-    how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[by]}"
-    return f"{how}." if by == "place" else f"{how}, in {rounds} rounds."
 
 
 def error_cells(s: Statistics) -> tuple[str, ...]:
@@ -62,6 +44,22 @@ def error_headers(data: Measurements | None = None) -> tuple[str, ...]:
 def error_table(rows: Mapping[str, Statistics], data: Measurements | None = None) -> Table:
     """Lengths of errors in mm, a row a model; ``data`` that were predicted, positions by default."""
     return Table(error_headers(data), tuple((name, *error_cells(statistics)) for name, statistics in rows.items()))
+
+
+def range_table(file: OtherFile, models: Mapping[str, str]) -> tuple[Table, ...]:
+    """RMS errors [mm] inside and outside the joint ranges that the models were fitted in; nothing where all are inside.
+
+    Args:
+        models: name of each model -> its words.
+    """
+    out = int(file.outside.sum())
+    if not out:
+        return ()
+    headers = ("RMS [mm]", f"inside ({len(file.data) - out})", f"outside ({out}, by {', '.join(file.joints)})")
+    rows = (
+        (words, *(mm(file.rms(name, rows)) for rows in (~file.outside, file.outside))) for name, words in models.items()
+    )
+    return (Table(headers, tuple(rows)),)
 
 
 def mm(metres: float) -> str:

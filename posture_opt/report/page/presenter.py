@@ -19,7 +19,7 @@ from posture_opt.report.page.library import plotly_js
 from posture_opt.report.page.page import Page, View
 from posture_opt.report.page.save import CAPTIONS, Files, report_files, save_files, summary_html
 from posture_opt.report.page.style import THUMBNAIL_DPI, image
-from posture_opt.report.text.blocks import Report, Summary
+from posture_opt.report.text.blocks import Document, Report, Summary
 from posture_opt.report.text.screen import on_a_screen
 from posture_opt.report.text.text import render, render_summary, terminal_width
 from posture_opt.result import Result, Summarised
@@ -80,11 +80,11 @@ class Presenter(SummaryPresenter[R]):
     """One result with what only its report needs, worked out when it is asked for.
 
     Args:
-        document: stem of the JSON document, ``map`` of ``map.json``.
+        stem: of the JSON document, ``map`` of ``map.json``.
         delivers: the further files of ``save`` that people look for.
     """
 
-    document: ClassVar[str]
+    stem: ClassVar[str]
     delivers: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -98,8 +98,8 @@ class Presenter(SummaryPresenter[R]):
         return self.problem.to_yaml()
 
     @abstractmethod
-    def report(self) -> Report:
-        """The whole report."""
+    def document(self) -> Document | Report:
+        """What the result has to say, with its tables and figures."""
 
     def brief(self) -> Report | None:
         """What one screen is to show as far as it fits, where that is not the blocks of the report in brief."""
@@ -119,8 +119,8 @@ class Presenter(SummaryPresenter[R]):
 
     def report_text(self, full: bool = True) -> str:
         """The report, or one screen of it, as plain text, as wide as the terminal."""
-        width, report = terminal_width(), self.report()
-        saved = (*self.delivered(), f"{self.document}.json")
+        width, report = terminal_width(), self.document().whole
+        saved = (*self.delivered(), f"{self.stem}.json")
         return render(report if full else on_a_screen(report, width, saved, self.brief()), width)
 
     @abstractmethod
@@ -177,7 +177,7 @@ class Presenter(SummaryPresenter[R]):
         document, page = made(self.result.to_json()), made(self._page(figures))
         drawn = {name: made(draw()) for name, draw in drawings.items()}
         there = {name: figure for name, figure in drawn.items() if figure is not None}
-        return {**report_files(self.document, document, page, there, made), **self.files()}
+        return {**report_files(self.stem, document, page, there, made), **self.files()}
 
     def illustrated_page(self) -> tuple[str, bytes]:
         """The page with the picture of the arm alone, and that picture small, as PNG; empty where nothing is drawn."""
@@ -191,7 +191,7 @@ class Presenter(SummaryPresenter[R]):
 
     def _page(self, pictures: bool) -> Page:
         """The page without its figures: with the interactive view where there is one and what draws it is installed."""
-        report = self.report()
+        report = self.document().whole
         viewed = pictures and type(self).view is not Presenter.view
         view = self.view() if viewed and plotly_js() else None
         brief = frozenset(block.title for block in (self.brief() or report).blocks if block.short.items)

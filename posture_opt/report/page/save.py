@@ -27,7 +27,7 @@ CAPTIONS = {
     "budget": "Contribution of each error source to the variance.",
     "plan_points": "Planned positions of the tool point, over its reachable workspace.",
     "plan_errors": "Criterion of the plan, and expected standard error of each parameter; further left is better.",
-    "map": "Standard deviation in the best posture at every target: darker is better, hatched targets are infeasible.",
+    "map": "Standard deviation in the best posture at every target: darker is better; others: what fails there.",
     "map_bias": "Mean error without the corrections; arrows show its direction (enlarged).",
     "map_spread": "95 % radius of the tool point about its mean: darker is better.",
     "joint_map": "Standard deviation over both joint values: darker is better.",

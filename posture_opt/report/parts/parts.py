@@ -7,26 +7,13 @@ empty list means that the line is left out.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
-from posture_opt.report.parts.measured_range_parts import range_facts
 from posture_opt.report.text.blocks import Table
-from posture_opt.report.text.units_text import (
-    joint_unit,
-    joint_value,
-    largest_of,
-    length,
-    lengths,
-    percent,
-    place,
-    shift,
-)
 from posture_opt.report.text.words import (
     METHODS,
     REGIONS,
@@ -37,15 +24,29 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
+from posture_opt.selection.answer.arm_statements import free_frames
+from posture_opt.statements import Statement
+from posture_opt.statements.notation import (
+    joint_unit,
+    joint_value,
+    largest_of,
+    length,
+    lengths,
+    percent,
+    place,
+    shift,
+)
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
-from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits
+from posture_opt.uncertainty.spread.conditions import conditions
+from posture_opt.uncertainty.spread.joint_digits import JointDigits, readable_digits, readable_posture
 from posture_opt.uncertainty.spread.spread import HasSources
-from posture_opt.units import fixed, number
+from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
+joint_values = readable_posture
 _MAX_SOURCES = 8  # sources named one by one
 _MAX_EFFECTS = 6  # named one by one
 _NEGLIGIBLE_SHARE = 1e-3  # of the largest standard deviation of its kind
@@ -63,7 +64,7 @@ def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
     source = [("Robot data", f"{group}: {source}") for group, source in robot.sources if group == "geometry"]
     shape = [("Robot shape", "; ".join(robot.shape_notes))] if robot.shape_notes else []
-    return [("Robot", name), *source, *shape, *effect_facts(problem), *range_facts(problem.arm)]
+    return [("Robot", name), *source, *shape, *effect_facts(problem)]
 
 
 def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:
@@ -82,27 +83,8 @@ def input_facts(problem: ProblemData) -> list[tuple[str, str]]:
 
     Payload [kg], sides of approach, temperature [degC] and time [s], each where an effect of the arm needs it.
     """
-    texts = _inputs(problem.arm) if problem.arm.effects else []
+    texts = conditions(problem.arm)
     return [("Conditions", ", ".join(texts))] if texts else []
-
-
-def _inputs(arm: Arm) -> list[str]:
-    """Payload, sides of approach, temperature and time, as far as an effect of the arm depends on them."""
-    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
-    inputs, texts = arm.inputs, []
-    if asked & {"masses", "payload"}:
-        texts.append(f"a payload of {inputs.payload:.6g} kg")
-    for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
-        if joint in inputs.stated:
-            sense = "increasing" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "decreasing"
-            texts.append(f"{joint} arriving with {sense} values")
-        else:
-            texts.append(f"{joint} approached from either side")
-    if "temperature" in asked:
-        texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
-    if "time" in asked:
-        texts.append(f"{inputs.time:.6g} s after the first measurement")
-    return texts
 
 
 def source_facts(problem: ProblemData) -> list[tuple[str, str]]:
@@ -165,24 +147,19 @@ def _group_words(names: Sequence[str], arm: Arm) -> str:
     return f"{what} of {', '.join(owners)}"
 
 
-def note_facts(notes: Iterable[str]) -> list[tuple[str, str]]:
+def note_facts(notes: Iterable[str | Statement]) -> list[tuple[str, str]]:
     """Notes, one a line."""
-    return [("Note" if k == 0 else "", sentence(note)) for k, note in enumerate(dict.fromkeys(notes))]
+    return [("Note" if k == 0 else "", sentence(note)) for k, note in enumerate(dict.fromkeys(map(str, notes)))]
 
 
-def brief_notes(problem: ProblemData, notes: Iterable[str]) -> list[tuple[str, str]]:
+def brief_notes(problem: ProblemData, notes: Iterable[str | Statement]) -> list[tuple[str, str]]:
     """The notes that a report of one screen has, one a line."""
     return note_facts(note for note in notes if note not in problem.sources.details)
 
 
 def frame_notes(robot: Robot) -> list[str]:
     """What became of a base or tool that the problem file leaves free."""
-    free = {"base": robot.base_free, "tool": robot.tool_free}
-    return [
-        f"The {frame} frame is free (to be calibrated); its start value is used here."
-        for frame, is_free in free.items()
-        if is_free
-    ]
+    return [one.text for one in free_frames(robot)]
 
 
 def sentence(text: str) -> str:
@@ -242,17 +219,6 @@ def _limits(joint: Joint) -> str:
     unit, factor = joint_unit(joint.type)
     low, high = (f"{value * factor:.6g}" if math.isfinite(value) else "none" for value in (joint.lower, joint.upper))
     return f"{low} to {high} {unit}"
-
-
-def joint_values(problem: HasSources, q: Vector) -> str:
-    """A posture in one line, to be read: joint1 12.3 deg, joint2 120.0 mm. Programs have more digits.
-
-    Args:
-        q: (n,) [rad or m]; written with the digits of `joint_table`.
-    """
-    digits = readable_digits(problem, q)
-    joints = problem.arm.robot.joints
-    return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
 
 
 def _value(joint: Joint, value: float, digits: JointDigits) -> str:
@@ -353,8 +319,3 @@ def sigma_of(problem: ProblemData) -> dict[str, float]:
     """Standard deviation of every source that the task sees [rad or m], by the names that the file has."""
     sources = problem.task_sources
     return dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
-
-
-def validity_sentence(spread: Spread) -> str:
-    """Whether the linear ellipse may be used at this posture; numbers with two digits."""
-    return sentence(re.sub(r"\d+(\.\d+)?e-\d+", lambda found: number(float(found[0]), 2), spread.validity.text))

@@ -1,4 +1,4 @@
-"""How sure one may be of a solution: what was gained and searched, and the optimisation problem with its values."""
+"""How sure one may be of a solution: what it is compared with, the search, and its nonlinear program with values."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.text.blocks import Block, Facts, Report, Table
-from posture_opt.report.text.units_text import count, length, percent, quantity
-from posture_opt.report.text.words import CRITERIA, part_words, source_words
+from posture_opt.report.parts.posture_parts import compared_table
+from posture_opt.report.text.blocks import Block, Document, Facts, Table
 from posture_opt.selection.program.nlp import Values
 from posture_opt.selection.program.task_target import FREE, SIZES, TaskTarget
-from posture_opt.selection.search.confirmation import AGREEMENT
-from posture_opt.units import UNKNOWN, number
+from posture_opt.statements.notation import length, length_unit, percent, quantity
+from posture_opt.units import UNKNOWN
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.program.nlp import Nlp, Row
-    from posture_opt.selection.search.confirmation import Confirmation
-    from posture_opt.selection.search.search_statistics import Sweep
 
-SMALL_GAIN = 0.05
-"""Below this gain over a typical posture something else is what helps: at a fixed target, placing the workpiece."""
-NO_GAIN = 5e-4  # and below this there is none
-GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
 _MAX_BOUND_RATIO = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTH_PARAMETERS = ("lower", "upper", "clearance", "lever")
 _PARAMETER_MEANINGS = {
@@ -47,165 +40,38 @@ _AXIS_PARAMETERS = ("axis", "a1", "a2")
 
 
 def checks_block(solution: Solution) -> Block:
-    """Gain, lower bound, what the search did lest a better posture be missed, time."""
-    rows = [*gain_facts(solution), *_most_manipulable(solution), *_lower_bound(solution), *_search(solution)]
-    rows.append(("Time", f"{solution.statistics.seconds:.2f} s"))
-    advice = _advice(solution)
-    return Block("Checks", (*ranking_sentence(solution), Facts(tuple(rows)), *advice), brief=advice)
-
-
-def ranking_sentence(solution: Solution) -> tuple[str, ...]:
-    """What postures are ranked by, where that is not the standard deviation that is stated."""
-    task = solution.optimisation_problem.task
-    if task.criterion == "worst" and not task.minimize:
-        return ()
-    spread = [CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))] * (task.criterion != "none")
-    asked = " and ".join([*spread, *(term.kind for term in task.minimize)])
-    listed = f"the largest standard deviation {part_words(task.within, task.kind)}"
-    return (f"Postures are ranked by {asked.replace('_', ' ')}; the value listed is {listed}.",)
-
-
-def gain_facts(solution: Solution) -> list[tuple[str, str]]:
-    """The standard deviation beside that of a typical posture, and of the worst; nothing where none was compared."""
-    typical, worst = solution.statistics.typical, solution.statistics.worst
-    if not (math.isfinite(typical) and math.isfinite(worst)):
-        return []
-    return [
-        ("Gain", f"{_less(solution.gain_over(typical))} a typical feasible posture ({_size(solution, typical)})"),
-        ("", f"{_less(solution.gain_over(worst))} the worst feasible posture found ({_size(solution, worst)})"),
+    """What the answer is compared with, what the search did lest a better posture be missed, time."""
+    e, other, sigma = solution.statistics, solution.most_manipulable, solution.critical.sigma_max
+    others = [
+        ("typical feasible posture", e.typical),
+        ("worst feasible posture found", e.worst),
+        ("posture of greatest manipulability", math.nan if other is None else other.sigma_max),
+        *([] if e.sweep is None else [(f"best of a sweep, {e.sweep.over}", e.sweep_sigma)]),
+        *_lower_bound(solution),
     ]
+    found = f"{e.tried:,} random starts, {e.starts:,} reached the target, {e.feasible:,} meet all requirements"
+    proof = "a local optimum" if solution.status == "optimal" else "not confirmed as a local optimum"
+    hits = f"by {e.hits} of {e.polished} local searches with {e.distinct} distinct optima; {proof}"
+    again = f"in {e.recurred} of {e.batches} independent batches"
+    rows = (("Search", found), ("Best found", hits), *([("", again)] if e.batches > 1 else []),
+            ("Time", f"{e.seconds:.2f} s"))  # fmt: skip
+    unit = length_unit([solution.critical.sigma_max])
+    return Block("Checks", (*compared_table(sigma, others, unit), Facts(rows)), brief=())
 
 
-def _most_manipulable(solution: Solution) -> list[tuple[str, str]]:
-    """The spread in the posture of greatest manipulability."""
-    other = solution.most_manipulable
-    if other is None or solution.critical.sigma_max <= 0:
-        return []
-    more = other.sigma_max / solution.critical.sigma_max - 1
-    size = "the same standard deviation"
-    if abs(more) >= NO_GAIN:
-        size = f"{_size(solution, other.sigma_max)}, {percent(abs(more))} {'higher' if more > 0 else 'lower'}"
-    return [("Manipulability", f"the posture of greatest manipulability has {size}")]
-
-
-def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
-    """A scatter, all of the block in the unit of the largest."""
-    statistics = solution.statistics
-    return length(sigma, digits, (solution.critical.sigma_max, statistics.typical, statistics.worst))
-
-
-def _less(gain: float) -> str:
-    """A relative gain in words."""
-    if abs(gain) < NO_GAIN:
-        return "the same standard deviation as"
-    return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} standard deviation than"
-
-
-def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
-    """The bound that no posture beats, the source that sets it, and how far the answer is above."""
+def _lower_bound(solution: Solution) -> list[tuple[str, float]]:
+    """The bound that no posture beats, with the source that sets it."""
     bound = solution.lower_bound
     if bound is None or solution.critical.sigma_max > _MAX_BOUND_RATIO * bound.sigma:
         return []
-    arm = solution.optimisation_problem.arm
-    where = "at this target" if solution.target.kind == "point" else "anywhere in this box"
-    lever = f" (lever {length(bound.radius, 4)})" if math.isfinite(bound.radius) and bound.radius > 0 else ""
-    share = "alone" if bound.share > 0.995 else f"to {percent(bound.share)}"
-    source = f"set by {source_words(bound.source, arm)}{lever} {share}"
-    return [("Lower bound", f"{_size(solution, bound.sigma)} for any posture {where}, {source}"),
-            ("", _above(solution.critical.sigma_max / bound.sigma))]  # fmt: skip
+    lever = f", lever {length(bound.radius, 4)}" if math.isfinite(bound.radius) and bound.radius > 0 else ""
+    return [(f"lower bound ({bound.source} {percent(bound.share)}{lever})", bound.sigma)]
 
 
-def _above(ratio: float) -> str:
-    """How far the answer is above its bound."""
-    if ratio > 2:
-        return f"this posture is at {number(ratio, 2)} times the bound"
-    if ratio < 1.0005:
-        return "this posture attains the bound"
-    return f"this posture is {percent(ratio - 1)} above the bound"
-
-
-def _search(solution: Solution) -> list[tuple[str, str]]:
-    """Starts, optima, and how often the best was found."""
-    e = solution.statistics
-    text = (
-        f"{count(e.tried, 'random start')}, {e.starts:,} reached the target, {e.feasible:,} of these meet all "
-        "requirements"
-    )
-    optima = count(e.distinct, "distinct optimum", "distinct optima")
-    found = f"{optima}; the best was found by {e.hits} of {count(e.polished, 'local search', 'local searches')}"
-    again = f", in {e.recurred} of {e.batches} independent batches" if e.batches > 1 else ""
-    proof = "a local optimum" if solution.status == "optimal" else "not confirmed as a local optimum"
-    rows = [("Search", text), ("", found + again), ("", f"the result is {proof}, the best of these searches")]
-    if e.confirmation is not None:
-        rows.append(("", confirmation_words(e.confirmation)))
-    if e.sweep is not None:
-        rows.append(("Sweep", _sweep(solution, e.sweep)))
-    return rows
-
-
-def confirmation_words(said: Confirmation) -> str:
-    """What IPOPT says of the answer: whether it ends there too, in how many iterations, and how exactly."""
-    effort = count(said.iterations, "iteration")
-    if not said.differs:
-        return f"confirmed by IPOPT in {effort}: the same standard deviation within {100 * AGREEMENT:g} %"
-    if math.isnan(said.agrees):
-        return f"IPOPT found no optimum from there ({count(said.iterations, 'iteration')})"
-    other = "IPOPT found a better posture, which is the answer" if said.taken else "IPOPT ended at a worse posture"
-    return f"{other}: the standard deviation differs by {percent(said.agrees)} ({effort})"
-
-
-def _sweep(solution: Solution, sweep: Sweep) -> str:
-    """What a systematic sweep found beside the random starts."""
-    text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible:,} of them feasible"
-    sigma, answer = solution.statistics.sweep_sigma, solution.critical.sigma_max
-    if not math.isfinite(sigma):
-        return text
-    # Where another criterion is minimised, a worse posture may well have the smaller standard deviation.
-    better = sigma < answer * (1 - 1e-6)
-    found = "some have a smaller standard deviation, none is better by the criterion" if better else "no better one"
-    return f"{text}, {found} (best: {_size(solution, sigma)})"
-
-
-def _advice(solution: Solution) -> tuple[str, ...]:
-    """What else may help."""
-    return (*_advice_on_criterion(solution), *_advice_on_place(solution))
-
-
-def _advice_on_criterion(solution: Solution) -> tuple[str, ...]:
-    """What is minimised is a standard deviation; the posture with the highest probability may be another."""
-    p_success, task = solution.success_probability, solution.optimisation_problem.task
-    if p_success is None or p_success > GOOD_PROBABILITY or task.criterion != "worst" or task.minimize or task.part:
-        return ()
-    return (f"To maximise the probability of success ({percent(p_success)}) instead, add criterion: miss to the task.",)
-
-
-def _advice_on_place(solution: Solution) -> tuple[str, ...]:
-    """To move the workpiece where the posture matters little."""
-    typical = solution.statistics.typical
-    if solution.target.kind != "point" or not math.isfinite(typical):
-        return ()
-    gain = solution.gain_over(typical)
-    if gain >= SMALL_GAIN:
-        return ()
-    return (
-        f"At this fixed target the posture matters little: a typical one is {_almost(gain)}. Moving the workpiece may "
-        "gain more: write region: {min: [...], max: [...]} in the task, in place of position: [...].",
-    )
-
-
-def _almost(gain: float) -> str:
-    """How much worse a typical posture is."""
-    return "as good" if gain < NO_GAIN else f"only {percent(gain)} worse"
-
-
-def explain_report(solution: Solution) -> Report:
+def explain_report(solution: Solution) -> Document:
     """The nonlinear program as it was solved."""
     nlp = solution.optimisation_problem.nlp
     values = Values.of(nlp, solution.q, solution.target.parameters)
-    lead = (
-        f"Minimise the objective over {len(nlp.variables)} joint values, subject to the bounds of the joints and to "
-        f"{len(nlp.rows)} rows; values at the {'nearest' if solution.status == 'infeasible' else 'best'} posture.",
-    )
     blocks = (
         Block("Objective", (_objective(nlp, values),)),
         Block("Variables", (_variables(nlp, solution.q),)),
@@ -214,7 +80,7 @@ def explain_report(solution: Solution) -> Report:
             "Parameters of the target", (_parameters(solution.target, not solution.problem.workpiece_sources.empty),)
         ),
     )
-    return Report(f"Nonlinear program of: {solution.problem.name}", lead, blocks)
+    return Document(f"Nonlinear program of: {solution.problem.name}", (), blocks)
 
 
 def _objective(nlp: Nlp, values: Values) -> Table:

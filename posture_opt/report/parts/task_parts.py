@@ -12,13 +12,12 @@ from posture_opt.report.page.presenter import problem_of
 from posture_opt.report.parts.budget_parts import budget_block
 from posture_opt.report.parts.parts import lean
 from posture_opt.report.text.blocks import Block, Facts
-from posture_opt.report.text.units_text import angle, length, lengths, percent, place, probability, stated_length
 from posture_opt.report.text.words import CRITERIA, REGIONS, direction_words, line_words, part_words
+from posture_opt.statements.notation import angle, length, lengths, probability, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.units import fixed, shown
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.tasks import Task
     from posture_opt.uncertainty.regions.critical import Critical
@@ -60,13 +59,6 @@ def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
     if seen.clearance > 0:
         facts.append(("Clearance", f"{stated_length(seen.clearance)} (radial)"))
     return facts
-
-
-def point_words(seen: TaskSpread) -> str:
-    """Whose spread it is where that is not the tool point: the end of the peg that counts."""
-    if seen.peg is None:
-        return ""
-    return "top end of the peg" if seen.critical is seen.peg.top else "tip of the peg"
 
 
 def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
@@ -111,18 +103,6 @@ def _tilt_probability(p: float) -> str:
     return "< 1e-6" if p < _MIN_PROBABILITY else f"{100 * p:.2g} %"
 
 
-def beside_target(spread: Spread) -> list[tuple[str, str]]:
-    """How far the tool point of a posture is off the point that the task names; the probability is not about that."""
-    task = spread.problem.task
-    if task is None or task.position is None:
-        return []
-    off = float(np.linalg.norm(spread.position - np.array(task.position)))
-    if off < _TARGET_TOLERANCE_M:
-        return []
-    return [("Target", f"{place(task.position)} in the task, {length(off)} from this tool point; spread and "
-                       "probabilities refer to this tool point")]  # fmt: skip
-
-
 def lean_facts(spread: Spread) -> list[tuple[str, str]]:
     """How far the tool of an arm in space is from pointing along the direction, where the task asks for that."""
     seen, task = spread.for_task, problem_of(spread).task
@@ -138,16 +118,6 @@ def critical_size(critical: Critical, of: str = "") -> str:
     worst = "worst axis" if len(critical.covariance) > 1 else ""
     said = ", ".join(filter(None, (of, worst)))
     return f"{length(critical.sigma_max)} ({said})" if said else length(critical.sigma_max)
-
-
-def spread_lead(seen: TaskSpread) -> tuple[str, ...]:
-    """The standard deviation in the part that counts, and what follows for the task."""
-    critical, p_success = seen.critical, seen.success_probability
-    part = part_words(critical.within, seen.kind)
-    size = f"Standard deviation {part}: {critical_size(critical, point_words(seen))}."
-    if p_success is None:
-        return (size,)
-    return size, f"Probability of success (clearance {stated_length(seen.clearance)}): {probability(p_success)}."
 
 
 def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tuple[str, str]]:
@@ -182,19 +152,6 @@ def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]
     half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
     size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"± {length(half[0], among=among)}"
     return [(f"{REGIONS[region.rank]} {critical.within}", f"{size} ({region.factor(0.95):.3f} σ)")]
-
-
-def orientation_rows(solution: Solution) -> list[tuple[str, str]]:
-    """Tilt and spin where a term uses them, and how far first order, which the term takes, is from them."""
-    task = solution.optimisation_problem.task
-    if not any(term.uses_orientation for term in (*task.minimize, *task.subject_to)):
-        return []
-    found = solution.orientation
-    sizes = ((found.tilt, found.tilt_first_order), (found.spin, found.spin_first_order))
-    off = max((abs(linear / exact - 1) for exact, linear in sizes if exact > 0), default=0.0)
-    text = f"tilt {angle(found.tilt)} (worst axis), spin {angle(found.spin)} (standard deviations)"
-    same = "the error is below 0.05 %" if off < 5e-4 else f"the error is {percent(off)}"
-    return [("Orientation", text), ("", f"the term uses their first-order values; {same}")]
 
 
 def task_budget_block(problem: ProblemData, seen: TaskSpread) -> Block:

@@ -1,8 +1,4 @@
-"""The report on what a model gets wrong: errors by direction, the rules of measuring, whether the rest is scatter.
-
-A good calibration leaves errors whose mean is zero everywhere, that depend on no input, and that an instrument of
-sufficient accuracy measured. Each block tests one of these and says whether it holds.
-"""
+"""The report on what a model gets wrong: errors by direction, the rules of measuring, whether the rest is scatter."""
 
 from __future__ import annotations
 
@@ -11,218 +7,182 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.errors import enumerated
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
-from posture_opt.report.measured_parts.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
-from posture_opt.report.measured_parts.residual_parts import scatter_block, shape_block
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
-from posture_opt.report.parts.parts import sentence
-from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import length, percent, shift
-from posture_opt.report.text.words import MODEL_NAMES, direction_words
+from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.words import MODEL_NAMES, direction_words, line_words
+from posture_opt.statements import p_value
+from posture_opt.statements.notation import angle_error, count, length, lengths, percent, shift
 from posture_opt.units import fixed, number
-from posture_opt.validation.assessment import Assessment
+from posture_opt.validation.assessment import NORMAL_TAIL, Assessment
 
 if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.model_errors import BlockMean, Deviation, ModelErrors
-    from posture_opt.validation.trends import Trend
+    from posture_opt.validation.model_errors import ModelErrors
+    from posture_opt.validation.repeatability_tests import Distances, Repeats
 
-_INPUTS = {
-    # input of the data -> words, unit, factor from SI
-    "row": ("the rows of the file", "", 1.0),
-    "time": ("time", "h", 1 / 3600),
-    "temperature": ("temperature", "degC", 1.0),
-    "payload": ("payload", "kg", 1.0),
-}
-_MIN_HOURS_S = 2 * 3600.0  # s: shorter times are written in minutes
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
 _ZERO_MEAN_SHARE = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
-_UNDIVIDED_SHARE = 0.6  # of the whole range: a block as long was not cut along it
+MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 
 
 def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
-    """Every block on what a model gets wrong, the figures with them.
-
-    Only the block on targets reached in several postures depends on the data; all others are always there and say so
-    where the data cannot answer.
-    """
+    """Every table on what a model gets wrong, the figures with them; the statements stand in their sections."""
     return (
         directions_block(found),
         *([goals_block(found)] if found.goals is not None else []),
         mean_block(found),
-        inputs_block(found),
+        Block("Errors over time and other inputs", (), "residual_inputs"),
         scatter_block(found),
-        shape_block(found),
-        instrument_block(found),
+        *measures_blocks(found),
         repeats_block(found),
     )
 
 
 def directions_block(found: Assessment) -> Block:
-    """Bias, RMS, mean, 95 % and maximum by axis and by the task's direction.
-
-    A pair of rows for each direction (x, y, z, all measured axes together, along and across the task where it has a
-    direction): the model before and after calibration. In mm, measured minus model, to three decimals, to four where
-    the smallest RMS is below 10 µm.
-    """
+    """Bias, RMS, mean, 95 % and maximum [mm] by axis and by the task's direction, before and after calibration."""
     models = {name: getattr(found, name) for name in MODELS}
     smallest = min(d.rms for model in models.values() for d in model.deviations)
     decimals = 3 if smallest >= 1e-5 or smallest <= 0 else 4
-    rows = [
-        (_direction_name(found, pair[0].name) if k == 0 else "", model, *_cells(d, decimals))
+    rows = tuple(
+        (
+            _direction_name(found, pair[0].name) if k == 0 else "",
+            model,
+            *(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max)),
+        )
         for pair in zip(*(model.deviations for model in models.values()), strict=True)
         for k, (model, d) in enumerate(zip(MODELS.values(), pair, strict=True))
-    ]
+    )
     headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
     how = "Bias keeps its sign; RMS, mean, 95 % and max are of the length of the error vector."
-    notes = map(sentence, found.notes)
     figure = "residual_vectors" if len(found.calibration.request.data.kind.axis_names) == 3 else ""
-    return Block("Errors by direction", (how, Table(headers, tuple(rows), text_columns=2), *notes), figure)
+    return Block("Errors by direction", (how, Table(headers, rows, text_columns=2)), figure)
 
 
 def _direction_name(found: Assessment, name: str) -> str:
-    """Column header of a direction: the axis itself, the total, or along and across the task."""
+    """The axis itself, the total, or along and across the task."""
     if name in ("along", "across"):
         assert found.direction is not None
         return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
-    if name == "all":
-        return _TOTALS[len(found.axes)]
     names = found.calibration.request.data.kind.axis_names
-    return names["xyz".index(name)]
+    return _TOTALS[len(found.axes)] if name == "all" else names["xyz".index(name)]
 
 
-def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
-    """Bias, RMS, mean, 95 % and maximum [mm] to so many decimals."""
-    return tuple(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max))
+def goals_block(found: Assessment) -> Block:
+    """How far apart the postures of one target land: an error that does not depend on the posture cancels here."""
+    goals = found.goals
+    assert goals is not None
+    rows = [("measured apart", *_distance_cells(goals.measured))]
+    rows += [(f"predicted apart, {words}", *_distance_cells(goals.said[name])) for name, words in MODELS.items()]
+    rows += [(f"prediction error, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
+    text = f"{count(goals.goals, 'target')} with two postures or more, {count(goals.pairs, 'pair')} of postures."
+    return Block("One target, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
+
+
+def _distance_cells(d: Distances) -> tuple[str, ...]:
+    return tuple(fixed(1e3 * value, 3) for value in (d.median, d.p95, d.max))
 
 
 def mean_block(found: Assessment) -> Block:
-    """The first rule: after calibration the mean of the residuals is zero, everywhere.
+    """The test of the mean over all rows, and of those in parts of the workspace (of joint values, of touches)."""
+    rows = tuple((words, *_mean_cells(getattr(found, name))) for name, words in MODELS.items())
+    headers = ("model", "mean error", "standard error", "p-value", "parts off zero")
+    return Block("Are the residuals pure scatter?", (Table(headers, rows, text_columns=5),), "residual_joints")
 
-    The test is one of all rows and one for every block of the workspace (of the joint values, for touched points).
-    "Passed" needs both; "Failed" says that the parameters of the model do not explain all of the error.
+
+def _mean_cells(model: ModelErrors) -> tuple[str, ...]:
+    """Mean, standard error and p-value over all rows, and how many parts have a mean that is not zero.
+
+    A mean below a tenth of its standard error on all axes is one that the fit has made zero.
     """
-    rule = "After a good calibration the mean error is zero, over all rows and in every part of the workspace."
-    texts = [_mean_text(found, name) for name in MODELS]
-    if found.calibrated.zero and found.calibrated.blocks:
-        verdict = "Passed: nothing speaks against treating the residuals as scatter."
-    elif found.calibrated.zero:
-        verdict = "There are too few poses to test parts of the workspace separately."
-    else:
-        verdict = "Failed: these parameters do not explain all of the error."
-    return Block("Are the residuals pure scatter?", (rule, *texts, verdict), "residual_joints")
+    off = f"{sum(not block.zero for block in model.blocks)} of {len(model.blocks)}" if model.blocks else "not tested"
+    test = model.mean
+    if test is None:
+        return "fitted", "", "", off
+    if np.all(np.abs(test.mean) <= _ZERO_MEAN_SHARE * test.error):
+        return "zero, as fitted", "", "", off
+    mean, error = test.mean.tolist(), test.error.tolist()
+    return shift(mean), shift(error, among=mean), p_value(test.p_value), off
 
 
-def _mean_text(found: Assessment, name: str) -> str:
-    """What the means over all rows and over the blocks say of one model.
-
-    A mean below a tenth of its standard error on all axes is one that the fit has made zero: then no test is quoted.
-    """
-    model: ModelErrors = getattr(found, name)
-    blocks = _blocks_text(found, model.blocks) if model.blocks else ""
-    if model.mean is None:
-        one = found.calibration.request.data.kind.label
-        overall = (
-            f"the mean of every {one} is zero, since where it is follows from these rows only"
-            if one
-            else "the mean over all rows is not tested, as the mounting of the instrument follows from these rows"
-        )
-    elif np.all(np.abs(model.mean.mean) <= _ZERO_MEAN_SHARE * model.mean.error):
-        overall = "the mean over all rows is zero, as the fit enforces"
-    else:
-        mean, error = model.mean.mean.tolist(), model.mean.error.tolist()
-        verdict = "not significant" if model.mean.zero else "significantly different from zero"
-        size = f"{shift(mean)} with standard errors {shift(error, among=mean)}"
-        overall = f"the mean over all rows is {size}: {verdict} (p {p_value(model.mean.p_value)})"
-    return f"{MODELS[name].capitalize()}, {overall}.{blocks}"
-
-
-def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
-    """How many blocks have a mean that differs from zero, and where the largest of these means is."""
-    off = [block for block in blocks if not block.zero]
-    space = "workspace" if found.calibrated.mean is not None else "joint values"
-    if not off:
-        return f" In each of {len(blocks)} blocks of the {space} it does not differ significantly from zero either."
-    worst = max(off, key=lambda block: float(np.linalg.norm(block.test.mean)))
-    size, where = length(float(np.linalg.norm(worst.test.mean))), _box(found, blocks, worst)
-    return (
-        f" In {len(off)} of {len(blocks)} blocks of the {space} it is not zero; the largest, {size}, is where {where}."
+def scatter_block(found: Assessment) -> Block:
+    """The 95 % region of the residuals, semi-axes ``k sqrt(eigenvalue)`` of ``C = (1/l) Σ Δx Δxᵀ`` over l rows."""
+    left = found.residual_scatter
+    if left is None:
+        return Block("Residual scatter", ())
+    ellipse = left.ellipse
+    axes = np.zeros((ellipse.rank, 3))
+    axes[:, list(found.axes)] = ellipse.axes.T[::-1][: ellipse.rank]
+    names = found.calibration.request.data.kind.axis_names
+    along = ", ".join(map(line_words, axes)) if len(names) == 3 else f"the errors {', '.join(names)}"
+    half = lengths([float(s) for s in (left.factor * ellipse.semi_axes)[::-1][: ellipse.rank]])
+    facts = (
+        ("Rows", f"{left.samples} in {count(left.dof, 'pose')}"),
+        ("95 % region", f"semi-axes {half} along {along}"),
+        ("Factor", f"{left.factor:.3f} standard deviations ({ellipse.factor(0.95):.3f} of a known covariance)"),
+        ("Inside", f"{percent(left.inside)} of the rows"),
     )
+    return Block("Residual scatter", (Facts(facts),), "residual_region" if len(found.axes) > 1 else "")
 
 
-def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> str:
-    """The sides of a block that are shorter than those of the whole, the shortest three.
-
-    A side is left out where the block is nearly as long as the whole range: the data were not divided along it.
-    """
-    whole = np.ptp([[b.lower, b.upper] for b in blocks], axis=(0, 1))
-    part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
-    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _UNDIVIDED_SHARE and whole[k] > 0)
-    return ", ".join(_side(found.block_axes[k], block.lower[k], block.upper[k]) for k in shown)
-
-
-def _side(axis: tuple[str, str], low: float, high: float) -> str:
-    """The range of a block along one axis: joint angles in deg, coordinates in m."""
-    name, unit = axis
-    if unit == "rad":
-        return f"{name} is {fixed(np.degrees(low), 0)} to {fixed(np.degrees(high), 0)} deg"
-    return f"{name} is {fixed(low)} to {fixed(high)} m"
+def measures_blocks(found: Assessment) -> tuple[Block, Block]:
+    """How many coordinates are far off, next to a normal distribution; errors in units of the instrument's σ."""
+    share = f"{percent(found.calibrated.beyond3)} of the coordinates ({percent(NORMAL_TAIL)} of a normal distribution)"
+    shape = Block("Distribution of the residuals", (Facts((("Beyond 3 σ", share),)),), "residual_shape")
+    facts = [
+        (words.capitalize(), f"{length(getattr(found, name).coordinate)}, {number(found.ratios[name], 2)} σ of it")
+        for name, words in MODELS.items()
+        if found.instrument
+    ]
+    return shape, Block("The instrument", (Facts(tuple(facts)),) if facts else ())
 
 
-def p_value(p: float) -> str:
-    """= 0.23, = 0.004, below 0.001."""
-    return "below 0.001" if p < 1e-3 else f"= {number(p, 2)}"
+def repeats_block(found: Assessment) -> Block:
+    """Accuracy and repeatability after ISO 9283 [mm, mrad], and the pooled scatter of repeats."""
+    title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
+    if repeats is None:
+        return Block(title, ())
+    facts = [
+        ("Repeated", f"{count(repeats.groups, 'posture')}, {count(repeats.rows, 'row')}"),
+        ("Scatter", f"σ {length(repeats.sigma)} per coordinate (95 %: {lengths(repeats.interval, ' to ')})"),
+        ("RP", length(repeats.repeatability)),
+    ]
+    if repeats.outlying:
+        facts.append(("Left out", f"{count(len(repeats.outlying), 'posture')} with outlying repeats"))
+    angles = [angle for pose in repeats.poses for angle in pose.orientation]
+    if angles:
+        facts.append(("Orientation RP", f"{angle_error(max(float(a.repeatability) for a in angles))}, worst pose"))
+    if angles and repeats.oriented:
+        facts.append(("Orientation AP", f"{angle_error(max(abs(float(a.accuracy)) for a in angles))}, worst pose"))
+    if repeats.left_out:
+        facts.append(("Not listed", f"{count(repeats.left_out, 'pose')} with as many repeats or fewer"))
+    tables = [_performance_table(repeats)] if repeats.poses else []
+    return Block(title, (Facts(tuple(facts)), *tables), "residual_repeats")
 
 
-def inputs_block(found: Assessment) -> Block:
-    """Drift, heat, load and backlash: what the errors that are left depend on.
-
-    One sentence for each input with a significant trend, one for all inputs without, and one on the side from which
-    joints arrive. A trend may also come from positions that changed along with the input, which a sentence says.
-    """
-    texts = [_trend_text(trend) for trend in found.trends if trend.found]
-    if texts:
-        texts.append("If the measured positions changed along with an input, they may be the actual cause.")
-    calm = [_INPUTS[trend.name][0] for trend in found.trends if not trend.found]
-    if calm:
-        texts.append(f"No significant trend over {enumerated(calm, 'or')}.")
-    off = sorted((sides for sides in found.sides if sides.found), key=lambda sides: -abs(sides.difference))
-    if off:
-        sizes = ", ".join(f"{sides.joint} by {length(abs(sides.difference))}" for sides in off)
-        texts.append(f"The side from which a joint arrives changes the mean error along its motion: {sizes}.")
-    elif found.sides:
-        texts.append("The side from which a joint arrives has no significant influence.")
-    first = "After calibration the errors should depend neither on time nor on other inputs."
-    return Block("Errors over time and other inputs", (first, *texts), "residual_inputs")
-
-
-def _trend_text(trend: Trend) -> str:
-    """By how much the mean error changes over the range of an input, with its p-value; time in h, up to two hours in
-    min.
-    """
-    words, unit, factor = _INPUTS[trend.name]
-    if trend.name == "time" and trend.range[1] - trend.range[0] < _MIN_HOURS_S:
-        unit, factor = "min", 1 / 60
-    low, high = (f"{factor * value:.4g}" for value in trend.range)
-    span = "from the first row to the last" if trend.name == "row" else f"from {low} to {high} {unit}"
-    change = shift(trend.change.tolist())
-    return f"Over {words}, {span}, the mean error changes by {change} (significant, p {p_value(trend.p_value)})."
-
-
-def _answer(found: Assessment) -> str:
-    """RMS error per coordinate before and after calibration."""
-    before, after = (length(model.coordinate) for model in (found.nominal, found.calibrated))
-    one = found.calibration.request.data.kind.number_words
-    return f"RMS error per {one}: {before} before calibration, {after} calibrated."
+def _performance_table(repeats: Repeats) -> Table:
+    """AP by model and RP [mm]: median pose, worst pose with its 95 % interval, and the line of its first repeat."""
+    rows = []
+    for what in (*MODELS, "RP"):
+        values = []
+        for pose in repeats.poses:
+            one = getattr(pose, "nominal" if what == "RP" else what)
+            sized = (one.repeatability, one.repeatability_interval), (one.accuracy, one.accuracy_interval)
+            values.append((*sized[what != "RP"], pose.line))
+        worst, (low, high), line = max(values)
+        sizes = (float(np.median([value for value, _, _ in values])), worst)
+        interval = " to ".join(fixed(1e3 * end, 3) for end in (low, high))
+        name = "RP" if what == "RP" else f"AP, {MODELS[what]}"
+        rows.append((name, *(fixed(1e3 * size, 3) for size in sizes), interval, str(line)))
+    return Table(("[mm]", "median pose", "worst pose", "its 95 % interval", "line"), tuple(rows))
 
 
 class AssessmentPresenter(Presenter[Assessment]):
     """What a model gets wrong, and whether what remains is scatter: one line of answer, then a block for each rule."""
 
-    document = "assessment"
+    stem = "assessment"
 
     @property
     def problem(self) -> ProblemData:
@@ -232,17 +192,18 @@ class AssessmentPresenter(Presenter[Assessment]):
     def summary(self) -> Summary:
         """Rows and poses, errors before and after, share of the rows in the 95 % region of the residuals."""
         found = self.result
-        models = {"nominal": found.nominal, "calibrated": found.calibrated}
         errors = [
-            (MODEL_NAMES[name].capitalize(), f"{length(m.coordinate)} a coordinate") for name, m in models.items()
+            (words.capitalize(), f"{length(getattr(found, name).coordinate)} a coordinate")
+            for name, words in MODELS.items()
         ]
         left = found.residual_scatter
         inside = [] if left is None else [("In its 95 % region", f"{percent(left.inside)} of the rows")]
         facts = (("Rows", f"{found.rows} in {found.poses} poses"), *errors, *inside)
         return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
 
-    def report(self) -> Report:
-        return Report(self.problem.name or "Assessment", (_answer(self.result),), assessment_blocks(self.result))
+    def document(self) -> Document:
+        """Errors by direction, and a block for each rule of measuring."""
+        return Document(self.problem.name or "Assessment", self.result.statements, assessment_blocks(self.result))
 
     def drawings(self) -> Drawings:
         """Residuals over everything that they may depend on."""

@@ -13,51 +13,31 @@ from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.figures.batch import plot_batch
-from posture_opt.report.measured_parts.diagnosis_causes import finding_words
-from posture_opt.report.measured_parts.diagnosis_open import all_uneven_words
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.results.batch_report import batch_facts, batch_report
-from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.words import p_value
+from posture_opt.report.results.batch_report import batch_blocks, batch_facts
+from posture_opt.report.text.blocks import Block, Document, Summary, Table
+from posture_opt.statements import p_value
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_diagnosis import BatchDiagnosis
     from posture_opt.selection.problem_data import ProblemData
 
 
-def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
-    """The causes that a batch shows, and then the report on the batch itself.
-
-    The first line names the causes, or says that there are none. "Uneven" errors, of which repeats are missing, follow
-    with what to measure.
-    """
-    batch, problem = batch_report(found.batch), problem_of(found.batch)
-    named = "; ".join(finding_words(f, problem) for f in found.effects)
-    lead = f"Causes beyond the model: {named}." if named else "The model explains the data of these robots."
-    if found.uneven and not named:
-        lead = "The errors of these robots are uneven; the cause is not identifiable from these data."
-    left = all_uneven_words(found.uneven)
-    return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
-
-
-def _causes(problem: ProblemData, found: BatchDiagnosis) -> Block:
-    """Cause, size and p-value, one row a cause; a sentence where none is found."""
-    if not found.effects:
-        quiet = "" if found.uneven else ", and no joint is noisier than stated"
-        return Block("Causes", (f"No lengths are significantly correlated{quiet}.",))
+def _causes(found: BatchDiagnosis) -> Block:
+    """Cause, size and p-value, one row a cause."""
     rows = []
     for finding in found.effects:
         sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
-        rows.append((finding_words(finding, problem), sizes, p_value(finding.p_value)))
-    text = "Correlated lengths cannot be identified from one robot alone."
-    return Block("Causes", (Table(("cause", "size", "p-value"), tuple(rows), text_columns=3), text))
+        rows.append((finding.cause.label, sizes, p_value(finding.p_value)))
+    table = Table(("cause", "size", "p-value"), tuple(rows), text_columns=3)
+    return Block("Causes", (table,) if rows else ())
 
 
 class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     """What several robots of one type show together; ``uncertainty.yaml`` is the section for their problem file."""
 
-    document = "diagnosis"
+    stem = "diagnosis"
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     @property
@@ -67,12 +47,15 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
 
     def summary(self) -> Summary:
         """Verdict, causes, and the first facts on the batch."""
-        named = "; ".join(finding_words(f, self.problem) for f in self.result.effects) or "none"
+        named = "; ".join(f.cause.label for f in self.result.effects) or "none"
         facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
         return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
 
-    def report(self) -> Report:
-        return batch_diagnosis_report(self.result)
+    def document(self) -> Document:
+        """The causes that a batch shows, and then the report on the batch itself."""
+        found = self.result
+        blocks = (_causes(found), *batch_blocks(found.batch))
+        return Document(self.problem.name or "Diagnosis", found.statements, blocks)
 
     def drawings(self) -> Drawings:
         """How two parameters vary together, where there are two."""

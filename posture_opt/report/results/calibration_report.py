@@ -5,44 +5,32 @@ All errors are of held-out rows: none of them was predicted by a fit that had se
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.model.effects import Effect
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.interactive.error_marks import correction_marks, task_posture
-from posture_opt.report.measured_parts.calibration_brief import calibration_brief, stood_elsewhere
 from posture_opt.report.measured_parts.calibration_parameters import (
     determined_words,
     parameters_block,
     places_blocks,
     undetermined_block,
 )
-from posture_opt.report.measured_parts.contradictions import doubts_lead
-from posture_opt.report.measured_parts.error_table import (
-    error_table,
-    held_out_sentence,
-    instrument_words,
-    mm,
-    rows_words,
-)
-from posture_opt.report.measured_parts.instrument_scatter_words import instrument_scatter_lead, sure_gain_lead
-from posture_opt.report.measured_parts.large_file_words import large_file_facts
-from posture_opt.report.measured_parts.other_file_words import calibration_words, file_words, range_items
-from posture_opt.report.measured_parts.start_up_words import start_up_lead
+from posture_opt.report.measured_parts.error_table import error_table, instrument_words, mm, range_table, rows_words
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.comparison_parts import comparison_blocks, comparison_lead
-from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
+from posture_opt.report.parts.comparison_parts import comparison_blocks
+from posture_opt.report.parts.parts import robot_facts
 from posture_opt.report.results.assessment_report import assessment_blocks, assessment_drawings
 from posture_opt.report.results.comparison_report import comparison_drawings
-from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings, spread_check_lead
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, length_unit
+from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings
+from posture_opt.report.text.blocks import Block, Document, Facts, Item, Summary, Table
 from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.statements.notation import count, length, length_unit
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
@@ -51,130 +39,50 @@ if TYPE_CHECKING:
     from posture_opt.validation.evaluation import Evaluation
 
 _MAX_OUTLIERS = 20
-_MAX_LEAD_NOTES = 2  # in the lead
 
 
-def calibration_report(shown: CalibrationPresenter) -> Report:
-    """Data, errors before and after, parameters, what is not determined, outliers, test file.
-
-    The blocks of the assessment, of the check of the spread and of the re-planned posture are among them; the test
-    file has a block where there is one.
-    """
-    found = shown.result
-    blocks = (
-        data_block(shown.problem, found),
-        errors_block(shown.problem, found),
-        *assessment_blocks(shown.evaluation.assessment),
-        *spread_check_blocks(shown.evaluation.spread_check),
-        parameters_block(found),
-        *places_blocks(found),
-        undetermined_block(found),
-        outliers_block(found),
-        *([test_block(found, found.test)] if found.test is not None else []),
-        *comparison_blocks(shown.evaluation.comparison),
-    )
-    return Report(shown.problem.name or "Calibration", calibration_lead(shown), blocks)
-
-
-def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
-    """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread.
-
-    Order: an instrument that is worse than the arm, contradictions with the file and implausible values, the answer,
-    a test file on which the calibration fails, the first warnings, the comparison of plans, and the coverage of the
-    predicted spread. Warnings of the data are left out where a fitted contradiction explains them.
-    """
-    found = shown.result
-    explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
-    warnings = () if explained else found.request.data.warnings
-    doubts = [sentence(note) for note in dict.fromkeys((*warnings, *found.fit.notes))]
-    more = (
-        (f"{len(doubts) - _MAX_LEAD_NOTES} more notes of this kind are under Data.",)
-        if len(doubts) > _MAX_LEAD_NOTES
-        else ()
-    )
-    fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
-    return (
-        *instrument_scatter_lead(found.instrument_scatter),
-        *sure_gain_lead(found, found.keeps_nominal),
-        *doubts_lead(found),
-        _answer(found),
-        *fails,
-        *start_up_lead(found.start_up),
-        *doubts[:_MAX_LEAD_NOTES],
-        *more,
-        *comparison_lead(shown.evaluation.comparison),
-        spread_check_lead(shown.evaluation.spread_check),
-    )
-
-
-def _answer(found: Calibration) -> str:
-    """RMS position error [mm] before and after, or that calibration does not help."""
-    before, after = (mm(s.rms) for s in (found.nominal, found.calibrated))
-    what = found.request.data.kind.error_words
-    if found.calibrated.rms >= found.nominal.rms:
-        return f"Calibration does not help: {what.replace('error', 'errors')} of {before} mm RMS become {after} mm."
-    return f"On rows held out from the fit, calibration reduces the RMS {what} from {before} mm to {after} mm."
-
-
-def data_block(problem: ProblemData, found: Calibration) -> Block:
-    """The file, its rows, the instrument, and what looks odd.
-
-    Targets are listed where the tool has several, thinning where only a part of a large file was fitted. Warnings that
-    the lead has already are not repeated.
-    """
-    data = found.request.data
+def calibration_document(shown: CalibrationPresenter) -> Document:
+    """The statements of a calibration, and its tables: errors, parameters, residuals, the spread, the planned task."""
+    found, evaluation = shown.result, shown.evaluation
+    data, test = found.request.data, found.test
     facts = [
+        *robot_facts(shown.problem),
         ("File", Path(data.file).name or "table"),
-        ("Rows", rows_words(data, problem.robot)),
+        ("Rows", rows_words(data, shown.problem.robot)),
         *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
-        *large_file_facts(found.large),
-        ("Instrument", instrument_words(problem, data)),
+        ("Instrument", instrument_words(shown.problem, data)),
+        ("Parameters", determined_words(found)),
     ]
-    doubts = tuple(dict.fromkeys((*data.warnings, *found.fit.notes)))
-    every = (*data.warnings, *data.notes, *problem.notes, *found.notes)
-    notes = note_facts(note for note in every if note not in doubts[:_MAX_LEAD_NOTES])
-    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+    models = {MODEL_NAMES[name]: getattr(found, name) for name in ("nominal", "calibrated")}
+    blocks = (
+        Block("What the simulation gets wrong", (error_table(models, data),)),
+        *(replace(block, brief=()) for block in assessment_blocks(evaluation.assessment)),
+        *(replace(block, brief=()) for block in spread_check_blocks(evaluation.spread_check)),
+        parameters_block(found),
+        *(replace(block, brief=()) for block in places_blocks(found)),
+        undetermined_block(found),
+        Block("Outliers", _outliers(found), brief=()),
+        Block("Test file", () if test is None else _test_tables(test), brief=()),
+        *(replace(block, brief=()) for block in comparison_blocks(evaluation.comparison)),
+        Block("Data", (Facts(tuple(facts)),)),
+    )
+    return Document(shown.problem.name or "Calibration", found.statements, blocks)
 
 
-def errors_block(problem: ProblemData, found: Calibration) -> Block:
-    """Position errors before and after, cross-validated: RMS with its 95 % interval, mean, 95 % quantile and maximum
-    [mm].
-
-    "Before" has only the frames fitted that the file leaves free: without them no error could be computed.
-    """
-    how = held_out_sentence(found.by, min(found.request.folds, len(np.unique(found.request.data.pose))))
-    free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
-    frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
-    gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
-    models = {MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated}
-    table = error_table(models, found.request.data)
-    text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
-    return Block("What the simulation gets wrong", (text, table))
-
-
-def outliers_block(found: Calibration) -> Block:
+def _outliers(found: Calibration) -> tuple[Item, ...]:
     """Rows that were left out of the fit, with their lines in the file and by how much each is off [mm]."""
     if not found.outliers:
-        return Block("Outliers", ("No row stands out.",))
+        return ()
     sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
     rows = tuple((str(line), mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
-    more = [f"and {len(rows) - _MAX_OUTLIERS} more"] if len(rows) > _MAX_OUTLIERS else []
-    gone = "1 row was left out of the fit" if len(rows) == 1 else f"{len(rows)} rows were left out of the fit"
-    text = f"{gone} of {Path(found.request.data.file).name or 'the table'}: far more off than the others explain."
-    return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_MAX_OUTLIERS], text_columns=0), *more))
+    return (Table(("line", "off by [mm]"), rows[:_MAX_OUTLIERS], text_columns=0),)
 
 
-def test_block(found: Calibration, other: OtherFile) -> Block:
-    """Another file, predicted by what this one taught.
-
-    Errors by model, then those of rows inside and outside the joint ranges of the fit. Errors many times those of the
-    first file come with the hint to fit base and tool again.
-    """
+def _test_tables(other: OtherFile) -> tuple[Table, ...]:
+    """Errors on the other file by model, and those inside and outside the joint ranges of the fit."""
     names = {name: MODEL_NAMES[name] for name in other.models}
     table = error_table({names[name]: statistics for name, statistics in other.models.items()}, other.data)
-    hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
-    items = (file_words(other), table, *range_items(other, names))
-    return Block("Test file", (*items, *([hint] if stood_elsewhere(found) else [])))
+    return (table, *range_table(other, names))
 
 
 class CalibrationPresenter(Presenter["Calibration"]):
@@ -183,7 +91,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
     ``calibrated.yaml`` is the problem file with the corrections and the covariance of the parameters.
     """
 
-    document = "calibration"
+    stem = "calibration"
     delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
@@ -211,13 +119,9 @@ class CalibrationPresenter(Presenter["Calibration"]):
         )
         return Summary(f"Calibration: {self.problem.name}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Document:
         """The whole report, a block a question."""
-        return calibration_report(self)
-
-    def brief(self) -> Report:
-        """The report on one screen, with what to do next."""
-        return calibration_brief(self.problem, self.result, self.evaluation.assessment, calibration_lead(self))
+        return calibration_document(self)
 
     def drawings(self) -> Drawings:
         """Residuals, whether the predicted spread is true, and the error in the old and in the new posture."""

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.figures.comparison import plot_comparison
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.collision_parts import mounting_notes
-from posture_opt.report.parts.comparison_parts import FIRST, TITLE, comparison_blocks, comparison_lead, success_text
-from posture_opt.report.parts.parts import sentence
-from posture_opt.report.text.blocks import Block, Report, Summary, Table
-from posture_opt.report.text.units_text import decimals_of, joint_unit, joint_value, length, length_unit, percent
-from posture_opt.report.text.words import MODEL_NAMES, PARTS
+from posture_opt.report.parts.comparison_parts import TITLE, comparison_blocks, success_text
+from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.selection.comparison.comparison_statements import FIRST, is_other_arm
+from posture_opt.statements.notation import decimals_of, joint_unit, joint_value, length, length_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
@@ -22,15 +21,12 @@ if TYPE_CHECKING:
 
 _MAX_REASONS = 4
 _MAX_POSTURES = 8  # of one answer
-_EQUAL = 5e-4  # of a standard deviation: no report shows the difference
-_MAX_PERCENT_RATIO = 10.0  # from here on a ratio reads better than percent
-_OTHER_ARM_RATIO = 100.0  # times its own error: another arm
 
 
 class ComparisonPresenter(Presenter["Comparison"]):
     """Several arms, or several models of one arm, at one task."""
 
-    document = "comparison"
+    stem = "comparison"
 
     def summary(self) -> Summary:
         found = self.result
@@ -38,26 +34,20 @@ class ComparisonPresenter(Presenter["Comparison"]):
             facts = [(name, _short(name, arm)) for name, arm in found.arms.items()]
             return Summary(f"Comparison: {self.problem.name}", tuple(facts))
         facts = [
-            (
-                MODEL_NAMES.get(name, name).capitalize(),
-                f"within {length(column.judged[found.reference].critical_error)} of the target (95 % probability)",
-            )
+            (MODEL_NAMES.get(name, name).capitalize(), _within(column.judged[found.reference].critical_error))
             for name, column in found.answered.items()
         ]
-        why = [("No posture", sentence(reason)) for reason in found.reasons[:_MAX_REASONS]]
+        why = [("No posture", reason) for reason in found.reasons[:_MAX_REASONS]]
         return Summary(f"{TITLE}: {self.problem.name}", (*facts, *why))
 
-    def report(self) -> Report:
+    def document(self) -> Document:
         found = self.result
         if found.reference:
-            return Report(self.problem.name or TITLE, comparison_lead(found), comparison_blocks(found))
-        blocks = (
-            _own_block(found),
-            *_judged_blocks(found),
-            *_posture_blocks(found),
-            *(_reasons_block(name, arm) for name, arm in found.arms.items() if arm.reasons),
-        )
-        return Report(self.problem.name or "Comparison", _lead(found), blocks)
+            return Document(self.problem.name or TITLE, found.statements, comparison_blocks(found))
+        reasons = tuple((name, reason) for name, arm in found.arms.items() for reason in arm.reasons)
+        failed = [Block("No answer", (Table(("arm", "because"), reasons, 2),))] if reasons else []
+        blocks = (_own_block(found), *_judged_blocks(found), *_posture_blocks(found), *failed)
+        return Document(self.problem.name or "Comparison", found.statements, blocks)
 
     def drawings(self) -> Drawings:
         """Predicted errors of all answers, by the reference or by each arm."""
@@ -110,52 +100,11 @@ def _short(name: str, arm: ComparedAnswer) -> str:
     if not arm.stations:
         return "cannot do the task"
     own = arm.judged[name]
-    return f"σ {length(own.sigma_max)}, within {length(own.critical_error)} of the target (95 % probability)"
+    return f"σ {length(own.sigma_max)}, {_within(own.critical_error)}"
 
 
-def _lead(found: Comparison) -> tuple[str, ...]:
-    """Which arm is best and by how much; then what the postures are worth by the last arm that judges both."""
-    answered, best = found.answered, found.best
-    assert best is not None, "without any answer there is no comparison"
-    part = PARTS[answered[best].stations[0].critical.within]
-    least = answered[best].judged[best].sigma_max
-    lines = [f"Smallest standard deviation {part}: {length(least)}, with {best}."]
-    lines += [
-        f"With {name}: {length(arm.judged[name].sigma_max)}{_ratio(arm.judged[name].sigma_max, least)}."
-        for name, arm in answered.items()
-        if name != best
-    ]
-    lines += [f"{name} cannot do the task." for name in found.arms if name not in answered]
-    answers = {name: arm.answer for name, arm in answered.items() if arm.answer is not None}
-    return (*lines, *_cross_lead(found), *mounting_notes(answers))
-
-
-def _ratio(sigma: float, least: float) -> str:
-    """How much that is beside the least, after a comma; nothing beside one of zero."""
-    if sigma <= least * (1 + _EQUAL):
-        return ", the same"
-    if not least > 0:
-        return ""
-    ratio = sigma / least
-    return f", {percent(ratio - 1)} more" if ratio < _MAX_PERCENT_RATIO else f", {ratio:,.0f} times as much"
-
-
-def _cross_lead(found: Comparison) -> tuple[str, ...]:
-    """What the last arm predicts of the posture of the first: the use of knowing the arm better."""
-    (first, arm), *_, (last, other) = found.arms.items()
-    if last not in arm.judged or not other.stations or _another_arm(found, first, last):
-        return ()
-    before, after = arm.judged[last].critical_error, other.judged[last].critical_error
-    return (
-        f"If {last} describes the arm: planned with {first}, the tool stays within {length(before)} of the target "
-        f"(95 % probability); planned with {last}, within {length(after, among=[before])}.",
-    )
-
-
-def _another_arm(found: Comparison, name: str, judge: str) -> bool:
-    """Whether the posture of one arm means nothing to the other: it misses by far more than the arm errs."""
-    arm = found.arms[name]
-    return judge in arm.judged and arm.judged[judge].distance > _OTHER_ARM_RATIO * arm.judged[name].critical_error
+def _within(radius: float) -> str:
+    return f"within {length(radius)} of the target (95 % probability)"
 
 
 def _own_block(found: Comparison) -> Block:
@@ -171,34 +120,25 @@ def _own_block(found: Comparison) -> Block:
             )
         )
     headers = ("arm", f"σ [{unit}]", f"95 % within [{unit}]", "success")
-    return Block("Each arm in its own posture", (_without_empty(headers, rows), *found.notes))
+    return Block("Each arm in its own posture", (_without_empty(headers, rows),))
 
 
 def _judged_blocks(found: Comparison) -> tuple[Block, ...]:
     """The postures of all arms as each of them predicts their errors."""
-    blocks, sentences = [], []
+    blocks: list[Block] = []
     unit, factor = _unit(found)
+    headers = ("planned with", f"mean error [{unit}]", f"σ [{unit}]", f"95 % within [{unit}]", "success")
     for judge in found.arms:
-        others = [name for name, arm in found.answered.items() if judge in arm.judged and name != judge]
-        far = [name for name in others if _another_arm(found, name, judge)]
-        sentences += [
-            f"In the posture of {name}, {judge} misses the target by {length(found.arms[name].judged[judge].distance)}."
-            for name in far
-        ]
         rows = []
         for name, arm in found.answered.items():
-            if name == judge or name in set(others) - set(far):
+            if judge in arm.judged and (name == judge or not is_other_arm(found, name, judge)):
                 plan = arm.judged[judge]
                 sizes = plan.distance, plan.sigma_max, plan.critical_error
                 rows.append((name, *_numbers(sizes, plan.sigma_max, factor), success_text(plan.success_probability)))
-        headers = ("planned with", f"mean error [{unit}]", f"σ [{unit}]", f"95 % within [{unit}]", "success")
-        if set(others) - set(far):
-            blocks.append(Block(f"Errors predicted by {judge}", (_without_empty(headers, rows),)))
-    if sentences:
-        blocks.append(Block("Different arms", tuple(sentences)))
-    if not blocks:
-        return (Block("Different arms", ("The arms have different joints: no posture fits the other.",)),)
-    return (Block(blocks[0].title, blocks[0].items, "arm_comparison"), *blocks[1:])
+        if any(row[0] != judge for row in rows):
+            figure = "" if blocks else "arm_comparison"
+            blocks.append(Block(f"Errors predicted by {judge}", (_without_empty(headers, rows),), figure))
+    return tuple(blocks) or (Block("Different arms", (), "arm_comparison"),)
 
 
 def _unit(found: Comparison) -> tuple[str, float]:
@@ -233,7 +173,7 @@ def _postures_block(name: str, arm: ComparedAnswer) -> Block:
     """The joint values of an answer; of many, the first ones."""
     rows = [(str(k), *_joint_values(station)) for k, station in enumerate(arm.stations[:_MAX_POSTURES], start=1)]
     left = len(arm.stations) - _MAX_POSTURES
-    more = (f"{left} more postures are in comparison.json.",) if left > 0 else ()
+    more = (Facts((("More postures", f"{left} in comparison.json"),)),) if left > 0 else ()
     title = "Posture" if len(rows) == 1 else "Postures"
     return Block(f"{title} of {name}", (Table(("posture", *_joint_heads(arm)), tuple(rows)).transposed(), *more))
 
@@ -246,7 +186,3 @@ def _joint_heads(arm: ComparedAnswer) -> list[str]:
 def _joint_values(station: Solution) -> list[str]:
     joints = station.optimisation_problem.robot.joints
     return [joint_value(q, joint.type).split()[0] for q, joint in zip(station.q, joints, strict=True)]
-
-
-def _reasons_block(name: str, arm: ComparedAnswer) -> Block:
-    return Block(f"Why {name} cannot do the task", tuple(sentence(reason) for reason in arm.reasons))

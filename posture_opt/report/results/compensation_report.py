@@ -6,7 +6,6 @@ compensation together with what is uncertain.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
@@ -15,16 +14,15 @@ import numpy as np
 
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
-from posture_opt.report.figures.compensation import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
+from posture_opt.report.figures.row_errors import plot_compensation
 from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import collision_facts, distance_facts, mounting_lead
-from posture_opt.report.parts.measured_range_parts import beyond_lead
-from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import angle, count, length, length_unit
+from posture_opt.report.parts.collision_parts import distance_facts
+from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.statements.notation import angle, count, length, length_unit
 from posture_opt.units import ERROR_UNITS, number
 
 if TYPE_CHECKING:
@@ -33,55 +31,15 @@ if TYPE_CHECKING:
 
 _MAX_ROWS = 40
 _LENGTH_ROUNDING_M = 1e-9  # m: rounding
-_MAX_PLAIN_CHANGE_RAD = math.radians(5.0)  # a change of a joint that is worth a look before the program runs
+_ORIGINS = {
+    "given": "given; the compensated ones stay as near to them as the target allows",
+    "given as targets": "given, and the targets are where the nominal arm would be with them",
+    "first row": "none were given: near the first row, with its tool axis and further requirements",
+    "task": "none were given: near the posture of the task, with its tool axis and further requirements",
+}
 
 
-def compensation_report(problem: ProblemData, found: Compensation) -> Report:
-    """What the compensation brings, what was computed with, the rows."""
-    blocks = (gain_block(problem, found), rows_block(found))
-    return Report(
-        f"Compensated targets: {problem.name}" if problem.name else "Compensated targets", lead(found), blocks
-    )
-
-
-def lead(found: Compensation) -> tuple[str, ...]:
-    """The answer: from how far off to how far off, as RMS over the targets.
-
-    First what was assumed and given up; another line where the file has no corrections. A sentence is added where what
-    is left is more than 80 % of what was off; then the joint that changes by more than five degrees, and notes.
-    """
-    among = [rms(found.off), rms(found.left)]
-    as_given, left = (length(size, among=among) for size in among)
-    first = f"Compensated, the tool is expected to miss {_targets(found)} by {left} (RMS) instead of {as_given}."
-    if among[0] < _LENGTH_ROUNDING_M:
-        first = (
-            f"There is nothing to compensate: the file knows no corrections and no effects of this arm. The tool is "
-            f"expected to miss {_targets(found)} by {left} (RMS)."
-        )
-    elif among[1] > 0.8 * among[0]:
-        first += " What is uncertain of this arm is as large as what is known of its errors."
-    before, after = mounting_lead(found.problem.scene, found.q)
-    beyond = beyond_lead(found.problem.arm, found.q)
-    return (*before, *beyond, first, *_warning(found), *(f"Note: {note}." for note in found.notes), *after)
-
-
-def _targets(found: Compensation) -> str:
-    """ "its target" or "the … targets"."""
-    return "its target" if len(found) == 1 else f"the {len(found)} targets"
-
-
-def _warning(found: Compensation) -> tuple[str, ...]:
-    """Where a joint changes by much, as near a singular posture."""
-    turns = np.array([joint.type == "revolute" for joint in found.problem.robot.joints])
-    change = np.where(turns, np.abs(found.q - found.near), 0.0)
-    row, joint = np.unravel_index(int(np.argmax(change)), change.shape)
-    if found.targets.near is None or change[row, joint] < _MAX_PLAIN_CHANGE_RAD:
-        return ()
-    name, line = found.problem.robot.joints[joint].name, found.targets.line[row]
-    return (f"Check line {line} before it runs: {name} changes by {angle(float(change[row, joint]))}.",)
-
-
-def gain_block(problem: ProblemData, found: Compensation) -> Block:
+def gain_blocks(problem: ProblemData, found: Compensation) -> tuple[Block, Block]:
     """Errors before and after, in position and orientation; what the arm is computed with.
 
     Rows: RMS and largest position error (µm or mm), and RMS orientation error [mrad] where the targets have one. The
@@ -100,17 +58,12 @@ def gain_block(problem: ProblemData, found: Compensation) -> Block:
     facts = (
         *robot_facts(problem),
         *_computed_for(found),
-        ("Joints", _given(found)),
+        ("Joints", _ORIGINS[found.origin]),
         ("Largest change", ", ".join(_changes(found, change))),
         *distance_facts(problem.scene, found.clearance),
-        *collision_facts(problem.scene),
-        *note_facts((*problem.sources.notes, *frame_notes(problem.robot))),
+        *note_facts(problem.sources.notes),
     )
-    text = (
-        "'As given': what the known errors of this arm make of the given joint values. 'Compensated': what remains of "
-        "them, what is still uncertain of the arm, and its scatter."
-    )
-    return Block("Before and after", (text, table, Facts(facts)), "compensation")
+    return Block("Before and after", (table,), "compensation"), Block("Problem", (Facts(facts),))
 
 
 def _numbers(metres: Sequence[float], factor: float) -> list[str]:
@@ -140,16 +93,6 @@ def _range(values: Array | None, stated: float) -> str:
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
 
 
-def _given(found: Compensation) -> str:
-    """Where the joint values of the rows come from, in words."""
-    if found.targets.near is None:
-        near = "the first row" if found.problem.task is None or found.remarks else "the posture of the task"
-        return f"none were given: near {near}, with its tool axis and further requirements"
-    if found.targets.position is None:
-        return "given, and the targets are where the nominal arm would be with them"
-    return "given; the compensated ones stay as near to them as the target allows"
-
-
 def _changes(found: Compensation, change: np.ndarray) -> list[str]:
     """The largest change of each joint over the rows, given as (n,) [rad or m]; 0 below the digits that are written."""
     words = []
@@ -176,16 +119,15 @@ def rows_block(found: Compensation) -> Block:
         )
         for k in range(min(len(found), _MAX_ROWS))
     )
-    more = [f"{count(len(found) - _MAX_ROWS, 'row')} more in compensated.csv."] if len(found) > _MAX_ROWS else []
-    text = "Joint values are those of the model's joints, with its zeros and directions."
+    more = [Facts((("More rows", f"{len(found) - _MAX_ROWS} in compensated.csv"),))] if len(found) > _MAX_ROWS else []
     views = tuple(f"line-{row[0]}" for row in rows)
-    return Block("Compensated joint values", (text, Table(headers, rows, text_columns=0, views=views), *more))
+    return Block("Compensated joint values", (Table(headers, rows, text_columns=0, views=views), *more))
 
 
 class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
-    document = "compensation"
+    stem = "compensation"
     delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
 
     def summary(self) -> Summary:
@@ -203,9 +145,11 @@ class CompensationPresenter(Presenter["Compensation"]):
         )
         return Summary(f"{count(len(found), 'compensated target')}: {found.problem.name}", facts)
 
-    def report(self) -> Report:
-        """The whole report."""
-        return compensation_report(self.problem, self.result)
+    def document(self) -> Document:
+        """What the compensation brings, what was computed with, the rows."""
+        found, name = self.result, self.problem.name
+        title = f"Compensated targets: {name}" if name else "Compensated targets"
+        return Document(title, found.statements, (*gain_blocks(self.problem, found), rows_block(found)))
 
     def drawings(self) -> Drawings:
         """The error at every target, before and after."""

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from posture_opt.csv_text import csv_line
-from posture_opt.report.figures.posture_batch import plot_posture_batch
+from posture_opt.report.figures.batch import plot_posture_batch
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files, page_name
-from posture_opt.report.text.blocks import Block, Linked, Report, Summary, Table
-from posture_opt.report.text.units_text import count, length, length_unit, short_probability
+from posture_opt.report.text.blocks import Block, Document, Linked, Summary, Table
+from posture_opt.statements.notation import count, length_unit, probability
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _MAX_BRIEF_ROWS = 12  # rows on one screen
 class PostureBatchPresenter(Presenter["PostureBatch"]):
     """Many problems, one row each; ``answers.csv`` has all of them."""
 
-    document = "answers"
+    stem = "answers"
     delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
 
     @property
@@ -39,26 +39,24 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
 
     def summary(self) -> Summary:
         """How many are solved, and the answers of least and largest standard deviation."""
-        facts = [("Solved", solved_sentence(self.result))]
-        if self.result.solved:
-            facts += [(which, f"{length(one.sigma_max)} (1 σ): {one.name}") for which, one in extremes(self.result)]
-        return Summary(f"Postures for {count(len(self.result.answers), 'problem')}", tuple(facts))
+        facts = tuple((one.label or "Solved", one.text) for one in self.result.statements)
+        return Summary(f"Postures for {count(len(self.result.answers), 'problem')}", facts)
 
-    def report(self) -> Report:
+    def document(self) -> Document:
         """First the problems without an answer with their reasons, then the table of answers.
 
         On one screen both are cut after the first dozen.
         """
-        found = self.result
-        ends = [f"{which} standard deviation: {length(one.sigma_max)}, {one.name}." for which, one in extremes(found)]
-        title = f"Postures for {count(len(found.answers), 'problem')}"
+        found: PostureBatch = self.result
         whole = replace(answers_table(found.answers), links=self._links)
-        blocks = [Block("Answers", (whole,), figure="answers", brief=(whole.cut(_MAX_BRIEF_ROWS),))]
-        failed = [answer for answer in found.answers if answer.code]
-        if failed:
-            reasons = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
-            blocks.insert(0, Block("Without an answer", reasons, brief=reasons[:_MAX_BRIEF_ROWS]))
-        return Report(title, (solved_sentence(found), *ends), tuple(blocks))
+        failed = Table(
+            ("problem", "no answer because"), tuple((a.name, "; ".join(a.reasons)) for a in found.answers if a.code), 2
+        )
+        blocks = (
+            *([Block("Without an answer", (failed,), brief=(failed.cut(_MAX_BRIEF_ROWS),))] if failed.rows else []),
+            Block("Answers", (whole,), figure="answers", brief=(whole.cut(_MAX_BRIEF_ROWS),)),
+        )
+        return Document(f"Postures for {count(len(found.answers), 'problem')}", found.statements, blocks)
 
     def drawings(self) -> Drawings:
         """The spread of every answer."""
@@ -101,23 +99,6 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         )
 
 
-def solved_sentence(found: PostureBatch) -> str:
-    """How many have a solution, and why the others have none."""
-    lacking = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
-    codes = [answer.code for answer in found.answers]
-    others = [f"{codes.count(code)} {what}" for code, what in lacking.items() if code in codes]
-    text = f"{len(found.solved)} of {count(len(codes), 'problem')} solved"
-    return f"{text}; {', '.join(others)}." if others else f"{text}."
-
-
-def extremes(found: PostureBatch) -> list[tuple[str, BatchAnswer]]:
-    """The answers with the least and the largest standard deviation, where there are several."""
-    if len(found.solved) < 2:
-        return []
-    ordered = sorted(found.solved, key=lambda answer: answer.sigma_max)
-    return [("Smallest", ordered[0]), ("Largest", ordered[-1])]
-
-
 def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
     """Name, status, standard deviation in the unit of the largest, probability of success; "-" where not known."""
     known = [answer.sigma_max for answer in answers if not np.isnan(answer.sigma_max)]
@@ -127,7 +108,7 @@ def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
             answer.name,
             answer.status,
             "-" if np.isnan(answer.sigma_max) else number(factor * answer.sigma_max),
-            "-" if np.isnan(answer.success_probability) else short_probability(answer.success_probability),
+            "-" if np.isnan(answer.success_probability) else probability(answer.success_probability),
         )
         for answer in answers
     ]

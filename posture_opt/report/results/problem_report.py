@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from posture_opt.report.page.presenter import SummaryPresenter
 from posture_opt.report.parts.parts import effect_facts, robot_facts, source_facts, workpiece_facts
 from posture_opt.report.text.blocks import Summary
-from posture_opt.report.text.units_text import place, stated_length
+from posture_opt.statements.notation import place, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem

@@ -15,11 +15,8 @@ from posture_opt.report.interactive.target_view import target_key, target_view
 from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import collision_facts, mounting_lead
-from posture_opt.report.parts.measured_range_parts import beyond_lead
 from posture_opt.report.parts.parts import (
     brief_notes,
-    frame_notes,
     input_facts,
     joint_values,
     note_facts,
@@ -27,10 +24,9 @@ from posture_opt.report.parts.parts import (
     source_facts,
     workpiece_facts,
 )
-from posture_opt.report.parts.solution_checks import confirmation_words
-from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count, joint_unit, length, length_unit, percent, place
+from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words, part_words
+from posture_opt.statements.notation import count, joint_unit, length, length_unit, percent, place
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -39,74 +35,25 @@ if TYPE_CHECKING:
     from posture_opt.selection.maps.target_map import TargetMap
     from posture_opt.selection.problem_data import ProblemData
 
-_GAIN_TOLERANCE = 5e-4  # of the spread: what a map cannot promise to win
-_MAX_PERCENT_RATIO = 1.5  # times: below, a gain is written in percent
-
-
-def target_map_report(found: TargetMap) -> Report:
-    """Problem, places, the map itself."""
-    problem: ProblemData = found.problem
-    title = problem.name or "Map of targets"
-    first, last = mounting_lead(found.problem.scene, found.postures[found.feasible])
-    first = (*first, *beyond_lead(problem.arm, found.postures[found.feasible]))
-    return Report(
-        title, (*first, *lead(found), *last), (problem_block(problem, found), places_block(found), map_block(found))
-    )
-
-
-def lead(found: TargetMap) -> tuple[str, ...]:
-    """The best place, and what it is better than: the position in the problem, where there is one, and the worst
-    target.
-    """
-    best, worst = found.best, found.worst
-    part = part_words(found.within, found.optimisation_problem.task.kind)
-    answer = f"Best target: {place(best.position)}, standard deviation {part} {length(best.sigma_max)}."
-    others = [f"Worst target of the map: {length(worst.sigma_max)}."]
-    if found.own is not None:
-        others.insert(0, _own_sentence(best, found.own))
-    return answer, " ".join(others)
-
-
-def _own_sentence(best: MapPoint, own: MapPoint) -> str:
-    """What moving the workpiece from the position in the problem to the best target gains.
-
-    In percent below a ratio of 1.5, else as a factor; no gain below 0.05 %, which the map cannot resolve.
-    """
-    if not own.feasible:
-        return "The position in the problem has no feasible posture."
-    scatter = f"Position in the problem: {length(own.sigma_max)}"
-    ratio = own.sigma_max / best.sigma_max if best.sigma_max > 0 else 1.0
-    if ratio < 1 + _GAIN_TOLERANCE:
-        return f"{scatter}; no target of the map is better."
-    gain = f"{percent(1 - 1 / ratio)} lower" if ratio < _MAX_PERCENT_RATIO else f"{number(ratio)} times lower"
-    return f"{scatter}; the best target is {gain}."
-
 
 def problem_block(problem: ProblemData, found: TargetMap) -> Block:
     """What was asked, and where: robot, task, direction (world), criterion, grid, collision checks, sources, notes."""
     task = found.optimisation_problem.task
-    rows = [
+    stated = tuple(note for note in (*problem.notes, *found.notes) if isinstance(note, str))
+    sources = (*source_facts(problem), *workpiece_facts(problem))
+    rows = (
         *robot_facts(problem),
         *input_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
         ("Direction", f"{direction_words(found.target.direction)} in the world"),
         ("Minimised", CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))),
         ("Targets", grid_words(found.grid)),
-        *collision_facts(problem.scene),
-        *source_facts(problem),
-        *workpiece_facts(problem),
-        *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
-    ]
-    notes = brief_notes(problem, (*problem.notes, *found.notes))
-    short = (
-        rows[0],
-        ("Task", task.kind),
-        ("Targets", grid_words(found.grid)),
-        *source_facts(problem),
-        *workpiece_facts(problem),
-        *notes,
+        *sources,
+        *note_facts(stated),
     )
-    return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
+    targets = ("Targets", grid_words(found.grid))
+    short = (rows[0], ("Task", task.kind), targets, *sources, *brief_notes(problem, stated))
+    return Block("Problem", (Facts(rows),), brief=(Facts(short),))
 
 
 def grid_words(grid: Grid) -> str:
@@ -153,38 +100,30 @@ def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
 
 
 def map_block(found: TargetMap) -> Block:
-    """How much of the map can be served, and the figure."""
-    return Block("Map", (served_sentence(found), neighbours_sentence(found), *_small_table(found)), figure="map")
+    """How much of the map can be served, what neighbours brought, and the figure."""
+    statuses, solves = [map_point.status for map_point in found.map_points], found.solves
+    unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
+    oriented = "" if found.optimisation_problem.alignment == "free" else " with the required tool orientation"
+    again = f"{solves.again} targets solved again, {solves.better} improved by up to {percent(solves.most)}"
+    rows = (
+        ("Feasible", f"{statuses.count('feasible')} of {count(len(statuses), 'target')}"),
+        *_counted("Unreachable", statuses.count("not reached"), oriented),
+        *_counted("Requirement not met", statuses.count("requirement not met")),
+        *_counted("Not confirmed", unsure),
+        ("Neighbours' postures", again),
+        *_counted("Only from a neighbour", solves.found),
+    )
+    return Block("Map", (Facts(rows), *_small_table(found)), figure="map")
 
 
 def served_sentence(found: TargetMap) -> str:
-    """How many targets have a posture, and what keeps the others from one.
-
-    Either no posture reaches the target with the required orientation, or each that does violates a requirement.
-    """
-    statuses = [map_point.status for map_point in found.map_points]
-    text = f"{statuses.count('feasible')} of {count(len(statuses), 'target')} have a feasible posture"
-    if statuses.count("feasible") == 1:
-        text = f"1 of {count(len(statuses), 'target')} has a feasible posture"
-    away, kept = statuses.count("not reached"), statuses.count("requirement not met")
-    how = "" if found.optimisation_problem.alignment == "free" else " with the required tool orientation"
-    why = [f"{away} unreachable{how}"] * (away > 0)
-    why += [f"{kept} reachable, but not with all requirements met"] * (kept > 0)
-    unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
-    note = f" At {count(unsure, 'target')} the solver did not confirm an optimum." if unsure else ""
-    return f"{text}; {', '.join(why)}.{note}" if why else f"{text}.{note}"
+    """How many targets have a posture."""
+    return f"{int(found.feasible.sum())} of {count(len(found.feasible), 'target')} have a feasible posture."
 
 
-def neighbours_sentence(found: TargetMap) -> str:
-    """How many targets were solved again from postures of their neighbours, and by how much that improved them."""
-    solves = found.solves
-    text = f"Neighbouring postures were tried at every target, and {count(solves.again, 'target')} solved again: "
-    gain = f"by up to {percent(solves.most)}" if solves.most >= _GAIN_TOLERANCE else "by less than 0.05 %"
-    text += f"{solves.better} improved, {gain}." if solves.better else "none improved."
-    text += f" {count(solves.found, 'target')} found a posture only from a neighbour." if solves.found else ""
-    if found.confirmation is None:
-        return text
-    return f"{text} Best, worst and own target: {confirmation_words(found.confirmation)}."
+def _counted(label: str, number_of: int, condition: str = "") -> list[tuple[str, str]]:
+    """So many targets; nothing of none."""
+    return [(label, f"{count(number_of, 'target')}{condition}")] if number_of else []
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:
@@ -238,7 +177,7 @@ def posture_columns(found: TargetMap) -> dict[str, list[float]]:
 class TargetMapPresenter(Presenter["TargetMap"]):
     """The best posture over a grid of targets; ``map.csv`` has a row a target."""
 
-    document = "map"
+    stem = "map"
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
@@ -254,9 +193,11 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         )
         return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
 
-    def report(self) -> Report:
-        """The whole report."""
-        return target_map_report(self.result)
+    def document(self) -> Document:
+        """Problem, places, the map itself."""
+        found, problem = self.result, self.problem
+        blocks = (problem_block(problem, found), places_block(found), map_block(found))
+        return Document(problem.name or "Map of targets", found.statements, blocks)
 
     def drawings(self) -> Drawings:
         """The map: standard deviation by colour, hatched where there is no posture."""

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from posture_opt.collision.facets import quads, rectangle
-from posture_opt.numerics import Array
-from posture_opt.report.scene.arm_solids import ArmSolids, JointAxis, Solid, is_level
+from posture_opt.numerics import Array, round_below
+from posture_opt.report.scene.arm_solids import ArmSolids, Solid
 from posture_opt.report.text.words import REGIONS
+from posture_opt.statements.notation import stated_length
 
 if TYPE_CHECKING:
     from posture_opt.collision.scene import Scene
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.uncertainty.spread.spread import Spread
 
+ARROW_SHARE = 0.3  # of the arm's extent: the arrow of the direction of the task
+MISSED_M = 1e-4  # from there on the target is marked next to the tool point
 _REGION_SHARE = 0.16  # of the arm's extent: the size at which an ellipsoid is well seen
 _OBSTACLE_MARGIN = 0.35  # of the arm's extent: so far around it obstacles are drawn
 _MAX_WHOLE_OBSTACLE = 2.5  # of the extent: larger obstacles are cut off
+_MAX_RING_SHARE = 0.3  # of the extent: a larger clearance is not drawn
 _FLOOR_MARGIN = 0.25  # of the extent: so far the floor goes on beyond the arm and the obstacles
 
 
@@ -48,8 +52,7 @@ class ErrorRegion:
         """The region of the tool at a posture, enlarged by ``factor``."""
         ellipse = spread.ellipse
         semi_axes = ellipse.factor(0.95) * (spread.basis.T @ (ellipse.axes * ellipse.semi_axes))
-        name = REGIONS[ellipse.rank]
-        label = f"{name}, enlarged {factor:g}\N{MULTIPLICATION SIGN}" if factor > 1 else f"{name}, true to scale"
+        label = f"{REGIONS[ellipse.rank]}, {scale_words(factor)}"
         return cls(spread.basis.T @ ellipse.center, semi_axes, factor, label)
 
     def surface(self, n: int = 16) -> Array:
@@ -91,6 +94,50 @@ class TargetGeometry:
         kind: Any = target.kind
         return cls(kind, target.lower, target.upper, target.direction, target.given_clearance)
 
+    def missed(self, tool_point: Array) -> bool:
+        """Whether a tool point (3,) [m] is off the target."""
+        return self.kind == "point" and float(np.linalg.norm(self.lower - tool_point)) > MISSED_M
+
+    def ring(self, factor: float, tool_point: Array, extent: float) -> Ring | None:
+        """The rim of the hole, enlarged as the region is; None without a clearance, or where it is too large to draw.
+
+        Args:
+            factor: by which the region is enlarged.
+            tool_point: (3,) where the hole is, unless the target is a point [m].
+            extent: of the arm [m]: a ring of more than 30 % of it is not drawn.
+        """
+        if not self.clearance or factor * self.clearance > _MAX_RING_SHARE * extent:
+            return None
+        label = f"hole: clearance {stated_length(self.clearance)}, {scale_words(factor)}"
+        center = self.lower if self.kind == "point" else tool_point
+        return Ring(center, factor * self.clearance * frame_along(self.direction), label)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The rim of a hole.
+
+    Args:
+        center: (3,) [m].
+        axes: (3, 3) columns: two radii across the direction of the hole, and one along it [m].
+        label: what it is and how much it is enlarged.
+    """
+
+    center: Array
+    axes: Array
+    label: str
+
+    def points(self, n: int = 73) -> Array:
+        """(n, 3) points of the rim [m]."""
+        turn = np.linspace(0.0, 2 * math.pi, n)
+        rim: Array = self.center + np.stack([np.cos(turn), np.sin(turn)], axis=1) @ self.axes[:, :2].T
+        return rim
+
+    def walls(self, normal: Array, depth: float) -> list[Array]:
+        """Both walls (5, 3) of so deep a hole [m] that are seen along the normal (3,) of a plane which it lies in."""
+        aside, along = np.cross(normal, self.axes[:, 2]), self.axes[:, 2] / np.linalg.norm(self.axes[:, 2])
+        return [self.center + sign * aside + depth * np.linspace(0.0, 1.0, 5)[:, None] * along for sign in (1, -1)]
+
 
 @dataclass(frozen=True)
 class ArmGeometry:
@@ -99,24 +146,25 @@ class ArmGeometry:
     Args:
         solids: base block, links, joints, tool.
         frames: (n + 2, 4, 4) of base, links and tool.
-        joints: (n,) where they act.
         tool_point: (3,) without errors.
         region: about its mean.
         direction: (3,) unit vector of the task; None where none is asked for.
         target: None where none is asked for, as of a spread.
         obstacles: those near the arm; of large ones what is near.
         floor: under all of it; None for a planar arm and where an obstacle is the floor.
+        ground: (2, 3) orthonormal axes of the plane that the picture shows behind or under all of it, and how far that
+            is along their normal [m].
     """
 
     solids: tuple[Solid, ...]
     frames: Array
-    joints: tuple[JointAxis, ...]
     tool_point: Array
     region: ErrorRegion
     direction: Array | None
     target: TargetGeometry | None
     obstacles: tuple[Solid, ...]
     floor: Solid | None
+    ground: tuple[Array, float]
     planar: bool
 
     @classmethod
@@ -144,10 +192,15 @@ class ArmGeometry:
         obstacles = () if scene is None else obstacles_near(scene, points)
         planar = len(spread.basis) == 2
         floor = None if planar else floor_under(points, obstacles, None if scene is None else scene.floor_height)
-        joints = tuple(joint.placed(frames) for joint in arm.joints)
-        return cls(
-            solids, frames, joints, spread.position, region, direction, target, obstacles, floor, planar
-        )  # fmt: skip
+        axes = np.asarray(spread.basis) if planar else np.eye(3)[:2]
+        level = floor or next((obstacle for obstacle in obstacles if obstacle.level), None)
+        ground = axes, float(((points if level is None else level.faces) @ np.cross(*axes)).min())
+        return cls(solids, frames, spread.position, region, direction, target, obstacles, floor, ground, planar)
+
+    @property
+    def ring(self) -> Ring | None:
+        """The rim of the hole at the target, where there is one to draw."""
+        return None if self.target is None else self.target.ring(self.region.factor, self.tool_point, self.extent)
 
     @cached_property
     def points(self) -> Array:
@@ -160,6 +213,19 @@ class ArmGeometry:
         return extent_of(self.points)
 
 
+def scale_words(factor: float) -> str:
+    """How much larger something is drawn than it is."""
+    return f"enlarged {factor:g}\N{MULTIPLICATION SIGN}" if factor > 1 else "true to scale"
+
+
+def frame_along(axis: Array) -> Array:
+    """(3, 3) a right-handed frame whose z axis is the given one."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
 def extent_of(points: Array) -> float:
     """The largest edge of the box around points (k, 3) [m]."""
     return max(float(np.ptp(points, axis=0).max()), 1e-3)
@@ -167,11 +233,7 @@ def extent_of(points: Array) -> float:
 
 def enlargement(size: float, extent: float) -> float:
     """The round factor (1, 2, 5, 10, 20, …) that brings ``size`` [m] nearest below a sixth of ``extent`` [m]."""
-    if size <= 0:
-        return 1.0
-    wanted = max(_REGION_SHARE * extent / size, 1.0)
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
+    return round_below(max(_REGION_SHARE * extent / size, 1.0)) if size > 0 else 1.0
 
 
 def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
@@ -195,7 +257,7 @@ def floor_under(points: Array, obstacles: Sequence[Solid], height: float | None 
 
     None where an obstacle serves as one.
     """
-    if any(is_level(obstacle) for obstacle in obstacles):
+    if any(obstacle.level for obstacle in obstacles):
         return None
     seen = np.concatenate([points, *(obstacle.faces.reshape(-1, 3) for obstacle in obstacles)])
     low, high = seen.min(axis=0), seen.max(axis=0)

@@ -16,17 +16,25 @@ import numpy as np
 from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_facets
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
+from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, VERMILLION
 from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
 Role = Literal["base", "link", "joint", "tool", "obstacle", "floor", "region"]
+COLOURS = {
+    "base": "#3C4146", "link": "#D3DBE2", "joint": BLUE, "tool": "#53585E", "obstacle": "#F2DFCA", "floor": "#F3F3F3",
+    "region": ORANGE, "ring": GREEN, "direction": "#222222", "missed": VERMILLION,
+}  # fmt: skip
+"""What is drawn of an arm -> its colour in pictures, on pages and on the live page; dark and light also in grey."""
 
 _TAPER_RADII = 1.25, 0.55  # of the radius: at the base, and at the end of the last link
 _TIP_RADIUS = 0.12  # of the radius: of a tool of unknown shape at its tip
 _BLOCK_SIZE = 1.9, 0.6  # of the radius at the base: half side and height of the base block
 _DRUM_SIZE = 0.75, 1.12  # of the link's radius: radius and half length of a joint, whose ends show like caps
 _SLIDE_SIZE = 0.45, 1.6  # the same of a slide
+_CREASE_COSINE = 0.7  # of the angle between faces from which on their edge is sharp
+_CORNER_DIGITS = 7  # digits [m]: corners that agree in them are one
 _AXIS_SHARES = np.linspace(-1.0, 1.0, 201)  # of the arm's length: where the middle of a joint is looked for on its axis
 
 
@@ -51,6 +59,33 @@ class Solid:
             return self
         T = frames[self.frame]
         return replace(self, frame=-1, faces=self.faces @ T[:3, :3].T + T[:3, 3])
+
+    @property
+    def level(self) -> bool:
+        """Whether it is a floor: all of it at one height."""
+        return float(np.ptp(self.faces[..., 2])) < 1e-9
+
+    @cached_property
+    def normals(self) -> Array:
+        """(k, 4, 3) at each corner the sum of the unit normals of the faces that meet there without an edge.
+
+        Faces count as smooth up to an angle with the cosine 0.7, about 46 degrees.
+        """
+        flat = np.cross(self.faces[:, 3] - self.faces[:, 1], self.faces[:, 2] - self.faces[:, 0])
+        flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
+        _, place = np.unique(self.faces.reshape(-1, 3).round(_CORNER_DIGITS), axis=0, return_inverse=True)
+        order, sizes = np.argsort(place.ravel(), kind="stable"), np.bincount(place.ravel())
+        total = np.zeros((4 * len(flat), 3))
+        # Corners in one place are neighbours in this order: each is compared with those behind it, up to the largest
+        # number of corners in one place.
+        for step in range(int(sizes.max(initial=0))):
+            one, other = order[: len(order) - step], order[step:]
+            a, b = flat[one // 4], flat[other // 4]
+            smooth = (place.ravel()[one] == place.ravel()[other]) & (np.sum(a * b, axis=1) > _CREASE_COSINE)
+            total[one[smooth]] += b[smooth]
+            if step:
+                total[other[smooth]] += a[smooth]
+        return total.reshape(-1, 4, 3)
 
 
 @dataclass(frozen=True)
@@ -222,8 +257,3 @@ def _drum(joint: JointAxis) -> Array:
     wide, long = _DRUM_SIZE if joint.type == "revolute" else _SLIDE_SIZE
     reach = long * joint.radius * joint.axis
     return cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
-
-
-def is_level(solid: Solid) -> bool:
-    """Whether it is a floor: all of it at one height."""
-    return float(np.ptp(solid.faces[..., 2])) < 1e-9

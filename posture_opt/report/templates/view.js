@@ -6,13 +6,6 @@
     const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
     return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
   };
-  // Until the view is drawn, or in place of it, the first picture of the page.
-  const picture = document.querySelector("main figure img");
-  if (picture && !find(".static")) {
-    const shown = picture.cloneNode();
-    shown.className = "static";
-    find(".stage").prepend(shown);
-  }
   const webgl = document.createElement("canvas").getContext("webgl");
   if (!webgl || typeof DecompressionStream === "undefined") return;
   const library = document.createElement("script");
@@ -20,9 +13,8 @@
   document.head.append(library);
   const data = JSON.parse(await unpacked("view-data"));
   const plot = find(".plot");
-  const COLOURS = { base: "#6b7580", link: "#8fb3d9", joint: "#4a5561", tool: "#009e73", obstacle: "#d55e00", floor: "#c9c9c9" };
-  const HIGHLIGHT = "#d55e00";
-  const shown = { region: true, budget: false, obstacles: true, names: false };
+  const COLOURS = data.colours, HIGHLIGHT = "#d55e00";
+  const shown = { region: true, budget: false, obstacles: true };
   let at = 0;
 
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -88,14 +80,14 @@
     data.around.forEach((body) => {
       if (body.role === "floor" || shown.obstacles)
         found.push({ ...solid, ...placed(body, () => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]), color: COLOURS[body.role], flatshading: true,
-          opacity: body.role === "floor" ? 0.45 : 0.28, hoverinfo: body.role === "floor" ? "skip" : "text", hovertext: plain(body.name) });
+          opacity: body.role === "floor" ? 1 : 0.6, hoverinfo: body.role === "floor" ? "skip" : "text", hovertext: plain(body.name) });
     });
     if (posture.region && shown.region)
-      found.push({ ...solid, ...placed(data.shapes.ball, () => posture.region), color: "#e69f00", opacity: 0.6, hoverinfo: "text", hovertext: plain(data.region) });
-    if (posture.arrow) found.push({ ...solid, ...placed(data.shapes.arrow, () => posture.arrow), color: "#222222" });
-    if (posture.hole && shown.region) found.push(lines(ring(posture.hole), { color: "#0072b2", width: 6 }));
+      found.push({ ...solid, ...placed(data.shapes.ball, () => posture.region), color: COLOURS.region, opacity: 0.6, hoverinfo: "text", hovertext: plain(data.region) });
+    if (posture.arrow) found.push({ ...solid, ...placed(data.shapes.arrow, () => posture.arrow), color: COLOURS.direction });
+    if (posture.ring && shown.region) found.push(lines(ring(posture.ring.axes), { color: COLOURS.ring, width: 6 }));
     if (data.box) found.push(lines(box(data.box), { color: "#767676", width: 3, dash: "dash" }));
-    if (posture.missed) found.push({ ...lines([posture.missed]), mode: "markers", marker: { symbol: "x", size: 6, color: HIGHLIGHT } });
+    if (posture.missed) found.push({ ...lines([posture.missed]), mode: "markers", marker: { symbol: "x", size: 6, color: COLOURS.missed } });
     if (data.points) found.push(points());
     found.push(joints(posture));
     found.push({ ...lines([[tool[3], tool[7], tool[11]]]), mode: "markers", marker: { size: 4, color: "#000" } });
@@ -112,42 +104,37 @@
     const scale = plot.clientHeight / 2 / Math.tan(Math.PI / 8) / dot(from, ahead);
     return [scale * dot(from, right), -scale * dot(from, up)];
   };
-  // Labels beside their points, those on one side one under the other; in a narrow window they stand inward.
-  const apart = (told) => {
-    const inward = plot.clientWidth < 560, size = inward ? 11 : 12;
-    const placed = told.map((label) => ({ ...label, seen: seen(label.at) })).sort((a, b) => a.seen[1] - b.seen[1]);
-    const taken = []; // left, right, top and bottom of the labels that are placed
+  // Callouts in a column at the edge that is nearer to what they name; in a narrow window numbers, and the texts in the panel.
+  const callouts = (told) => {
+    const size = 12, narrow = plot.clientWidth < 560, high = plot.clientHeight / 2;
+    const half = (data.values ? 0.4 : 0.5) * plot.clientWidth; // the scale of the values stands beside the scene
+    const list = find(".callouts");
+    list.replaceChildren(...(narrow ? told : []).map(({ text }) => { const item = document.createElement("li"); item.textContent = text; return item; }));
+    const placed = told.map((label, k) => ({ ...label, text: narrow ? String(k + 1) : label.text, seen: seen(label.at) })).sort((a, b) => a.seen[1] - b.seen[1]);
+    const left = data.values || placed.reduce((sum, { seen: [x] }) => sum + x, 0) < 0;
+    let free = -high + 30;
     return placed.map(({ text, color, at: [x, y, z], seen: [sx, sy] }) => {
-      // Beyond the edge of the window nothing is seen: there the label stands on the other side.
-      const wide = 0.6 * size * Math.max(...text.split("\n").map((line) => line.length)), half = (data.values ? 0.4 : 0.5) * plot.clientWidth;
-      const outside = half - Math.abs(sx) < wide + 55;
-      const side = (sx > 0) === (inward || outside) ? "left" : "right", height = 8 + 1.35 * size * text.split("\n").length;
-      const shift = side === "right" ? Math.min(45, half - wide - 6 - sx) : Math.max(-45, wide + 6 - half - sx);
-      const left = sx + shift - (side === "right" ? 6 : wide + 6), right = left + wide + 12;
-      let top = Math.max(sy - 28, -plot.clientHeight / 2 + height);
-      for (const other of taken) if (left < other[1] && right > other[0] && top - height < other[3] && top > other[2]) top = other[3] + height;
-      taken.push([left, right, top - height, top]);
-      taken.sort((a, b) => a[3] - b[3]);
+      const height = 8 + 1.35 * size * text.split("\n").length, top = Math.max(free, sy - height / 2);
+      free = top + height + 6;
       return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
-        ax: shift, ay: top - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
-        xanchor: side === "right" ? "left" : "right" };
+        ax: (left ? 6 - half : half - 6) - sx, ay: top + height / 2 - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
+        xanchor: left ? "left" : "right" };
     });
   };
   const labels = () => {
     const posture = data.postures[at], frames = posture.frames;
-    const where = { base: [0, 0, 0], tool: [0, 0, 0] };
     const spot = (owner) => {
       const joint = data.joints.find((j) => j.name === owner);
-      if (joint) return moved(frames[joint.frame], ...joint.middle);
-      return moved(frames[owner === "tool" ? frames.length - 1 : 0], ...(where[owner] || [0, 0, 0]));
+      return joint ? moved(frames[joint.frame], ...joint.middle) : moved(frames[owner === "tool" ? frames.length - 1 : 0], 0, 0, 0);
     };
-    const told = posture.marks.map(([owner, text]) => [owner, text, HIGHLIGHT]);
-    if (shown.budget) posture.shares.filter(([, share]) => share >= 0.01)
-      .forEach(([owner, share]) => told.push([owner, `${owner} ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %`, "#7a3600"]));
-    if (shown.names && !shown.budget) data.joints.forEach((j) => told.push([j.name, j.name, "#333"]));
-    const order = new Map(["base", ...data.joints.map((j) => j.name), "tool"].map((name, k) => [name, k]));
-    told.sort((a, b) => order.get(a[0]) - order.get(b[0]));
-    const found = apart(told.map(([owner, text, color]) => ({ text, color, at: spot(owner) })));
+    let told = posture.marks.map(([owner, text]) => ({ text, color: HIGHLIGHT, at: spot(owner) }));
+    if (shown.budget) told = posture.shares.filter(([, share]) => share >= 0.01)
+      .map(([owner, share]) => ({ text: `${owner} ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %`, color: "#7a3600", at: spot(owner) }));
+    else if (shown.region && !told.length) {
+      if (posture.region) told.push({ text: data.region, color: "#7a5200", at: moved(posture.region, 0, 0, 0) });
+      if (posture.ring) told.push({ text: posture.ring.label, color: "#00664b", at: ring(posture.ring.axes)[0] });
+    }
+    const found = callouts(told.slice(0, 3));
     if (shown.obstacles) data.around.filter((body) => body.role === "obstacle").forEach((body) => {
       const top = body.z.indexOf(Math.max(...body.z));
       found.push({ x: body.x[top], y: body.y[top], z: body.z[top], text: plain(body.name), showarrow: false, yshift: 10, font: { color: "#a04500", size: 12 } });

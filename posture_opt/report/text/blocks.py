@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import overload
 
+from posture_opt.report.text.lead import Line, lead, lines_of
+from posture_opt.statements import Statement
+
 
 @dataclass(frozen=True)
 class Facts:
@@ -65,6 +68,14 @@ class Table:
 
 
 Item = str | Facts | Table
+NOTES = "Notes"
+"""Title of the block with what has no section."""
+
+
+def _as_items(statements: Sequence[Statement]) -> tuple[Item, ...]:
+    """Statements in a block: those with a label as facts, the others as sentences."""
+    facts = [(one.label, one.text) for one in statements if one.label]
+    return (*(one.text for one in statements if not one.label), *([Facts(tuple(facts))] if facts else []))
 
 
 class Later(Sequence[Item]):
@@ -110,6 +121,15 @@ class Block:
     brief: tuple[Item, ...] | None = None
     stays: bool = False
 
+    def joined(self, statements: Sequence[Statement]) -> Block:
+        """The block with statements at its end, details in the whole report alone."""
+        if not statements:
+            return self
+        notes = [one for one in statements if one.severity != "detail"]
+        brief = self.items if self.brief is None else self.brief
+        short = (*brief, *_as_items(notes)) if brief or notes else ()
+        return replace(self, items=(*self.items, *_as_items(statements)), brief=short)
+
     @property
     def short(self) -> Block:
         """The block as a report of one screen shows it."""
@@ -123,6 +143,51 @@ class Report:
     title: str
     lead: tuple[str, ...]
     blocks: tuple[Block, ...]
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The answer: sentences without labels."""
+        return tuple(("", sentence) for sentence in self.lead)
+
+    @property
+    def whole(self) -> Report:
+        """Itself."""
+        return self
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a result has to say, whatever it is shown as: statements, and blocks with its tables and figures.
+
+    A statement that is not on the first screen is in the block that its section names, at the end; one without a
+    section is in the block "Notes", which comes last. Details are left out of a report of one screen.
+    """
+
+    title: str
+    statements: tuple[Statement, ...]
+    blocks: tuple[Block, ...]
+
+    @cached_property
+    def _lead(self) -> tuple[tuple[Statement, ...], tuple[Statement, ...]]:
+        return lead(self.statements)
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The first screen: the headline, dangers, cautions, results."""
+        return lines_of(self._lead[0])
+
+    @cached_property
+    def whole(self) -> Document:
+        """The document with every statement in its place."""
+        rest = [Block("Also", (Facts(lines_of(self._lead[1])),), stays=True)] if self._lead[1] else []
+        sections: dict[str, list[Statement]] = {}
+        for one in self.statements:
+            if one.severity in ("note", "detail"):
+                sections.setdefault(one.entry.section or NOTES, []).append(one)
+        blocks = [block.joined(sections.pop(block.title, [])) for block in self.blocks]
+        more = [Block(title, ()).joined(ones) for title, ones in sections.items() if title != NOTES]
+        last = [Block(NOTES, ()).joined(sections[NOTES])] if NOTES in sections else []
+        return replace(self, blocks=tuple(block for block in (*rest, *blocks, *more, *last) if block.items))
 
 
 @dataclass(frozen=True)

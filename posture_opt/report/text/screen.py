@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from posture_opt.errors import enumerated
-from posture_opt.report.text.blocks import Block, Item, Report, Table
+from posture_opt.report.text.blocks import Block, Document, Item, Report, Table
 from posture_opt.report.text.text import render
 
 SCREEN = 45
@@ -15,7 +15,9 @@ _MAX_NAMED_ROWS = 8  # rows left out of a table that are named below it
 _MAX_NAMED_SECTIONS = 3  # sections that the last line names
 
 
-def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report | None = None) -> Report:
+def on_a_screen(
+    report: Document | Report, width: int, saved: Sequence[str], brief: Report | None = None
+) -> Document | Report:
     """The report in at most ``SCREEN`` lines of ``width`` columns: its title, its lead, and what fits of its blocks.
 
     Too long, its last long table is cut first, then blocks are left out from the end; title, lead and blocks that are
@@ -97,7 +99,7 @@ def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int | None:
     return max((k for k, size in sizes.items() if size >= excess), default=max(sizes, default=None))
 
 
-def _ended(report: Report, kept: Sequence[_Shown], saved: Sequence[str]) -> Report:
+def _ended(report: Document | Report, kept: Sequence[_Shown], saved: Sequence[str]) -> Document | Report:
     """The kept blocks, and a line on the others."""
     blocks = tuple(shown.block for shown in kept)
     shown = {block.title for block in blocks}
@@ -121,6 +123,6 @@ def _lowered(title: str) -> str:
     return title if title[1:2].isupper() else title[:1].lower() + title[1:]
 
 
-def _lines(report: Report, width: int) -> int:
+def _lines(report: Document | Report, width: int) -> int:
     """Lines of a report at a width."""
     return render(report, width).rstrip("\n").count("\n") + 1

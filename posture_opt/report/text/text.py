@@ -5,11 +5,10 @@ from __future__ import annotations
 import shutil
 import textwrap
 
-from posture_opt.report.text.blocks import Block, Facts, Item, Report, Summary, Table
+from posture_opt.report.text.blocks import Block, Document, Facts, Item, Report, Summary, Table
+from posture_opt.report.text.lead import WIDTH, written
 from posture_opt.report.text.text_table import fitted_table
 
-WIDTH = 100
-"""Columns of a file, and where no terminal says how wide it is."""
 NARROWEST, WIDEST = 60, 140
 
 
@@ -18,12 +17,12 @@ def terminal_width() -> int:
     return min(max(shutil.get_terminal_size((WIDTH, 24)).columns, NARROWEST), WIDEST)
 
 
-def render(report: Report, width: int = WIDTH) -> str:
+def render(report: Document | Report, width: int = WIDTH) -> str:
     """A report as text, every line at most ``width`` columns wide: title and answer first, without a gap.
 
     A block is its title, a line of dashes, and its items; a blank line is between blocks.
     """
-    head = [*textwrap.wrap(report.title or "Report", width), *(paragraph(text, width) for text in report.lead)]
+    head = [*textwrap.wrap(report.title or "Report", width), *written(report.lines, width)]
     return "\n\n".join(["\n".join(head), *(_block(block, width) for block in report.blocks)]) + "\n"
 
 

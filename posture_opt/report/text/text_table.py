@@ -9,7 +9,7 @@ from itertools import zip_longest
 from posture_opt.report.text.blocks import Table
 
 GAP = "  "
-_MAX_ROW_LINES = 3  # of a row: cells that wrap more often are hard to read
+_MAX_ROW_LINES = 4  # of a row: cells that wrap more often are hard to read
 
 
 def fitted_table(table: Table, width: int) -> str:

@@ -9,32 +9,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.model.arm import Arm
-from posture_opt.report.text.units_text import stated_sigma
-from posture_opt.selection.registered_tasks import direction_name
-from posture_opt.uncertainty.sources.workpiece import ANGLE, FEATURE, POSITION
-from posture_opt.units import fixed, shown
+from posture_opt.selection.registered_tasks import part_words as part_words
+from posture_opt.uncertainty.regions.critical import PARTS as PARTS
+from posture_opt.uncertainty.sources.source_names import source_size as source_size
+from posture_opt.uncertainty.sources.source_names import source_words as source_words
+from posture_opt.units import fixed
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
 
-_PARAMETERS = {
-    "theta": "angle",
-    "d": "offset",
-    "a": "link length",
-    "alpha": "twist",
-    "beta": "tilt",
-    "x": "frame, x",
-    "y": "frame, y",
-    "z": "frame, z",
-    "roll": "frame, roll",
-    "pitch": "frame, pitch",
-    "yaw": "frame, yaw",
-}
-_OF_WORKPIECE = {
-    POSITION: "workpiece position",
-    ANGLE: "workpiece angle",
-    FEATURE: "feature position",
-}
 CRITERIA = {
     "worst": "the largest standard deviation {part}",
     "trace": "the mean square error {part}",
@@ -51,8 +33,6 @@ MODEL_NAMES = {
     "delivered": "as delivered",
 }
 """Models of one arm, by their names in JSON."""
-PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
-"""The parts of a spread in columns of files, whatever the task."""
 UNLIKELY = 0.05
 """Family-wise p-value below which noise is no explanation."""
 _LEAST_P = 1e-6
@@ -63,60 +43,6 @@ METHODS = {
         "exact for normally distributed errors given the factors that correlated ones share, integrated over these"
     ),
 }
-
-
-def part_words(within: str, kind: str) -> str:
-    """The part of the spread that a task of that kind counts: across the insertion direction."""
-    return "in space" if within == "all" else f"{within} the {direction_name(kind)}"
-
-
-def source_words(name: str, arm: Arm) -> str:
-    """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
-    if said := _OF_WORKPIECE.get(name) or _source_of_effect(name, arm):
-        return said
-    owner, _, parameter = name.rpartition(".")
-    prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in arm.robot.joints)
-    if prismatic and parameter == "d":
-        return f"{owner} travel"
-    if owner in ("base", "tool"):
-        return f"{owner} {parameter}"
-    return f"{owner} {_PARAMETERS[parameter]}" if owner and parameter in _PARAMETERS else name
-
-
-def source_size(name: str, sigma: float, arm: Arm) -> str:
-    """The standard deviation of a source with its unit."""
-    if said := _spread_of_effect(name, sigma, arm):
-        return said
-    if name in _OF_WORKPIECE:
-        return stated_sigma(sigma, "rad" if name == ANGLE else "m")
-    factor = arm.robot.parameters.get(name)
-    return stated_sigma(sigma, "m" if factor is not None and factor.kind == "translate" else "rad")
-
-
-def _source_of_effect(name: str, arm: Arm) -> str:
-    """A parameter of an effect, or a side that is not known, as a source of error; empty for other sources."""
-    if name in arm.unknown_sides:
-        return f"{name.removesuffix('.side')} side of approach"
-    for found in arm.measured_ranges:
-        if name == found.name:
-            return f"{found.effect.target} {found.effect.title} beyond its measured range"
-    for effect in arm.effects:
-        if name in effect.parameter_names:
-            parameter = name.removeprefix(f"{effect.name}.")
-            what = effect.title if len(effect.dimensions) == 1 else f"{effect.title}, {parameter}"
-            return f"{effect.target} {what}"
-    return ""
-
-
-def _spread_of_effect(name: str, sigma: float, arm: Arm) -> str:
-    """The standard deviation of a parameter of an effect with its unit; empty for other sources."""
-    if name in arm.unknown_sides:
-        return "either side"
-    for found in arm.measured_ranges:
-        if name == found.name:
-            return shown(sigma * found.effect.unmeasured_size, "angle")
-    dimension = arm.dimensions.get(name)
-    return "" if dimension is None else shown(sigma, dimension)
 
 
 def p_words(p: float) -> str:

@@ -19,7 +19,7 @@ from posture_opt.numerics import Array
 from posture_opt.selection.program.nlp import Row
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem, bound_terms
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.change import Change, Quantity, decimals_for, exact_text, rounded
+from posture_opt.selection.search.change import Change, ChangedValue, decimals_for, exact_text, rounded
 from posture_opt.selection.search.elastic_problem import AXIS, HELD, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.giving_scene import CLEARANCE, gives_enough
 from posture_opt.selection.search.relaxation import VISIBLE_EXCESS, YAW, shown, stated_apart, stated_text, way_words
@@ -132,7 +132,7 @@ class Changes:
         """The bounds of a term that would do: of each joint that it names, or one for all of its rows."""
         number = [known for known, _ in bound_terms(self.task)].index(name)
         term, rows = self.task.subject_to[number], [r for r in self.problem.nlp.rows if r.requirement == name]
-        found: dict[tuple[str | int, ...], list[Quantity]] = {}
+        found: dict[tuple[str | int, ...], list[ChangedValue]] = {}
         bounds: dict[tuple[str | int, ...], str] = {}
         for k, (row, (value, low, high)) in enumerate(zip(rows, self._values(rows), strict=True)):
             if max(low - value, value - high) <= 0:
@@ -186,7 +186,7 @@ class Changes:
         words = f"obstacle {before.name} must give {by.text}{sides}: {sizes}"
         return [Change((*key, field), value, texts[field], words, looser=-1) for field, value in changed.items()]
 
-    def _lower_mounting(self, by: Quantity) -> list[Change]:
+    def _lower_mounting(self, by: ChangedValue) -> list[Change]:
         """The mounting plane that the file states, farther below the base."""
         mounting = self.elastic.cell.scene.mounting
         if mounting is None or mounting.assumed:
@@ -226,16 +226,16 @@ class Changes:
         """Decimals of a change by this much."""
         return int(np.clip(decimals_for(amount, unit, 2), 1, 4)) + self.attempt.digits
 
-    def _up(self, base: float, amount: float, unit: str) -> Quantity:
+    def _up(self, base: float, amount: float, unit: str) -> ChangedValue:
         """What is no less than a base and what is added to it."""
         return rounded(base + amount * (1 + self.attempt.more), unit, self._decimals(amount, unit), 1)
 
-    def _beyond(self, value: float, off: float, unit: str) -> Quantity:
+    def _beyond(self, value: float, off: float, unit: str) -> ChangedValue:
         """A value moved by no less than ``off``."""
         side = 1 if off > 0 else -1
         return rounded(value + off * (1 + self.attempt.more), unit, self._decimals(off, unit), side)
 
-    def _vector(self, shift: Array) -> list[Quantity]:
+    def _vector(self, shift: Array) -> list[ChangedValue]:
         """A shift (3,) [m], each component rounded away from zero."""
         decimals = self._decimals(float(np.linalg.norm(shift)), "m")
         least = 0.5 * 10.0 ** -(decimals + 3)
@@ -256,7 +256,7 @@ def onto_plane(problem: OptimisationProblem, target: TaskTarget, q: Array, decim
 
 
 def _moved_target(
-    problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Sequence[Quantity]
+    problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Sequence[ChangedValue]
 ) -> list[Change]:
     """A point or a region somewhere else."""
     moved = np.array([part.value for part in shift])
@@ -277,7 +277,7 @@ def _lengths_text(value: float | tuple[float, ...]) -> str | list[str]:
     return [exact_text(v, "m") for v in value] if isinstance(value, tuple) else exact_text(value, "m")
 
 
-def _vector_words(parts: Sequence[Quantity]) -> str:
+def _vector_words(parts: Sequence[ChangedValue]) -> str:
     """A vector in mm, all components with the decimals of the finest."""
     numbers = [part.text.split()[0] for part in parts]
     decimals = max(1, *(len(number.partition(".")[2]) for number in numbers))

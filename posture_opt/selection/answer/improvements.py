@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from posture_opt.numerics import Array, Json
+from posture_opt.numerics import Array, Json, round_below
 from posture_opt.selection.answer.expected_calibration import Calibrating, after_calibration
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -24,6 +24,8 @@ from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.workpiece import stated_name
 from posture_opt.uncertainty.spread.budget import Share
 
+MIN_GAIN = 0.005
+"""A smaller relative gain is none."""
 _MIN_VARIANCE_SHARE = 0.01  # of the variance: sources with a smaller share are not asked about
 _MAX_SOURCES = 8  # of them
 _SHIFT_SHARE = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5
@@ -203,16 +205,10 @@ def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, flo
 
 def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
     """Short shifts (3,) [m] across the direction of the task and along it; of a planar arm within its plane."""
-    length, within = _round_length(_SHIFT_SHARE * reach.radius), reach.directions @ reach.directions.T
+    length, within = round_below(_SHIFT_SHARE * reach.radius), reach.directions @ reach.directions.T
     axes = [axis for axis in (*target.basis.T, target.direction) if np.linalg.norm(within @ axis) > 0.5]
     angles = 2 * np.pi * np.arange(_SHIFT_DIRECTIONS) / _SHIFT_DIRECTIONS
     around = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 15)  # a quarter turn leaves no 1e-17
     ways = [w @ np.array(axes[:2]) for w in around] if len(axes) > 1 else [axes[0], -axes[0]]
     ways += [sign * axis for axis in axes[2:] for sign in (1.0, -1.0)]
     return [length * way for way in ways]
-
-
-def _round_length(length: float) -> float:
-    """Rounded down to 1, 2 or 5 times a power of ten [m]."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)))

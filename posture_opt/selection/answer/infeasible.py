@@ -30,6 +30,7 @@ from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Reason, Reasons, Relaxation, plane_reason
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.statements import Statement
 
 _POOL_POSTURES = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
 _REACH_TOLERANCE = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
@@ -42,8 +43,8 @@ MAX_OBSTACLES = 3  # that are asked to give alone, of those that give together
 MAX_OFFERED = 4  # changes that are offered: each is solved first
 MAX_TRIALS = 6  # solves that this takes at most
 
-Does = Callable[[Sequence[Change]], bool]
-"""Whether the problem with some changes has a solution."""
+Does = Callable[[Sequence[Change], Array], bool]
+"""Whether the problem with some changes has a solution; near the posture (n,) that they were read from, it should."""
 Way = tuple[tuple[str, ...], Compromise]
 """Requirements that suffice when they give, and how."""
 
@@ -59,13 +60,19 @@ class Explanation:
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
 
+    @property
+    def text(self) -> str:
+        """The message of the error: a reason a line, the last with the cheapest change."""
+        help_ = "".join(f": {one.change}" for one in self.relaxations[:1])
+        return "\n".join(reason.message for reason in self.reasons) + help_
+
 
 def met_after_all(engine: Engine, found: MultistartResult) -> CandidatePosture | None:
     """A posture that meets every requirement where no random start led to one; None where there is none.
 
     Interior-point steps with requirements that may give end at one where nothing has to.
     """
-    return Infeasibility(engine, found, None, {}, lambda changes: False).met()
+    return Infeasibility(engine, found, None, {}, lambda changes, near: False).met()
 
 
 def not_met_together(engine: Engine, found: MultistartResult, nearest: CandidatePosture) -> Explanation:
@@ -97,7 +104,7 @@ def infeasible(
     counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
     statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)
     asked, target = engine.optimisation_problem, found.target
-    notes = (*problem.notes, asked.axis_note(target))
+    notes: tuple[str | Statement, ...] = (*problem.notes, asked.axis_note(target))
     return Solution(
         problem,
         asked,
@@ -185,22 +192,16 @@ class Infeasibility:
 
     def _explained(self, ways: Sequence[Way]) -> Explanation:
         """The reasons of the most particular way, and what helps of all of them, cheapest first."""
-        own = [way for way in ways if not {*way[0]} & {CLEARANCE, *self.elastic.cell.movable}] or list(ways)
-        names, nearest = max(own, key=lambda way: (specific(way[0]), -way[1].cost))
+        beside = {CLEARANCE, *self.elastic.cell.movable}  # of rows that are named where they suffice alone
+        names, nearest = max(ways, key=lambda way: (specific(way[0]), not {*way[0]} & beside, -way[1].cost))
         reasons = self.reasons(names, nearest)
         offered: list[Relaxation] = []
         does = limited(self.does)
         for names, way in sorted(ways, key=lambda way: way[1].cost):
             if len(offered) < MAX_OFFERED:
-                found = self.relaxation(names, way, own, does)
+                found = self.relaxation(names, way, ways, does)
                 offered += [] if found is None else [found]
-        changes = {one.reasons: one.change for one in reversed(offered)}
-        reasons_said = tuple(
-            replace(reason, message=f"{reason.message}: {changes[reasons]}")
-            if reasons in changes and reason is reasons[-1] else reason
-            for reason in reasons
-        )  # fmt: skip
-        return Explanation(nearest.q, reasons_said, tuple(offered))
+        return Explanation(nearest.q, reasons, tuple(offered))
 
     def reasons(self, names: Sequence[str], way: Compromise) -> tuple[Reason, ...]:
         """What is missed until the requirements ``names`` give."""
@@ -211,7 +212,7 @@ class Infeasibility:
             rows = [name for name in self.elastic.in_cell if lacking[self.elastic.requirements.index(name)] > 0]
         return Reasons(self.problem, self.elastic, self.target, way).of(rows)
 
-    def relaxation(self, names: Sequence[str], way: Compromise, own: Sequence[Way], does: Does) -> Relaxation | None:
+    def relaxation(self, names: Sequence[str], way: Compromise, ways: Sequence[Way], does: Does) -> Relaxation | None:
         """The change that a way shows, with the first digits that do; None where none does."""
         assert self.asked is not None
         assert self.asked.task is not None
@@ -219,19 +220,19 @@ class Infeasibility:
         given = [name for name in names if way.lacking[self.elastic.requirements.index(name)] > 0]
         if TARGET in given and self._in_solid(way):
             return None  # nobody puts a workpiece there
-        reasons = self._reasons_of(given, way, own)
+        reasons = self._reasons_of(given, way, ways)
         posture = Posture(self.problem.robot, way.q)
         written = (
             Changes(self.problem, task, self.elastic, self.target, way, attempt).of(given) for attempt in ATTEMPTS
         )
-        changes = first_that_does(written, does)
+        changes = first_that_does(written, lambda changes: does(changes, way.q))
         return None if changes is None else Relaxation(words_of(changes), reasons, posture, way.cost, changes)
 
-    def _reasons_of(self, names: Sequence[str], way: Compromise, own: Sequence[Way]) -> tuple[Reason, ...]:
+    def _reasons_of(self, names: Sequence[str], way: Compromise, ways: Sequence[Way]) -> tuple[Reason, ...]:
         """The reasons of a way; of an obstacle that moves those of its row."""
         movable, rows = self.elastic.cell.movable, {k: name for name, k in self.elastic.cell.obstacles.items()}
         of_row = {(rows[movable[name]],) for name in names if name in movable}
-        moved = next(((row, other) for row, other in own if row in of_row), None)
+        moved = next(((row, other) for row, other in ways if row in of_row), None)
         return self.reasons(names, way) if moved is None else self.reasons(*moved)
 
     def _onto_plane(self, q: Array, outside: Reason) -> Explanation:
@@ -239,11 +240,10 @@ class Infeasibility:
         assert self.asked is not None
         for decimals in PLANE_DECIMALS:
             changes = onto_plane(self.problem, self.target, q, decimals)
-            if self.does(changes):
-                reason = replace(outside, message=f"{outside.message}: {changes[0].words}")
+            if self.does(changes, q):
                 cost = outside.amount / self.problem.reach.radius
                 posture = Posture(self.problem.robot, q)
-                return Explanation(q, (reason,), (Relaxation(changes[0].words, (outside,), posture, cost, changes),))
+                return Explanation(q, (outside,), (Relaxation(changes[0].words, (outside,), posture, cost, changes),))
         return Explanation(q, (outside,))
 
     # --- the ways -------------------------------------------------------------------------------------------------
@@ -392,7 +392,9 @@ def specific(names: Sequence[str]) -> int:
     return min(order.index(name) if name in order else len(order) for name in names)
 
 
-def first_that_does(written: Iterable[tuple[Change, ...]], does: Does) -> tuple[Change, ...] | None:
+def first_that_does(
+    written: Iterable[tuple[Change, ...]], does: Callable[[Sequence[Change]], bool]
+) -> tuple[Change, ...] | None:
     """The first of some changes with which the problem is solved; None where none does, or nothing would change."""
     tried: list[tuple[Change, ...]] = []
     for changes in written:
@@ -408,9 +410,9 @@ def limited(does: Does) -> Does:
     """The same question, answered `MAX_TRIALS` times; then with no."""
     left = iter(range(MAX_TRIALS))
 
-    def asked(changes: Sequence[Change]) -> bool:
+    def asked(changes: Sequence[Change], near: Array) -> bool:
         """Whether the problem with some changes is solved; no, once enough were tried."""
-        return next(left, None) is not None and does(changes)
+        return next(left, None) is not None and does(changes, near)
 
     return asked
 

@@ -117,7 +117,7 @@ def _relaxation(
 ) -> Relaxation | None:
     """The loosest of the changes that the stations need, with the first digits that do."""
     written = (_changes(inquiry, way, targets, attempt) for attempt in ATTEMPTS if not attempt.digits)
-    changes = first_that_does(written, inquiry.does)
+    changes = first_that_does(written, lambda changes: inquiry.does(changes, way.ways[way.worst].q))
     if changes is None:
         return None
     reasons, posture = _reasons(inquiry, way, targets, names), Posture(inquiry.problem.robot, way.ways[way.worst].q)

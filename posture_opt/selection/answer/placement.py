@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import TURN, Array, Mask
 from posture_opt.selection.tasks.workpiece import Workpiece
+from posture_opt.statements import Quantity
 
 COORDINATES = ("x", "y", "z", "yaw")
 _IRRATIONAL_STEPS = np.sqrt([2.0, 3.0, 5.0, 7.0])
@@ -76,6 +77,23 @@ class PlacementRange:
             turned[3] = self.lower[3] + (turned[3] - self.lower[3]) % TURN
         rounded = np.where(self.free, np.rint(turned / _SETTING_STEPS) * _SETTING_STEPS, turned)
         return np.clip(rounded, self.lower, self.upper)
+
+
+def placement_text(w: Array, placement: PlacementRange) -> str:
+    """A placement in a line, with the coordinates that are fixed or at an end of their range.
+
+    Args:
+        w: (4,) x, y, z [m] and yaw [rad].
+    """
+    texts = []
+    for k, name in enumerate(COORDINATES):
+        text = f"{name} {Quantity(float(w[k]), 'coordinate' if k < 3 else 'joint angle')}"
+        if not placement.free[k]:
+            text += " (fixed)"
+        elif k < 3 or not placement.all_round:
+            text += " (end of its range)" * bool(min(w[k] - placement.lower[k], placement.upper[k] - w[k]) < 1e-9)
+        texts.append(text)
+    return ", ".join(texts)
 
 
 def placement_json(w: Array) -> dict[str, float]:

@@ -15,8 +15,6 @@ from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.numerics import Array, Progress
-from posture_opt.robot.robot import Robot
-from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.held_joints import held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import (
     Does,
@@ -35,23 +33,19 @@ from posture_opt.selection.search.batches import until_found_often, until_recurr
 from posture_opt.selection.search.change import Change, with_changes
 from posture_opt.selection.search.confirmed_posture import confirmed
 from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart, rank
 from posture_opt.selection.search.screened_search import screened_search
 from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, clear_ones, searched
 from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.tasks import Task
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.spread.task_spread import lies_in_plane
 
-_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
-_ONE_POSTURE_NOTE = (
-    "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
-    "exists is not known."
-)
 _MAX_LIFTED = 8  # postures below an assumed mounting plane from which one above it is sought
-_UNCHECKED_NOTE = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
-_LINK_HEIGHT_HINT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
+_NEARLY_MET = 1e-3  # m, rad or 1: what rounding of a change and lower bounds of distances leave
 
 
 class PostureSelector:
@@ -93,7 +87,7 @@ class PostureSelector:
         self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
         self.reach: Reach = Reach.of(arm, self.task.tool_axis)
         self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
-        self._aligner = Aligner(arm, self.task, self.reach, compiled)
+        self._aligner = Aligner(arm, self.task, self.reach, compiled, problem.arm)
         self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
         self._exact_engines: dict[tuple[str, Alignment, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
@@ -308,7 +302,7 @@ class PostureSelector:
     def _answer(self, outcome: SearchOutcome, began: float, confirm: bool) -> Solution:
         """The solution of a search, or the error with the reasons.
 
-        Alternatives are the distinct optima that a search ended at, at most eight, each configuration among them.
+        Alternatives are among the distinct optima that the search ended at.
 
         Args:
             confirm: whether the solver of the problem is started at the best of them.
@@ -327,15 +321,17 @@ class PostureSelector:
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds, confirmation)
 
-        ranked = _configurations_first(self._problem.robot, np.array([c.q for c in optima]))
-        notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
+        notes: tuple[str | Statement, ...] = (
+            *self._problem.notes, problem.axis_note(found.target), *self.remarks(),
+        )  # fmt: skip
         if not by_starts and not by_sweep:
-            notes = (*notes, _ONE_POSTURE_NOTE)
+            notes = (*notes, state("selection.relaxed-search"))
         notes += self._beside(best.q, found.target)
-        status: Status = "optimal" if best.optimal else "feasible"
+        refuted = confirmation is not None and confirmation.refutes
+        status: Status = "optimal" if best.optimal and not refuted else "feasible"
         seen = np.vstack([best.q, found.sampled.Q])
         return Solution(
-            self._problem, problem, found.target, status, best.q, statistics, ranked, notes,
+            self._problem, problem, found.target, status, best.q, statistics, np.array([c.q for c in optima]), notes,
             feasible=seen, engine=outcome.engine,
         )  # fmt: skip
 
@@ -357,22 +353,22 @@ class PostureSelector:
                 return [rescued]
             why = not_met_together(engine, found, rescued)
         solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
-        raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
+        raise NoSolutionError(why.text, solution)
 
     def _explained(self, found: MultistartResult) -> Explanation:
         """What keeps a search from finding anything, and which changes help."""
         target = found.target
         asked = replace(self._problem, task=target.in_task(self.task))
 
-        def does(changes: Sequence[Change]) -> bool:
-            """Whether the problem with some changes is solved."""
+        def does(changes: Sequence[Change], near: Array) -> bool:
+            """Whether the problem with some changes is solved, from a posture (n,) that should do or by a search."""
             if not self._offers:
                 return False
             other = with_changes(asked, changes)
             if {change.path for change in changes} == {"task.position"}:  # a number of this program
-                return self.can_be_done(target.with_position(np.array(task_of(other).position)))
+                return self.can_be_done(target.with_position(np.array(task_of(other).position)), near)
             try:
-                return PostureSelector(other, compiled=False).can_be_done()
+                return PostureSelector(other, compiled=False).can_be_done(None, near)
             except InputError:  # no such problem can be stated
                 return False
 
@@ -390,9 +386,14 @@ class PostureSelector:
             selector = PostureSelector(replace(self._problem, task=released(robot, self.task)), compiled=False)
         return Infeasibility(selector.engine(found.target, guarded=True), found, asked, held, does)
 
-    def can_be_done(self, target: TaskTarget | None = None) -> bool:
-        """Whether the search finds a posture that does the task, as a solve of it would; why not is not asked."""
+    def can_be_done(self, target: TaskTarget | None = None, near: Array | None = None) -> bool:
+        """Whether a posture is found that does the task; why not is not asked.
+
+        A posture ``near`` (n,) that was read from a compromise decides where it does, or misses by more than rounding.
+        """
         aim, seed = self.target if target is None else target, self._problem.solver.seed
+        if near is not None and not ROW_TOLERANCE < (missed := self._missed(aim, near)) <= _NEARLY_MET:
+            return missed <= ROW_TOLERANCE
         engine = self.engine(aim, guarded=True)
         starts = self._problem.solver.starts or usual_starts(engine)
         found = multistart(engine, aim, np.random.default_rng([seed, 0]), starts)
@@ -400,30 +401,32 @@ class PostureSelector:
             return True
         return met_after_all(engine, found) is not None
 
-    def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
+    def _missed(self, target: TaskTarget, q: Array) -> float:
+        """By how much [m, rad or 1] the posture misses that the inverse kinematics leads q (n,) to."""
+        engine = self.engine(target, guarded=False)
+        Q, _ = engine.ik.solve(np.clip(q, engine.robot.lower, engine.robot.upper)[None], engine.held(target))
+        return max(engine.candidates(Q, target)[0].violation, -float(self._problem.scene.slack(Q)[0]))
+
+    def _beside(self, q: Array, target: TaskTarget) -> tuple[Statement, ...]:
         """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
         if not self.reach.normals.shape[1]:
             return ()
         point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
         N = self.reach.normals
-        off = N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))
-        distance = float(np.linalg.norm(off))
+        distance = float(np.linalg.norm(N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))))
         if target.kind == "anywhere" or distance <= PLANE_TOLERANCE:
             return ()
-        vector = ", ".join(f"{v * 1e3 + 0.0:.2f}" for v in off)
-        return (
-            f"The corrected arm has a constant out-of-plane error that no posture can remove: its tool point is "
-            f"{distance * 1e3:.2g} mm from the target, by ({vector}) mm.",
-        )
+        return (state("selection.off-plane", distance=Quantity(distance)),)
 
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences on what is not looked at."""
+    def remarks(self) -> tuple[Statement, ...]:
+        """What is not looked at."""
         scene = self._problem.scene
         if self._problem.robot.n < 3 or scene.active or scene.switched_off:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
-        return (_UNCHECKED_NOTE + ("" if tipped or asked else _LINK_HEIGHT_HINT),)
+        hint = () if tipped or asked else (state("collision.link-height"),)
+        return (state("collision.shape-unknown"), *hint)
 
 
 def task_of(problem: ProblemData) -> Task:
@@ -465,11 +468,3 @@ def sources_of(problem: ProblemData) -> Sources:
             Issue(f"{what} is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.task_sources
-
-
-def _configurations_first(robot: Robot, Q: Array) -> Array:
-    """At most eight of the optima Q (k, n) in their order: the best of each configuration, then the best of others."""
-    named = configurations(robot, Q)
-    again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
-    kept = sorted(range(len(Q)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
-    return np.asarray(Q[sorted(kept)])

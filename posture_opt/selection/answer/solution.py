@@ -20,11 +20,12 @@ from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.combine import combined_sigma
 from posture_opt.selection.answer.configurations import configurations
 from posture_opt.selection.answer.end_moments import end_moments
-from posture_opt.selection.answer.improvements import Improvement, improvements
+from posture_opt.selection.answer.improvements import MIN_GAIN, Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
 from posture_opt.selection.answer.prices import Price, prices_of
 from posture_opt.selection.answer.shared_placement import Placement
+from posture_opt.selection.answer.solution_statements import solution_statements
 from posture_opt.selection.answer.visiting_order import VisitingOrder, best_order
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
@@ -34,6 +35,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.statements import Statement
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.uncertainty.sources.sources import Sources
@@ -44,6 +46,7 @@ from posture_opt.uncertainty.spread.spread import Spread, budget_json, groups_js
 from posture_opt.uncertainty.spread.success_of_all import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.task_spread import TaskSpread, sigma_along
 
+_MAX_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
 _MAX_COMPARED_STATIONS = 100  # neighbouring points of a longer path are alike
 Status = Literal["optimal", "feasible", "infeasible"]
 
@@ -100,7 +103,7 @@ class Solution(Result):
         q: (n,) the posture [rad or m], at the first station.
         reasons: why there is no solution; empty where there is one.
         relaxations: changes that would each make one possible, cheapest first.
-        ranked: (k, n) distinct local optima, best first; the alternatives.
+        ended: (k, n) distinct local optima of the search, best first.
         feasible: (N, n) postures of the search that do the task, none where they are not kept.
         engine: the functions that found it; None where they are not kept.
         points: the answers at each of K stations, listed and added; empty where there is one target.
@@ -115,8 +118,8 @@ class Solution(Result):
     status: Status
     q: Array
     statistics: SearchStatistics
-    ranked: Array
-    notes: tuple[str, ...] = ()
+    ended: Array
+    notes: tuple[str | Statement, ...] = ()
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
     feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -154,6 +157,16 @@ class Solution(Result):
         every = self.points or (self,)
         listed = (True,) * len(every) if self.followed is None else self.followed.listed
         return tuple(point for point, asked in zip(every, listed, strict=True) if asked)
+
+    @property
+    def along_path(self) -> bool:
+        """Whether the stations are the points of a path."""
+        return self.followed is not None
+
+    @property
+    def of_features(self) -> bool:
+        """Whether the stations are features that share a placement."""
+        return bool(self.points) and not self.along_path
 
     @property
     def central(self) -> float:
@@ -255,6 +268,14 @@ class Solution(Result):
     def ellipse(self) -> Ellipsoid:
         """Ellipse of a planar arm, else ellipsoid, of the tool point at the worst station."""
         return self.spread.ellipse
+
+    @cached_property
+    def ranked(self) -> Array:
+        """(k, n) at most eight of the local optima, best first: those of each configuration, then others."""
+        named = configurations(self.problem.robot, self.ended)
+        again = [bool(name) and name in named[:k] for k, name in enumerate(named)]
+        kept = sorted(range(len(self.ended)), key=again.__getitem__)[:_MAX_ALTERNATIVES]
+        return np.asarray(self.ended[sorted(kept)])
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
@@ -384,6 +405,16 @@ class Solution(Result):
         combined = partial(combined_sigma, self.combine)
         return improvements(self._compared(), combined, place=None if self.points else self)
 
+    @property
+    def helpful(self) -> tuple[Improvement, ...]:
+        """The improvements that are worth a word."""
+        return tuple(change for change in self.improvements if change.gain >= MIN_GAIN)
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the answer has to say, the posture first."""
+        return solution_statements(self)
+
     def _compared(self) -> tuple[Solution, ...]:
         """The stations that changes are compared at: all, or of a long path some, evenly, and the worst one."""
         count = len(self.points)
@@ -407,7 +438,7 @@ class Solution(Result):
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.sigma_max / sigma if sigma > 0 else 0.0
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``solution.json``: SI units, finite numbers only."""
         return {
             "name": self.problem.name,
@@ -425,7 +456,7 @@ class Solution(Result):
             "prices": [price.to_json() for price in self.prices],
             "reasons": [vars(reason) for reason in self.reasons],
             "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
-            "notes": list(self.notes),
+            "notes": list(dict.fromkeys(map(str, self.notes))),
             **({} if self.placement is None else {"workpiece": self.placement.workpiece}),
             **({} if self.problem.workpiece_sources.empty else {"workpiece_errors": self._workpiece_errors()}),
             **({} if self.followed is None else self.followed.to_json(self)),

@@ -20,6 +20,7 @@ from posture_opt.selection.comparison.on_demand import OnDemand
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer, judged_answer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, select_posture
+from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.sources.sources import Sources
 
 Reasons = tuple[str, ...]
@@ -158,7 +159,7 @@ def _same_joints(one: Robot, other: Robot) -> bool:
     return [joint.type for joint in one.joints] == [joint.type for joint in other.joints]
 
 
-def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[str, ...]]:
+def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[Statement, ...]]:
     """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
@@ -170,8 +171,8 @@ def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemDa
         same = problem.task == first.task and problem.workpiece_sources.same_as(first.workpiece_sources)
         asked[other] = problem if same else problem.with_task_of(first)
         if not same:
-            own = f"; the task stated in {other} is not used" if problem.task is not None else ""
-            notes.append(f"The task of {name} is also given to {other}{own}.")
+            own = "shared" if problem.task is None else "replaced"
+            notes.append(state(f"selection.task-{own}", name, arm=other))
     return asked, tuple(notes)
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from posture_opt.result import Result
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.comparison.comparison_statements import comparison_statements
 from posture_opt.selection.comparison.predicted_error import JudgedAnswer
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.clusters import clusters
+from posture_opt.statements import Statement
 
 _TIE = 1e-12  # of a standard deviation
 
@@ -78,12 +81,12 @@ class Comparison(Result):
     Args:
         answers: the columns, by the name of the arm or model that they were planned with.
         reference: of models of one arm, the one that knows it best; empty where arms are compared.
-        notes: sentences on what was not the same.
+        notes: on what was not the same.
     """
 
     answers: Mapping[str, ComparedAnswer]
     reference: str = ""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Statement, ...] = ()
 
     @property
     def arms(self) -> Mapping[str, ComparedAnswer]:
@@ -131,7 +134,12 @@ class Comparison(Result):
         """Why there are answers missing, in sentences, each once."""
         return tuple(dict.fromkeys(reason for compared in self.answers.values() for reason in compared.reasons))
 
-    def to_json(self) -> dict[str, Any]:
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the comparison has to say, the answer first."""
+        return comparison_statements(self)
+
+    def fields_json(self) -> dict[str, Any]:
         """The document ``comparison.json``, with a reference the part ``posture`` of others: SI units and radians."""
         if self.reference:
             judged = {name: compared.judged_json(self.reference) for name, compared in self.answers.items()}
@@ -142,5 +150,5 @@ class Comparison(Result):
             "task": None if task is None else task.kind,
             "arms": {name: compared.to_json() for name, compared in self.answers.items()},
             "best": self.best,
-            "notes": list(self.notes),
+            "notes": [str(note) for note in self.notes],
         }

@@ -20,6 +20,7 @@ from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
 from posture_opt.workers.record_pattern import recorded
 
+SELF_COLLISION = "self-collision"
 POSTURES_PER_CHUNK = 256  # postures that are looked at together
 
 
@@ -78,6 +79,12 @@ def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers
 def _clear(scene: Scene, Q: Array) -> list[bool]:
     """Of each posture of Q (N, n) whether it is clear."""
     return [bool(yes) for yes in is_clear(scene, Q)]
+
+
+def in_the_way(scene: Scene, q: Array) -> str:
+    """The obstacle that a colliding posture (n,) meets most; ``self-collision`` where it meets the arm itself."""
+    k = int(np.argmin(scene.distances(q)[0] - np.array(scene.required)))
+    return SELF_COLLISION if k < len(scene.own) else scene.pairs[k][1]
 
 
 def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:

@@ -150,6 +150,8 @@ class MapPoint:
         sigma_along: along the direction [m].
         radius95: distance from the target that 95 % of all tool points stay within, in the part that counts [m].
         success_probability: to stay within the clearance; NaN without one.
+        blocked_by: where there is no posture that keeps clear, what the best of the others meets: an obstacle's name or
+            ``self-collision``; else empty.
     """
 
     position: Array
@@ -162,6 +164,7 @@ class MapPoint:
     sigma_along: float
     radius95: float
     success_probability: float
+    blocked_by: str = ""
 
     @property
     def feasible(self) -> bool:
@@ -194,6 +197,7 @@ class MapPoint:
             "feasible": self.feasible,
             "status": "optimal" if self.optimal else "feasible" if self.feasible else "infeasible",
             "reason": "" if self.feasible else self.status,
+            "blocked_by": self.blocked_by,
             "sigma_max": finite_or_none(self.sigma_max),
             "sigma_along": finite_or_none(self.sigma_along),
             "radius95": finite_or_none(self.radius95),

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from posture_opt.errors import NoSolutionError, enumerated
+from posture_opt.errors import NoSolutionError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
@@ -20,16 +20,18 @@ from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.maps.confirmed_cells import confirmed_cells
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.maps.map_candidate import MapCandidate
-from posture_opt.selection.maps.map_collisions import clear_candidates
+from posture_opt.selection.maps.map_collisions import clear_candidates, in_the_way
 from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_rounds import worked_on
 from posture_opt.selection.maps.map_search import best_candidates
+from posture_opt.selection.maps.map_statements import map_statements
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.confirmation import UNCONFIRMED_JSON, Confirmation
 from posture_opt.selection.search.engine import Engine
+from posture_opt.statements import Statement, state
 from posture_opt.workers import Executor, Workers, opened
 
 WORKSPACE_SAMPLES = 4000  # tool points that show how far the workspace goes
@@ -47,7 +49,7 @@ class TargetMap(Result):
         own: the position in the problem file, where it has one.
         solves: what targets learnt from each other.
         seconds: wall time.
-        notes: sentences for the report.
+        notes: what was assumed, of the problem in sentences.
         confirmation: what IPOPT says of the best, the worst and the own target; None where it was not asked.
     """
 
@@ -59,8 +61,13 @@ class TargetMap(Result):
     own: MapPoint | None
     solves: NeighbourSolves
     seconds: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[str | Statement, ...] = ()
     confirmation: Confirmation | None = None
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """What the map has to say, the best target first."""
+        return map_statements(self)
 
     @property
     def within(self) -> str:
@@ -112,7 +119,7 @@ class TargetMap(Result):
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``map.json``: SI units, finite numbers only."""
         joints = self.optimisation_problem.robot.joint_names
         return {
@@ -129,7 +136,7 @@ class TargetMap(Result):
             "neighbour_solves": self.solves.to_json(),
             "solver": UNCONFIRMED_JSON if self.confirmation is None else self.confirmation.to_json(),
             "seconds": self.seconds,
-            "notes": list(self.notes),
+            "notes": [str(note) for note in self.notes],
         }
 
 
@@ -204,10 +211,14 @@ def _mapped(
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
     searched, cleared, spread = _parts(progress, len(targets), problem.scene.active)
     candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=searched)
+    unguarded = [candidate.best for candidate in candidates]
     candidates = clear_candidates(
         problem.scene, selector.clear_engine, targets, candidates, pairs, pool, seed=seed, progress=cleared
     )
-    map_points = _points(pool, engines[0], targets, candidates, spread)
+    map_points = [
+        found if found.feasible or best is None else replace(found, blocked_by=in_the_way(problem.scene, best.q))
+        for found, best in zip(_points(pool, engines[0], targets, candidates, spread), unguarded, strict=True)
+    ]
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):
@@ -281,12 +292,12 @@ def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest)
     return grid_of(request, target, selector.reach, positions, best)
 
 
-def _narrowed_notes(problem: ProblemData) -> tuple[str, ...]:
+def _narrowed_notes(problem: ProblemData) -> tuple[Statement, ...]:
     """What the targets lack that a single solve answers: postures beyond the ranges that effects were measured in."""
     if not problem.narrowed:
         return ()
-    joints = enumerated(dict.fromkeys(found.effect.target for found in problem.arm.measured_ranges))
-    return (f"Targets that need {joints} beyond the range that its effect was measured in have no posture here.",)
+    joints = tuple(dict.fromkeys(found.effect.target for found in problem.arm.measured_ranges))
+    return (state("selection.beyond-range-left-out", joints=joints),)
 
 
 def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Codes, Codes]]:

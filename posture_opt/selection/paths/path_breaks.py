@@ -17,7 +17,6 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 
-_MAX_BREAKS = 3  # that are described
 _MAX_SINGULAR_SHARE = 0.1  # of the median sensitivity along the motion: a posture with less is near a singular one
 _SUBDIVISIONS = 24  # of the step, on the way that is followed into it
 _SAMPLED_POSTURES = 40  # of the motion, whose sensitivity is what is usual
@@ -33,6 +32,7 @@ class PathBreak:
             the limits of its joints, or through what it must keep clear of.
         joint: that moves most; ``moved`` by how much [rad or m]; ``unit`` of it.
         off: how far the tool leaves the straight line where all joints move evenly [m].
+        step: number of the step among those of all points, added ones too, from 0.
     """
 
     first: int
@@ -42,6 +42,7 @@ class PathBreak:
     moved: float
     unit: Literal["rad", "m"]
     off: float
+    step: int
 
     def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
@@ -66,7 +67,7 @@ class _Breaks:
         robot = self.engine.robot
         kind: Literal["singular", "limits"] = "singular" if self.is_singular(k) else "limits"
         return PathBreak(
-            first, first + 1, kind, robot.joints[joint].name, float(moved[joint]), robot.joints[joint].unit, off
+            first, first + 1, kind, robot.joints[joint].name, float(moved[joint]), robot.joints[joint].unit, off, k
         )
 
     def is_singular(self, k: int) -> bool:
@@ -125,7 +126,7 @@ def path_breaks(
         jumps: (K − 1,) steps that are far larger than all others.
     """
     found = _Breaks(engine, path, targets, steps, Q)
-    where = np.flatnonzero(breaks_away(engine, Q) | jumps)[:_MAX_BREAKS]
+    where = np.flatnonzero(breaks_away(engine, Q) | jumps)
     return tuple(found.at(k, float(off[k])) for k in where.tolist())
 
 

@@ -40,11 +40,13 @@ from posture_opt.selection.search.multistart import Sampled, multistart
 from posture_opt.selection.search.relaxation import Reason
 from posture_opt.selection.search.search_statistics import SearchStatistics
 from posture_opt.selection.tasks.path_task import HIGHEST, PathTask
+from posture_opt.statements import Statement
 from posture_opt.workers import Workers, opened
 
 _MIN_COMPILED_POINTS = 100  # the searches of more points take longer than compiling them
 _MAX_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search at the placement found
 _MIN_SIGMA_GAIN = 1e-3  # of a standard deviation: what is worth another round
+_SPACING_SHARE = 0.05  # of the length of the arm, where none is stated: joints that move evenly stay near a line then
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,8 @@ class PathSelector(DerivedAgain):
             hint = f"add robot: velocity: {{{name}: 120 deg/s}}, or state a speed in mm/s"
             raise InputError(Issue("no largest speed of a joint is known", ("task", "speed"), HIGHEST, hint))
         one = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
+        spacing = task.spacing or _SPACING_SHARE * problem.robot.length or None
+        task = task.model_copy(update={"spacing": spacing})
         placement = PlacementRange.of(task.workpiece)
         # Many placements or points, and rows that keep the arm clear, are worth the seconds that compiling takes.
         many = len(TaskPath.of(task).points) > _MIN_COMPILED_POINTS
@@ -268,7 +272,8 @@ class PathSelector(DerivedAgain):
         naive = naive_motions(search.engine, apart, targets, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
-        notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
+        axis, remarks = problem.axis_note(search.found.targets[0]), self.selector.remarks()
+        notes: tuple[str | Statement, ...] = (*self.problem.notes, axis, *remarks)
         jumps = search.jumps(motion)
         breaks = path_breaks(search.engine, self.path, targets, search.steps, motion.Q, astray, jumps)
         smallest = min(search.calmest[1].largest_step, motion.largest_step)
@@ -311,7 +316,7 @@ class PathSelector(DerivedAgain):
         solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
         raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
 
-    def _does(self, changes: Sequence[Change]) -> bool:
+    def _does(self, changes: Sequence[Change], near: Array) -> bool:
         """Whether the whole path can be done with some changes."""
         try:
             changed = PathSelector.of(with_changes(self.problem, changes))

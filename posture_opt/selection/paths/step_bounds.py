@@ -16,13 +16,14 @@ def step_bounds(steps: JointSteps, path: TaskPath, largest: float, speed: float 
     """(K − 1, n) how far each joint may move between neighbours of the K points [rad or m].
 
     A step between listed points is divided evenly among the points added there. A joint that cannot leave its limits
-    by ``largest`` is not bounded by it, nor one without a known largest speed by ``speed``: infinity.
+    by that is not bounded by it, nor one without a known largest speed by ``speed``: infinity.
 
     Args:
         largest: change of any joint between listed points [rad or m].
         speed: of the tool point along the path [m/s]; None bounds nothing.
     """
-    even = np.where(steps.span > largest, largest, np.inf) / np.asarray(path.parts, dtype=float)[:, None]
+    even = largest / np.asarray(path.parts, dtype=float)[:, None]
+    even = np.where(steps.span > even, even, np.inf)
     most = even if speed is None else np.minimum(even, speed_bounds(steps, path, speed))
     return np.asarray(np.maximum(most - _MARGIN_RAD, _MIN_STEP_RAD))
 

@@ -106,6 +106,17 @@ class Nlp:
         return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))
 
     @cached_property
+    def free(self) -> tuple[int, ...]:
+        """Variables between unequal bounds that neither the objective nor an equality depends on.
+
+        Other rows may: any of their values that meets those is as good.
+        """
+        held = [np.array(ca.which_depends(row.expression, self.x, 1, False)) for row in self.rows if row.equality]
+        held.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
+        lower, upper = self.variable_bounds
+        return tuple(int(k) for k in np.flatnonzero(~np.any(held, axis=0) & (upper > lower)))
+
+    @cached_property
     def unlike_turns(self) -> tuple[int, ...]:
         """Angles with more than a turn between their bounds whose turns the program tells apart.
 

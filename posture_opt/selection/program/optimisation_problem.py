@@ -27,6 +27,7 @@ from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, Ta
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.term import Quantities, Term
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.tool_point import Moments, ToolPoint
 from posture_opt.uncertainty.regions.critical import Within
 
@@ -78,17 +79,14 @@ class OptimisationProblem(DerivedAgain):
         angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.axis))))
         return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
-    def axis_note(self, target: TaskTarget) -> str:
-        """What became of the request to have the tool axis along the direction, in words."""
+    def axis_note(self, target: TaskTarget) -> Statement:
+        """What became of the request to have the tool axis along the direction."""
         if self.task.axis_request == "free":
-            return "The task leaves the tool axis free."
+            return state("selection.axis-free")
         if self.axis_rows:
-            held = "; its spin is held at the yaw" if target.spun else "; its spin is free"
-            tilt = f", within a tilt of {math.degrees(target.tilt):g} deg" if target.tilt else ""
-            return f"The tool axis is held along the direction{tilt}{held}."
-        if self.fixed_along(target):
-            return "The arm holds its tool axis along the direction in every posture."
-        return "This arm cannot point its tool axis along the direction: the tool orientation is not constrained."
+            name = f"{'tilted' if target.tilt else 'held'}{'-at-yaw' if target.spun else ''}"
+            return state(f"selection.axis-{name}", tilt=Quantity(target.tilt, "stated angle"))
+        return state(f"selection.axis-{'given' if self.fixed_along(target) else 'impossible'}")
 
     def check_axis(self, target: TaskTarget) -> None:
         """Whether the arm can do with its tool axis what the task requires.

@@ -68,10 +68,10 @@ def request_for(
         slack_of_axis: error of the tool axis that is as good as none [rad].
     """
     anywhere = target.kind == "anywhere"
-    position = np.zeros(3) if anywhere else rng.uniform(target.lower, target.upper, (count, 3))
-    slack = np.zeros(3)
+    position, slack = np.zeros(3) if anywhere else target.lower, np.zeros(3)
     if target.kind == "region":
         # Half of the starts aim at drawn points; the others take any point, as a branch must that reaches a part only.
+        position = rng.uniform(target.lower, target.upper, (count, 3))
         any_point = np.full(count, True) if whole_box else np.arange(count) // 2 % 2 == 1
         position[any_point] = (target.lower + target.upper) / 2
         slack = np.where(any_point[:, None], (target.upper - target.lower) / 2, 0.0)

@@ -28,20 +28,29 @@ class Aligner:
         arm: n joints; ``task`` with its tool axis and tilt.
         reach: which directions the tool point moves in, and what freedom the axis has.
         compiled: None compiles where a C compiler is found; False never; True or an error.
+        whole: the arm with all of its joints and ranges, where ``arm`` has fewer.
     """
 
     arm: Arm
     task: Task
     reach: Reach
     compiled: bool | None
+    whole: Arm
 
     def at(self, target: TaskTarget) -> Alignment:
         """Whether the tool axis is asked for, and what the arm can give at such a target.
 
         ``free``: not constrained; ``exact``: two rows hold it; ``loose``: it is held within a slack, for arms with too
         few joints to hold it exactly. Where no random posture arrives aligned, an arm whose axis could get near is
-        ``loose``.
+        ``loose``, and so is one that only lacks joints that the file holds.
         """
+        given = self._given(target)
+        if given == "free" and self.whole is not self.arm and self._of_whole.at(target) != "free":
+            return "loose"
+        return given
+
+    def _given(self, target: TaskTarget) -> Alignment:
+        """What the arm can give with the joints and ranges that it is left."""
         reach = self.reach
         if self.task.axis_request == "free" or reach.axis_rank == 0:
             return "free"
@@ -61,6 +70,11 @@ class Aligner:
         rng, ik = np.random.default_rng(0), self._trial
         request = request_for(target, ALIGNMENT_TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
         return bool(np.min(ik.solve(ik.random_postures(ALIGNMENT_TRIALS, rng), request, enough=1)[1]) < TOLERANCE)
+
+    @cached_property
+    def _of_whole(self) -> Aligner:
+        """The same question to the whole arm."""
+        return Aligner(self.whole, self.task, Reach.of(self.whole, self.task.tool_axis), self.compiled, self.whole)
 
     @cached_property
     def _trial(self) -> InverseKinematics:

@@ -55,7 +55,7 @@ def until_found_often(
     if not whole.found or not whole.found[0].feasible:
         return whole
     best = engine.confirmed(whole.found[0], whole.target)
-    return replace(whole, found=tuple(sorted((best, *whole.found[1:]), key=rank)))
+    return whole if best is whole.found[0] else replace(whole, found=tuple(sorted((best, *whole.found[1:]), key=rank)))
 
 
 def until_recurrence(

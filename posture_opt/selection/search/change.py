@@ -25,7 +25,7 @@ _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ChangedValue:
     """A number with as many digits as are printed.
 
     Args:
@@ -81,11 +81,11 @@ def _pair(text: Json) -> Sequence[Json]:
     return text
 
 
-def rounded(value: float, unit: str, decimals: int, side: int = 0) -> Quantity:
+def rounded(value: float, unit: str, decimals: int, side: int = 0) -> ChangedValue:
     """A value [SI] with so many decimals in the unit of files, rounded up (side 1), down (−1) or to the nearest (0).
 
     >>> rounded(0.00683201, "m", 1, 1)
-    Quantity(value=0.0069, text='6.9 mm')
+    ChangedValue(value=0.0069, text='6.9 mm')
     """
     factor, name = _FILE_UNITS.get(unit, (1.0, "" if unit in ("1", "probability") else unit))
     scaled = value * factor * 10**decimals
@@ -95,7 +95,7 @@ def rounded(value: float, unit: str, decimals: int, side: int = 0) -> Quantity:
     number = whole / 10**decimals
     text = f"{number:.{max(decimals, 0)}f}"
     text = text.rstrip("0").rstrip(".") if "." in text else text
-    return Quantity(float(f"{number / factor:.15g}"), f"{'0' if text == '-0' else text} {name}".strip())
+    return ChangedValue(float(f"{number / factor:.15g}"), f"{'0' if text == '-0' else text} {name}".strip())
 
 
 def decimals_for(value: float, unit: str, digits: int) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import TURN, Array, Codes
 from posture_opt.robot.robot import Robot
 
 DISTINCT_ANGLE = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
@@ -25,20 +25,20 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
         size: (k,) how many searches each row represents; default one.
     """
     joints = [k for k in range(robot.n) if k not in ignored]
-    Q = Q[:, joints]
-    revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)
-    limit, turn = np.where(revolute, DISTINCT_ANGLE, DISTINCT_STROKE), 2 * np.pi * revolute
-    left, sizes = np.ones(len(Q), dtype=bool), np.ones(len(Q), dtype=int) if size is None else size
+    revolute = np.array([[robot.joints[k].type == "revolute"] for k in joints], dtype=bool)
+    limit, turn = np.where(revolute, DISTINCT_ANGLE, DISTINCT_STROKE)[..., None], np.where(revolute, TURN, 0.0)
+    X = Q.T[joints]
+    X -= turn * np.rint(X / TURN)  # angles within half a turn of zero are near, or a turn but a little apart
+    beyond = np.where(revolute, TURN, np.inf)[..., None] - limit
+    left, cluster = np.ones(len(Q), dtype=bool), np.zeros(len(Q), dtype=int)
     first: list[int] = []
-    total: list[int] = []
     for block in range(0, len(Q), ROWS_PER_BLOCK):
-        difference = Q[block : block + ROWS_PER_BLOCK, None] - Q
-        difference -= turn * np.rint(difference * (0.5 / np.pi))
-        near = np.all(np.abs(difference) <= limit, axis=2)
+        apart = np.abs(X[:, block : block + ROWS_PER_BLOCK, None] - X[:, None])
+        near = np.logical_and.reduce((apart <= limit) | (apart >= beyond))
         for k, row in enumerate(near, start=block):
             if left[k]:
-                mine = row & left
+                row &= left
+                cluster[row] = len(first)
                 first.append(k)
-                total.append(int(sizes[mine].sum()))
-                left &= ~row
-    return np.array(first, dtype=int), np.array(total, dtype=int)
+                left ^= row
+    return np.array(first, dtype=int), np.bincount(cluster, size, len(first)).astype(int)

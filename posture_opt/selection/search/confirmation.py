@@ -11,6 +11,8 @@ from posture_opt.numerics import Array, Json, finite_or_none
 
 AGREEMENT = 1e-6
 """Relative difference of σ up to which the answers of two methods are the same."""
+_DISAGREEMENT = 1e-3
+"""Relative difference of σ, in three digits, from which the end of a search is no optimum that another method finds."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class Confirmation:
     def differs(self) -> bool:
         """Whether the two methods ended at different answers."""
         return not self.agrees <= AGREEMENT
+
+    @property
+    def refutes(self) -> bool:
+        """Whether the solver left what it was given for something visibly else that is not the answer."""
+        return not self.taken and self.agrees > _DISAGREEMENT
 
     def to_json(self) -> dict[str, Json]:
         """What the part ``solver`` of a document says of it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -167,40 +167,30 @@ class Engine(DerivedAgain):
         """The postures (N, n) after at most ``steps`` steps of the local search, with the state (N, m + n + 1) to go on
         from.
         """
-        return self.local.descend(Q, target.parameters, self._held(target), steps, state)
+        return self.local.descend(Q, target.parameters, self.held(target).rows, steps, state)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
         """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
         parameters = np.array([target.parameters for target in targets])[of]
-        held = np.vstack([self._held(target) for target in targets])[of]
+        held = np.vstack([self.held(target).rows for target in targets])[of]
         return self.local.descend(Q, parameters, held, steps)
 
-    def _held(self, target: TaskTarget) -> Array:
-        """(1, 16) what the steps of the local search must keep."""
-        return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis).rows
+    def held(self, target: TaskTarget) -> PoseRequest:
+        """What the steps of the local search must keep."""
+        return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis)
 
-    def candidates(
-        self,
-        Q: Array,
-        target: TaskTarget,
-        optimal: Sequence[bool] | None = None,
-        counts: Sequence[int] | None = None,
-    ) -> list[CandidatePosture]:
-        """The postures (N, n) as candidates for one target, with what a local search says of them."""
-        screened = self.screened(Q, target.parameters)
-        if optimal is None or counts is None:
-            return screened
-        words = ("not converged", "converged")
-        return [
-            CandidatePosture(c.q, c.objective, c.violation, c.sigma, yes, words[yes], n)
-            for c, yes, n in zip(screened, optimal, counts, strict=True)
-        ]
+    def candidates(self, Q: Array, target: TaskTarget) -> list[CandidatePosture]:
+        """The postures (N, n) as candidates for one target."""
+        return self.screened(Q, target.parameters)
 
     def screened(self, Q: Array, parameters: Array) -> list[CandidatePosture]:
         """The postures (N, n) as candidates for the target of ``parameters`` (p,), or of one row (N, p) each."""
-        objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, parameters))
-        columns = (column.tolist() for column in (objective, violation, np.sqrt(np.maximum(variance, 0.0))))
-        return [CandidatePosture(*row) for row in zip(Q, *columns, strict=True)]
+        return [CandidatePosture(*row) for row in zip(Q, *self._values(Q, parameters).T.tolist(), strict=True)]
+
+    def _values(self, Q: Array, parameters: Array) -> Array:
+        """(N, 3) objective, worst violation of a row and σ_max [m] of the postures (N, n)."""
+        objective, violation, _, variance = self.screen(Q, parameters)
+        return np.hstack([objective, violation, np.sqrt(np.maximum(variance, 0.0))])
 
     def scale_of(self, variances: Array) -> float:
         """What the objective is divided by: the median of some postures' own terms (N,) [m²], one where it has no
@@ -228,15 +218,18 @@ class Engine(DerivedAgain):
             count: (N,) how many searches each of them represents.
             helped: whether IPOPT is tried where a feasible optimum is known too; else only where there is none.
         """
-        counts = np.ones(len(found.q), dtype=int) if count is None else count
-        ends = self.candidates(found.q, target, found.optimal.tolist(), counts.tolist())
+        counts, words = np.ones(len(found.q), dtype=int) if count is None else count, ("not converged", "converged")
+        ends = [
+            CandidatePosture(*tidy, yes, words[yes], n)
+            for tidy, yes, n in zip(self._tidy(found.q, target), found.optimal.tolist(), counts.tolist(), strict=True)
+        ]
         # Only where it would change the answer.
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
         promising = np.isinf(limit) or (helped and any(ends[k].feasible for k in doubtful))
         for k in doubtful[: MAX_IPOPT_FALLBACKS if promising else 0]:
-            ends[k] = self._fallback_solution(ends[k], target)
-        return self.tidied(ends, target)
+            ends[k] = self.confirmed(ends[k], target)
+        return ends
 
     def confirmed(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         """The same candidate, or where IPOPT goes on to from one that is no optimum."""
@@ -264,28 +257,31 @@ class Engine(DerivedAgain):
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
         """The same postures with joints that do not matter at zero, whole turns taken off and angles rounded where that
         is free.
-
-        A rounded angle is taken where neither objective nor violation gets worse by more than 1e-9.
         """
         if not candidates:
             return []
-        lower, upper, turns, idle = self._ends
-        Q = np.array([candidate.q for candidate in candidates])
+        tidy = self._tidy(np.array([candidate.q for candidate in candidates]), target)
+        return [
+            CandidatePosture(*of, given.optimal, given.message, given.count)
+            for of, given in zip(tidy, candidates, strict=True)
+        ]
+
+    def _tidy(self, Q: Array, target: TaskTarget) -> Iterator[tuple[Array, float, float, float]]:
+        """Tidy postures in place of Q (N, n), with their objective, violation and σ_max [m].
+
+        A rounded angle is taken where neither objective nor violation gets worse by more than 1e-9.
+        """
+        given, (lower, upper, turns, idle) = Q, self._ends
         turned = Q - turns * np.rint(Q * (0.5 / np.pi))
         Q = np.where((turned >= lower) & (turned <= upper), turned, Q)
         Q[:, idle] = np.clip(0.0, lower[idle], upper[idle])
         # Where the objective is flat, a whole degree is as good as 179.98.
         rounded = np.clip(np.where(turns > 0, np.deg2rad(np.rint(np.rad2deg(Q))), Q), lower, upper)
-        tidy = self.candidates(np.concatenate([rounded, Q]), target)
-        found = []
-        for k, given in enumerate(candidates):
-            best = next((c for c in (tidy[k], tidy[k + len(Q)]) if not _worse(c, given)), given)
-            found.append(
-                CandidatePosture(
-                    best.q, best.objective, best.violation, best.sigma, given.optimal, given.message, given.count
-                )
-            )
-        return found
+        options = np.concatenate([rounded, Q, given])
+        values = self._values(options, target.parameters).reshape(3, len(Q), 3)
+        costs = np.any(values[:2, :, :2] > values[2, :, :2] + 1e-9, axis=2)
+        chosen = np.where(costs[0], np.where(costs[1], 2, 1), 0), np.arange(len(Q))
+        return zip(options.reshape(3, *Q.shape)[chosen], *values[chosen].T.tolist(), strict=True)
 
     @cached_property
     def _ends(self) -> tuple[Array, Array, Array, list[int]]:
@@ -318,11 +314,6 @@ def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
     return end.feasible and (
         not start.feasible or end.objective <= start.objective + 1e-6 + VIOLATION_PRICE * start.violation
     )
-
-
-def _worse(tidy: CandidatePosture, given: CandidatePosture) -> bool:
-    """Whether tidying costs anything."""
-    return tidy.violation > given.violation + 1e-9 or tidy.objective > given.objective + 1e-9
 
 
 def median(values: Array) -> float:

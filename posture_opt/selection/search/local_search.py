@@ -66,7 +66,7 @@ class LocalOptima:
         """(N,) violation of the rows, zero where they count as met."""
         return np.where(self.violation <= ROW_TOLERANCE, 0.0, self.violation)
 
-    def rows(self, chosen: Codes) -> LocalOptima:
+    def rows(self, chosen: Codes | slice) -> LocalOptima:
         """The ``chosen`` ones, in this order."""
         return LocalOptima(*(getattr(self, field.name)[chosen] for field in fields(self)))
 

@@ -205,19 +205,26 @@ def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = 
     All of them with ``every``, else those that may be the best. After `SCREENING_STEPS` steps, searches that promise
     nothing are given up and searches that have met are followed once.
     """
-    optima, size = engine.descended(Q, target, SCREENING_STEPS[0]), np.ones(len(Q), dtype=int)
+    size = np.ones(len(Q), dtype=int)
+    optima, size = _merged(engine, engine.descended(Q, target, SCREENING_STEPS[0]), size, every)
     for steps in (*SCREENING_STEPS[1:], STEPS):
-        order = _best_first(optima) if every else _promising(optima)
-        nearest, size = engine.clusters(optima.q[order], size[order])
-        optima = optima.rows(order[nearest])
         if np.all(optima.optimal):
             break
         optima = engine.descended(optima.q, target, steps, optima.state)
-    order = _best_first(optima)
-    again, total = engine.clusters(optima.q[order], size[order])
-    most = len(again) if every else MAX_DISTINCT_OPTIMA
-    chosen = optima.rows(order[again[:most]])
-    return tuple(sorted(engine.settled(chosen, target, total[:most], helped=every), key=rank))
+        optima, size = _merged(engine, optima, size, every or steps == STEPS)
+    most = slice(None if every else MAX_DISTINCT_OPTIMA)
+    return tuple(sorted(engine.settled(optima.rows(most), target, size[most], helped=every), key=rank))
+
+
+def _merged(engine: Engine, optima: LocalOptima, size: Codes, every: bool) -> tuple[LocalOptima, Codes]:
+    """Those of some searches that differ, best first, all of them or what is promising; and how many searches each is.
+
+    Args:
+        size: (N,) how many searches each of the given ones is.
+    """
+    order = _best_first(optima) if every else _promising(optima)
+    nearest, size = engine.clusters(optima.q[order], size[order])
+    return optima.rows(order[nearest]), size
 
 
 def as_good(best: float) -> float:
@@ -256,7 +263,7 @@ def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
     """
     # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
-    return (not candidate.feasible, key, not candidate.optimal, float(np.linalg.norm(candidate.q)))
+    return (not candidate.feasible, key, not candidate.optimal, float(candidate.q @ candidate.q))
 
 
 def distinct(Q: Array, robot: Robot) -> list[int]:

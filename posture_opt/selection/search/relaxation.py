@@ -112,10 +112,7 @@ class Reasons:
         """How far the nearest point is that the tool reaches."""
         point = np.array(self.problem.tool_point.walk(self.way.q.tolist())[0].position, dtype=float)
         distance = float(np.linalg.norm(np.clip(point, self.target.lower, self.target.upper) - point))
-        message = (
-            f"the target is out of reach by {_plain(distance * 1e3)} mm{self._condition()}; the nearest point that the "
-            f"tool reaches is {millimetres(point)}"
-        )
+        message = f"the target is out of reach by {_plain(distance * 1e3)} mm{self._condition()}"
         return Reason(TARGET, message, distance, "m")
 
     def _condition(self) -> str:
@@ -178,13 +175,14 @@ class Reasons:
     def _too_near(self, name: str, missing: float) -> Reason:
         """A distance of the cell: below zero by what an obstacle has to give for links to be clear of it.
 
-        Where it is not, it is the exact one, which may be more than the lower bound that is missed.
+        Where nothing overlaps it is the exact one, which may be more than the lower bound that is missed.
         """
-        margin = self.elastic.cell.scene.margin
-        nearest = self.elastic.cell.scene.nearest(name, self.way.q)
-        bound = margin - missing
-        reached, needed = shown_apart(nearest if bound < nearest < margin else bound, margin, "m")
-        message = f"{name} is {reached} at most, and at least {needed} is required"
+        between, nearest, required = self.elastic.cell.scene.closest(name, self.way.q)
+        bound = required - missing
+        exact = bound < nearest < required and (nearest >= 0 or name == SELF_CLEARANCE_ROW)
+        reached, needed = shown_apart(nearest if exact else bound, required, "m")
+        pair = f", between {' and '.join(between)}" if name == SELF_CLEARANCE_ROW else ""
+        message = f"{name} is {reached} at most, and at least {needed} is required{pair}"
         return Reason(name, message, missing, "m")
 
 
@@ -200,7 +198,7 @@ def _row_reason(row: Row, value: float, low: float, high: float) -> Reason:
 
 
 def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift: Array) -> str:
-    """The length of a move (3,) [m], and a word for its direction where there is one.
+    """Words for the direction of a move (3,) [m], where there are some.
 
     Args:
         q: (n,) a posture, for where the arm stands.
@@ -215,7 +213,7 @@ def way_words(problem: OptimisationProblem, target: TaskTarget, q: Array, shift:
     along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
     words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
     cosine, word = max(words)
-    return f", {_plain(distance * 1e3)} mm{f' {word}' if cosine >= MAIN_DIRECTION_COSINE else ''}"
+    return f", {word}" if cosine >= MAIN_DIRECTION_COSINE else ""
 
 
 def stated_text(value: float, unit: str) -> str:
@@ -262,12 +260,3 @@ def shown_apart(reached: float, bound: float, unit: str) -> tuple[str, str]:
 def stated_apart(stated: float, other: float, unit: str) -> str:
     """A stated quantity [SI] beside another value for it, with as many digits as show that they differ."""
     return shown_apart(stated, other, unit)[0]
-
-
-def millimetres(vector: Array) -> str:
-    """A vector [m] in mm, to a tenth.
-
-    >>> millimetres(np.array([0.1, -0.02, 0.0]))
-    '(100.0, -20.0, 0.0) mm'
-    """
-    return "(" + ", ".join(f"{round(v * 1e3, 1) + 0.0:.1f}" for v in vector) + ") mm"

@@ -26,7 +26,9 @@ def _confirmed(solution: Solution) -> Solution:
     given = solution.engine.candidates(solution.q[None], solution.target)[0]
     (best, *_), said = confirmed(solution.engine, [given], solution.target, solution.problem.scene)
     statistics = replace(solution.statistics, confirmation=said)
+    if said is not None and said.refutes:
+        return replace(solution, status="feasible", statistics=statistics)
     if said is None or not said.taken:
         return replace(solution, statistics=statistics)
-    ranked = np.vstack([best.q, solution.ranked[1:]])
-    return replace(solution, q=best.q, ranked=ranked, statistics=statistics)
+    ended = np.vstack([best.q, solution.ended[1:]])
+    return replace(solution, q=best.q, ended=ended, statistics=statistics)

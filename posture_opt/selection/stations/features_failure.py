@@ -19,7 +19,7 @@ from posture_opt.selection.answer.shared_placement import PlacementStatistics
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.batches import usual_starts
-from posture_opt.selection.search.change import Change, Quantity, rounded, with_changes
+from posture_opt.selection.search.change import Change, ChangedValue, rounded, with_changes
 from posture_opt.selection.search.multistart import multistart
 from posture_opt.selection.search.relaxation import Reason, Relaxation, shown
 from posture_opt.selection.stations.bench_map import PlacementOnBench
@@ -27,6 +27,7 @@ from posture_opt.selection.stations.placed_stations import PlacedStations
 from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.workpiece import Workpiece
+from posture_opt.statements import Statement, state
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class FeaturesFailure:
         pairs = [(name, reason) for name, one in zip(names, solved, strict=True) for reason in one.reasons]
         reasons = tuple(replace(reason, message=f"{name}: {reason.message}") for name, reason in pairs)
         others = tuple(self.task.features[k].name for k in failed[len(errors) :])
-        notes = (f"{', '.join(others)} cannot be done there either",) if others else ()
+        notes = (state("selection.features-also-fail", features=others),) if others else ()
         relaxations = sorted((*self._moves(), *self._for_all(w, failed)), key=lambda one: one.cost)
         return self._error(w, solved, names, notes, reasons, relaxations, looked, began)
 
@@ -81,7 +82,7 @@ class FeaturesFailure:
         return self._error(w, solved, names, (), (reason,), self._moves(), looked, began)
 
     def _error(
-        self, w: Array, solved: Sequence[Solution], names: Sequence[str], notes: tuple[str, ...],
+        self, w: Array, solved: Sequence[Solution], names: Sequence[str], notes: tuple[Statement, ...],
         reasons: tuple[Reason, ...], relaxations: Sequence[Relaxation], looked: int, began: float,
     ) -> NoSolutionError:  # fmt: skip
         """The error with the infeasible answer."""
@@ -102,7 +103,7 @@ class FeaturesFailure:
         names = [self.task.features[k].name for k in failed]
         return explain_stations(inquiry, targets, names).relaxations
 
-    def _with_changes(self, changes: Sequence[Change]) -> bool:
+    def _with_changes(self, changes: Sequence[Change], near: Array | None = None) -> bool:
         """Whether the problem with some changes is solved."""
         return self.does(with_changes(self.problem, changes))
 
@@ -119,7 +120,7 @@ class FeaturesFailure:
                 found += [] if changes is None else [Relaxation(words_of(changes), (), {}, away, changes)]
         return found
 
-    def _placed(self, w: Sequence[Quantity]) -> tuple[Change, ...]:
+    def _placed(self, w: Sequence[ChangedValue]) -> tuple[Change, ...]:
         """The workpiece at one placement."""
         text: dict[str, Json] = {name: part.text for name, part in zip(COORDINATES, w, strict=True)}
         if self.task.workpiece is not None:
@@ -136,7 +137,7 @@ class FeaturesFailure:
         return (Change(("task", "workpiece"), Workpiece.model_validate(text), text, words),)
 
 
-def _written(w: Array, box: PlacementRange) -> Iterator[list[Quantity]]:
+def _written(w: Array, box: PlacementRange) -> Iterator[list[ChangedValue]]:
     """A placement (4,) with the digits that are printed: rounded to mm and degrees, a little farther, and finer."""
     edge = np.clip(w, box.lower, box.upper)
     for decimals, more in ((0, 0.0), (0, 0.02), (1, 0.005), (6, 0.0)):

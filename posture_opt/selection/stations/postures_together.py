@@ -66,14 +66,14 @@ def _postures(solved: Solution, known: Array | None) -> Array:
 def _with_postures(solved: Sequence[Solution], Q: Array) -> list[Solution]:
     """The same answers with the postures Q (K, n), which come first among the alternatives."""
     return [
-        one if np.array_equal(one.q, q) else replace(one, q=q, ranked=np.vstack([q, _others(one.ranked, q)]))
+        one if np.array_equal(one.q, q) else replace(one, q=q, ended=np.vstack([q, _others(one.ended, q)]))
         for one, q in zip(solved, Q, strict=True)
     ]
 
 
-def _others(ranked: Array, q: Array) -> Array:
-    """The ranked postures without the one that q (n,) is."""
-    return np.asarray(ranked[np.abs(ranked - q).max(axis=1) > 1e-6])
+def _others(ended: Array, q: Array) -> Array:
+    """The optima without the one that q (n,) is."""
+    return np.asarray(ended[np.abs(ended - q).max(axis=1) > 1e-6])
 
 
 def _success(solved: Sequence[Solution]) -> float:

@@ -17,6 +17,7 @@ class Custom(Task):
     list cannot say, an objective of ``minimize`` terms alone, say, is a custom one.
     """
 
+    touches: ClassVar[bool] = False
     summary: ClassVar[str] = "one of your own: within, axis, criterion, minimize and subject_to say what counts."
 
     kind: Literal["custom"]

@@ -16,6 +16,7 @@ class Hold(Task):
 
     within: ClassVar[Within] = "all"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
+    touches: ClassVar[bool] = False
     summary: ClassVar[str] = "hold a part still: the spread in every direction counts, the tool axis is held."
 
     kind: Literal["hold"]

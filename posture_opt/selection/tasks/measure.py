@@ -19,6 +19,7 @@ class Measure(Task):
 
     within: ClassVar[Within] = "all"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "free"
+    touches: ClassVar[bool] = False
     summary: ClassVar[str] = "locate a point in space: the whole spread counts."
 
     kind: Literal["measure"]

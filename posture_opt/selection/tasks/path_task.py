@@ -50,7 +50,9 @@ class PathTask(Task):
     largest_step: Annotated[Angle, Field(gt=0)] | None = Field(
         None, description="of any joint between listed points; a slide may move 1 m where a joint may turn by 1 rad"
     )
-    spacing: Annotated[Length, Field(gt=0)] | None = Field(None, description="largest distance; more points are added")
+    spacing: Annotated[Length, Field(gt=0)] | None = Field(
+        None, description="largest distance; more points are added. Default: 5 % of the length of the arm"
+    )
     closed: bool = Field(False, description="ends in the posture in which it began, or whole turns of a joint away")
     speed: Speed | None = Field(
         None, description="of the tool point along the path, constant; `highest`: by the joints"

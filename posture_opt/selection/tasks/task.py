@@ -66,6 +66,8 @@ class Task(Spec):
     """Tool axis along the direction: where the arm can, always (else an error), or not asked for."""
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
+    touches: ClassVar[bool] = True
+    """Whether the tool touches its target: programs come to it and leave it on a line."""
     direction_name: ClassVar[str] = "task direction"
     """What reports and figures call ``direction``: the spread is across or along it."""
 
@@ -198,8 +200,11 @@ class Task(Spec):
         """The task as it is, where workpiece, features and ``combine`` fit each other.
 
         Raises:
-            BadValueError: features beside another target, a workpiece without features, or ``combine`` without them.
+            BadValueError: an empty list of features, features beside another target, a workpiece without features, or
+                ``combine`` without them.
         """
+        if "features" in self.model_fields_set and not self.features:
+            raise BadValueError("features is an empty list", "name the places, or leave the key out")
         if self.features and (self.position is not None or self.region is not None):
             word = "position" if self.position is not None else "region"
             raise BadValueError(f"features and {word} are both given", "keep one of them: features have positions")

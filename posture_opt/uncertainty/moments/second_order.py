@@ -32,6 +32,7 @@ from posture_opt.model.chain import (
     stack,
 )
 from posture_opt.numerics import Array, Json, finite_or_none
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 
@@ -204,25 +205,18 @@ class Validity:
         return "good" if self.index < MAX_GOOD_INDEX else "doubtful" if self.index < MAX_DOUBTFUL_INDEX else "wrong"
 
     @property
+    def statement(self) -> Statement:
+        """Whether the first-order ellipse may be used here."""
+        if math.isinf(self.index):
+            return state("uncertainty.first-order-singular")
+        values = (Quantity(value, "number") for value in (self.curvature, self.bias_mahalanobis, MAX_GOOD_INDEX))
+        curvature, shift, limit = values
+        return state(f"uncertainty.first-order-{self.verdict}", curvature=curvature, shift=shift, limit=limit)
+
+    @property
     def text(self) -> str:
         """The verdict in a sentence."""
-        if math.isinf(self.index):
-            return (
-                "The first-order ellipse is wrong here: it has zero width in a direction in which the tool point does "
-                "move (singular posture). Use the exact covariance."
-            )
-        seen = f"(curvature index {self.curvature:.2g}, mean shift {self.bias_mahalanobis:.2g} standard deviations; "
-        if self.verdict == "good":
-            return f"The first-order (linear) approximation is adequate here {seen}both below {MAX_GOOD_INDEX:g})."
-        if self.verdict == "doubtful":
-            return (
-                "The first-order ellipse is doubtful here: its 95 % region contains noticeably less than 95 %. Use the "
-                f"exact covariance {seen}limit {MAX_GOOD_INDEX:g})."
-            )
-        return (
-            "The first-order ellipse is wrong here: its 95 % region contains far less than 95 %. Use the exact "
-            f"covariance {seen}limit {MAX_GOOD_INDEX:g})."
-        )
+        return self.statement.text
 
     def to_json(self) -> dict[str, Json]:
         """Indices, null where infinite (then the flag next to it is true), verdict and sentence."""
@@ -232,7 +226,7 @@ class Validity:
             "bias_mahalanobis": finite_or_none(self.bias_mahalanobis),
             "bias_infinite": math.isinf(self.bias_mahalanobis),
             "verdict": self.verdict,
-            "text": self.text,
+            "text": self.statement.text,
         }
 
 

@@ -14,6 +14,8 @@ from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE, deviation
 
 Within = Literal["across", "along", "all"]
 """The part of the spread: across the direction of the task, along it, or all of it."""
+PARTS: dict[str, str] = {"across": "across the direction", "along": "along the direction", "all": "in space"}
+"""The parts by name, as sentences have them."""
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,7 @@ class AdaptiveResult:
         stable: False where ``max_blocks`` came first.
         tolerances: what had to be reached.
         reached: twice the standard error of each quantity.
+        digits: significant ones that were asked for.
     """
 
     mean: Array
@@ -79,6 +80,7 @@ class AdaptiveResult:
     stable: bool
     tolerances: Digits
     reached: Digits
+    digits: int
 
     @property
     def uncertainty(self) -> Array:
@@ -146,7 +148,7 @@ def adaptive(
     y = np.concatenate(trials)
     mean, covariance = y.mean(axis=0), np.atleast_2d(np.cov(y, rowvar=False))
     kp, kq = coverage_factors(y, p)
-    return AdaptiveResult(mean, covariance, len(y), len(trials), kp, kq, p, stable, tolerances, reached)
+    return AdaptiveResult(mean, covariance, len(y), len(trials), kp, kq, p, stable, tolerances, reached, digits)
 
 
 def coverage_factors(samples: ArrayLike, p: float = 0.95) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,6 +14,7 @@ from posture_opt.limits import MOST_SAMPLES
 from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
+from posture_opt.statements import Statement, state
 from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME
 from posture_opt.uncertainty.regions.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
 from posture_opt.uncertainty.simulation.adaptive import AdaptiveResult
@@ -29,6 +31,7 @@ from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _BLOCK_SAMPLES = 5_000
 """Samples walked at once: bounds the memory whatever n is."""
+_ROUNDING = 1e-9  # of a probability
 _MAX_KEPT_POINTS = 1_000_000
 """Points kept for figures and files."""
 
@@ -50,7 +53,6 @@ class Cloud(Result):
         pose_covariance: (6, 6) of shift [m] and rotation vector [rad] (v, ω) from the nominal pose, world-aligned axes.
         inside: number of samples in the 95 % region of the closed form; ``hits``: within the clearance of the task.
         relative: the same draws relative to a workpiece that errs and is drawn with them; None where none does.
-        notes: sentences for the report.
         adaptive: how n was found, in the coordinates of ``spread.basis`` about the nominal point; None where n was
             given.
 
@@ -72,8 +74,43 @@ class Cloud(Result):
     inside: int
     hits: int
     relative: Cloud | None = None
-    notes: tuple[str, ...] = ()
     adaptive: AdaptiveResult | None = None
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """How many samples lie where the closed form expects them, and how many do what the task asks."""
+        coverage = state("uncertainty.coverage", percent=100 * self.coverage95, samples=self.n)
+        return (coverage, *self._agreement(), *self._success(), *self.spread.limits, *self._stability())
+
+    def _agreement(self) -> Iterator[Statement]:
+        """Whether closed form and sample agree, as far as so many samples show; the first-order ellipse."""
+        low, high = self.coverage95_interval
+        verdict = "agrees" if low <= 0.95 <= high else "less" if self.coverage95 < 0.95 else "more"
+        yield state(f"uncertainty.coverage-{verdict}", low=100 * low, high=100 * high)
+        if self.spread.validity.verdict != "good":
+            yield self.spread.validity.statement
+
+    def _success(self) -> Iterator[Statement]:
+        """The predicted probability of success, and the share that succeeds; nothing without a clearance."""
+        seen, interval = self.spread.for_task, self.success_interval
+        if seen is None or interval is None or seen.success_probability is None:
+            return
+        low, high = interval
+        yield from seen.success_statement(self.spread.taught)
+        agrees = low - _ROUNDING <= seen.success_probability <= high + _ROUNDING
+        id = "uncertainty.success-agrees" if agrees else "uncertainty.success-differs"
+        yield state(id, hits=self.seen.hits, samples=self.n, low=100 * low, high=100 * high)
+
+    def _stability(self) -> Iterator[Statement]:
+        """Whether as many samples as were drawn make the digits that were asked for stable."""
+        if self.adaptive is not None:
+            id = "uncertainty.stable-samples" if self.adaptive.stable else "uncertainty.unstable-samples"
+            yield state(id, samples=self.n, digits=self.adaptive.digits)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the sources come from, joints outside their limits, and whether the sample is stable."""
+        return (*self.spread.notes, *(one.text for one in self._stability()))
 
     @property
     def posture(self) -> Posture:
@@ -163,9 +200,9 @@ class Cloud(Result):
         varies = closed > RANK_TOLERANCE * closed[-1]
         return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
-        closed = self.spread.to_json()
+        closed = self.spread.fields_json()
         about = {key: value for key, value in closed.items() if key != "integration"}
         sampled = {
             "covariance": self.covariance.tolist(),
@@ -245,11 +282,9 @@ def simulate(
     found = adaptive_trials(
         lambda size, rng: draw.both(rng, size)[spread.relative][0] @ spread.basis.T, digits=digits, seed=seed
     )
-    state = "stable" if found.stable else "not yet stable"
-    note = f"{found.n} samples drawn: {state} in {digits} significant digits (JCGM 102:2011, 7.8)"
     # Blocks of another size take the same numbers from the generator, so this is the sample that was found stable.
     cloud = cloud_of(spread, found.n, seed)
-    return replace(cloud, adaptive=found, notes=(*cloud.notes, note))
+    return replace(cloud, adaptive=found)
 
 
 def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
@@ -289,7 +324,6 @@ def _cloud(spread: Spread, sums: PowerSums, points: Array, n: int, seed: int, re
         inside=sums.inside,
         hits=sums.hits,
         relative=relative,
-        notes=spread.notes,
     )
 
 

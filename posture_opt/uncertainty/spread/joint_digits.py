@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint
+from posture_opt.statements.notation import joint_unit
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
@@ -73,6 +74,19 @@ def readable_digits(problem: HasSources, postures: ArrayLike) -> JointDigits:
     """
     found = _coarsest(problem, postures, math.sqrt(12.0), lambda lengths: float(np.linalg.norm(lengths)))
     return JointDigits(min(found.turn, math.radians(0.1)), min(found.slide, 1e-4))
+
+
+def readable_posture(problem: HasSources, q: ArrayLike) -> str:
+    """A posture in one line, to be read: joint1 12.3 deg, joint2 120.0 mm. Programs have more digits.
+
+    Args:
+        q: (n,) [rad or m]; written with `readable_digits`.
+    """
+    digits, joints, texts = readable_digits(problem, q), problem.arm.robot.joints, []
+    for joint, value in zip(joints, np.asarray(q, dtype=float), strict=True):
+        unit, factor = joint_unit(joint.type)
+        texts.append(f"{joint.name} {digits.text(joint, float(value), 1 / factor)} {unit}")
+    return ", ".join(texts)
 
 
 def _coarsest(problem: HasSources, postures: ArrayLike, allowed: float, total: Callable[[Array], float]) -> JointDigits:

@@ -42,6 +42,12 @@ class Orientation:
         linear = np.asarray(tool_point.pose_first_order(q, reached), dtype=float)
         return cls(*_tilt_and_spin(spread.pose_covariance[3:, 3:], axis), *_tilt_and_spin(linear[3:, 3:], axis))
 
+    @property
+    def first_order_error(self) -> float:
+        """Relative error of the first-order values, the larger one."""
+        sizes = ((self.tilt, self.tilt_first_order), (self.spin, self.spin_first_order))
+        return max((abs(linear / exact - 1) for exact, linear in sizes if exact > 0), default=0.0)
+
     def to_json(self) -> dict[str, Json]:
         """Plain numbers, SI."""
         return {

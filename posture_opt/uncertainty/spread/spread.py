@@ -14,8 +14,9 @@ from posture_opt.model.arm import HasArm
 from posture_opt.model.chain import Scalar, Walk
 from posture_opt.numerics import Array, Json
 from posture_opt.result import Result
-from posture_opt.robot.posture import Posture, PostureLike, limit_notes, read_posture
+from posture_opt.robot.posture import Posture, PostureLike, beyond_limits, read_posture
 from posture_opt.robot.robot import Robot
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.integration import Integration
 from posture_opt.uncertainty.moments.pose_covariance import POSE_FRAME, PoseCovariance, pose_covariance
 from posture_opt.uncertainty.moments.second_order import Validity, second_order
@@ -26,6 +27,8 @@ from posture_opt.uncertainty.sources.workpiece import of_workpiece
 from posture_opt.uncertainty.spread.budget import Share, budgets
 from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
 from posture_opt.uncertainty.spread.task_spread import HasDirection, TaskSpread, task_spread
+
+_TARGET_TOLERANCE_M = 1e-4  # m: a tool point that is farther from the target of the task is at another place
 
 
 class HasSources(HasArm, Protocol):
@@ -58,7 +61,7 @@ class Spread(Result):
         bias: (3,) mean minus nominal tool point [m].
         integration: how a mean over factors that correlated errors share was taken, None in closed form.
         basis: (2, 3) or (3, 3) rows spanning the space of the ellipse: the plane of a planar arm, else all of it.
-        notes: sentences for the report.
+        source_notes: sentences on where the sources come from.
 
     Example:
         >>> from posture_opt import load_problem
@@ -80,7 +83,39 @@ class Spread(Result):
     bias: Array
     basis: Array
     integration: Integration | None = None
-    notes: tuple[str, ...] = field(default=())
+    source_notes: tuple[str, ...] = field(default=())
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """The largest standard deviation, for the task where there is one; what limits it."""
+        seen = self.for_task
+        sigma = Quantity(float(self.ellipse.semi_axes[-1]))
+        first = (state("uncertainty.deviation", sigma=sigma),) if seen is None else seen.statements(self.taught)
+        return (*first, *self.limits, self.validity.statement)
+
+    @property
+    def limits(self) -> tuple[Statement, ...]:
+        """A target elsewhere, and joints outside their limits."""
+        task, found = self.problem.task, []
+        if task is not None and task.position is not None:
+            off = float(np.linalg.norm(self.position - np.array(task.position)))
+            found += [state("uncertainty.beside-target", distance=Quantity(off))] if off > _TARGET_TOLERANCE_M else []
+        for joint, excess in beyond_limits(self.robot, self.q):
+            style = "stated angle" if joint.type == "revolute" else "stated length"
+            id, limit = ("above", joint.upper) if excess > 0 else ("below", joint.lower)
+            beyond, stated = Quantity(abs(excess), style), Quantity(limit, style)
+            found.append(state(f"uncertainty.{id}-limit", joint.name, excess=beyond, limit=stated))
+        return tuple(found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the sources come from, and which joints are outside their limits."""
+        return (*self.source_notes, *(one.text for one in self.limits if one.about))
+
+    @property
+    def taught(self) -> bool:
+        """Whether nothing errs but from repeat to repeat, as of a taught position."""
+        return not np.any(self.seen.sources.constant)
 
     @property
     def robot(self) -> Robot:
@@ -190,7 +225,7 @@ class Spread(Result):
         parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
         return Validity.of(parts.first, parts.curvature, parts.bias)
 
-    def to_json(self) -> dict[str, Json]:
+    def fields_json(self) -> dict[str, Json]:
         """The document ``spread.json``: SI units, finite numbers only."""
         return {
             "posture": self.posture,
@@ -279,7 +314,7 @@ def _spread_of(problem: HasSources, sources: Sources, tool_point: ToolPoint, q: 
         bias=moments.mean - moments.position,
         basis=ellipse_basis(tool_point, covariance),
         integration=moments.integration,
-        notes=(*sources.notes, *limit_notes(tool_point.robot, q)),
+        source_notes=sources.notes,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
@@ -10,10 +11,11 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from posture_opt.numerics import Array, Json
+from posture_opt.statements import Quantity, Statement, state
 from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.clearance import within_clearance
-from posture_opt.uncertainty.regions.critical import Critical, Within
+from posture_opt.uncertainty.regions.critical import PARTS, Critical, Within
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.spread.budget import Share, budget
 from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
@@ -99,6 +101,27 @@ class TaskSpread:
     def budget_groups(self) -> tuple[ShareGroup, ...]:
         """The same budget, sources whose errors cancel taken together."""
         return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
+
+    def statements(self, taught: bool) -> Iterator[Statement]:
+        """The standard deviation in the part that counts, and the probability of success where there is a clearance."""
+        part, sigma = PARTS[self.critical.within], Quantity(self.critical.sigma_max)
+        if self.peg is None:
+            yield state("uncertainty.deviation-for-task", part=part, sigma=sigma)
+        else:
+            end = "top end" if self.critical is self.peg.top else "tip"
+            yield state("uncertainty.deviation-of-peg", end, part=part, sigma=sigma)
+        yield from self.success_statement(taught)
+
+    def success_statement(self, taught: bool) -> Iterator[Statement]:
+        """The probability of success with its condition; nothing without a clearance.
+
+        Args:
+            taught: whether nothing errs but from repeat to repeat: what is left out is likelier than 0.1 %.
+        """
+        if self.success_probability is not None:
+            id = "uncertainty.success-taught" if taught else "uncertainty.success"
+            p, clearance = Quantity(self.success_probability, "probability"), Quantity(self.clearance, "stated length")
+            yield state(id, probability=p, clearance=clearance)
 
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
         """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""

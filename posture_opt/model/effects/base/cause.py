@@ -151,6 +151,11 @@ class Cause:
         more = ", ".join(filter(None, (self.place, self.qualifier)))
         return f"{self.title} ({more})" if more else self.title
 
+    @property
+    def title_or_words(self) -> str:
+        """The label; the words of what has no name, which its label says to those only who know the search."""
+        return self.label
+
     def labelled(self, estimate: FittedSizes) -> str:
         """The label, as its fitted size has it; `label` where the size does not change it."""
         return self.label

@@ -49,19 +49,19 @@ class LostMotion(JointEffect):
         Args:
             estimate: values and standard errors of its parameter.
         """
-        return self.beyond.format(target=self.target) if self._leads(estimate) else self.words
+        return self.beyond.format(target=self.target) if self.leads(estimate) else self.words
 
     def labelled(self, estimate: FittedSizes) -> str:
         """Kind and joint; reversed where it goes beyond its command: what is done about play would be wrong."""
-        return f"{REVERSED} {self.label}" if self._leads(estimate) else self.label
+        return f"{REVERSED} {self.label}" if self.leads(estimate) else self.label
 
     def inspect_fitted(self, robot: Robot, estimate: FittedSizes) -> str:
         """What to look at, by the sign of its size."""
-        if self._leads(estimate):
+        if self.leads(estimate):
             return self.beyond_inspection.format(target=self.target)
         return self.inspect(robot)
 
-    def _leads(self, estimate: FittedSizes) -> bool:
+    def leads(self, estimate: FittedSizes) -> bool:
         """Whether the joint goes beyond its command."""
         ((name, _),) = self.parameters
         values: Mapping[str, tuple[float, float, str]] = estimate.values
