@@ -19,6 +19,7 @@ from posture_opt.calibration.data_checks import (
     check_amount,
     check_geometry,
     check_kept,
+    check_places,
     check_sense,
     check_size,
     still_notes,
@@ -327,6 +328,7 @@ def _fit_arm(
     if np.isfinite(noise):
         known = determine_directions(problem, residuals, x_nominal, held, priors, found, known.widths, noise)
     if not enough:
+        check_places(residuals, found.x)
         check_sense(residuals, found.x, position_errors(residuals, found.x)[found.kept], held)
         check_geometry(residuals, known, x_nominal)
     notes = (*size_notes(residuals, held), *tolerance_notes(residuals, known), *place_notes(residuals, known, found))

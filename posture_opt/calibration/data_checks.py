@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.frames import far_places
 from posture_opt.calibration.estimation.fit_setup import FitSetup, prior_tolerances
 from posture_opt.calibration.estimation.identifiability import identify_parameters
 from posture_opt.calibration.estimation.residuals import Residuals
@@ -111,6 +112,25 @@ def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
         f"{int(np.sum(~kept))} of {len(kept)} rows are outliers, and the rest belongs to one group: it "
         f"cannot determine how the arm errs elsewhere; {spread_poses(residuals)}"
     )
+
+
+def check_places(residuals: Residuals, x: Array) -> None:
+    """Refuses a solution that has cameras, anchors or touched points outside of the workspace by far.
+
+    Raises:
+        InputError: the data do not determine where they are, or are not of what the file says.
+    """
+    issues = [
+        Issue(
+            f"{name} comes to lie {away:.3g} m from the base, which is no solution",
+            ("data",),
+            hint="check its rows, its names and, of a camera, the intrinsics; measure more poses in its view",
+            file=residuals.data.file,
+        )
+        for name, away in sorted(far_places(residuals, x).items())
+    ]
+    if issues:
+        raise InputError(issues)
 
 
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:

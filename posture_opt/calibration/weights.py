@@ -20,7 +20,7 @@ _SAME_DIRECTION = np.cos(np.radians(10.0))
 """Cosine within which two directions pull alike, and a base is upright."""
 _ROUNDED = np.cos(np.radians(3.0))
 """Cosine within which a direction is that of an axis of the base."""
-MIN_EVIDENCE = 20.0
+_MIN_EVIDENCE = 20.0
 """Evidence of another direction or mass, as of other statements that are set aside: probability of e²⁰."""
 _LARGEST_SHARE, _MASSES_TRIED = 0.5, 26
 """Of the mass of all links, the most that one place carries beside what is stated; and how many masses are tried."""
@@ -77,7 +77,7 @@ def better_gravity(calibration: Calibration) -> GravityReading | None:
     left = {name: sag.left(_pulled(sag.state, g)) for name, g in readings.items()}
     best = min(left, key=lambda name: left[name])
     evidence = sag.evidence(left["taken"], left[best])
-    return _reading(calibration, best.partition(" ")[0], readings[best], evidence) if evidence > MIN_EVIDENCE else None
+    return _reading(calibration, best.partition(" ")[0], readings[best], evidence) if evidence > _MIN_EVIDENCE else None
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def refuted_masses(calibration: Calibration) -> MassReading | None:
         std = 1 / float(np.sqrt(2 * bend)) if bend > 0 else np.inf
         found.append(MassReading(place, float(tried[best]), std, sag.evidence(stated, left[best])))
     best_one = max(found, key=lambda one: one.evidence)
-    return best_one if best_one.evidence > MIN_EVIDENCE else None
+    return best_one if best_one.evidence > _MIN_EVIDENCE else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,6 +45,7 @@ from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
 from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise_calibration
 from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
+from posture_opt.model.effects import StatedSigma
 from posture_opt.numerics import Array, Codes, Json, Mask, rms, rms_length
 from posture_opt.result import Result
 from posture_opt.selection.comparison.comparison import Comparison
@@ -273,6 +274,8 @@ class Diagnosis(Result):
             "unexplained": {
                 "p_value": p,
                 "place": list(self.unexplained_places),
+                "tests": {"lack_of_fit": self.adequacy.lack_of_fit, "structure": self.adequacy.structure},
+                "times_allowed": self.times_allowed,
                 "components": [self._component_json(component) for component in self.unexplained],
                 **({"repeat": [plan.to_json() for plan in self.repeat_plans]} if self.repeat_plans else {}),
             },
@@ -353,6 +356,12 @@ class Diagnosis(Result):
         """The postures to repeat where errors grow with a joint and too few repeats say whether it scatters."""
         residuals = self.model.residuals
         return plan_repeats(residuals.data, repeat_groups(residuals.data, prismatic_joints(residuals)), self.uneven)
+
+    @property
+    def times_allowed(self) -> float | None:
+        """So many times what readings, the stated instrument and joints allow the errors are; None where no more."""
+        factors = [errors.effect.factor for errors in self.uneven if isinstance(errors.effect, StatedSigma)]
+        return max(factors, default=None)
 
     @property
     def unexplained_places(self) -> tuple[str, ...]:

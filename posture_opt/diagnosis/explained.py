@@ -15,7 +15,6 @@ from posture_opt.calibration.estimation.fit import Fit
 from posture_opt.calibration.estimation.prior import known_rows
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.weights import (
-    MIN_EVIDENCE,
     Reading,
     better_gravity,
     refuted_masses,
@@ -101,7 +100,7 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
     """What the residuals of a calibration hold, under the gravity and the masses that explain them best.
 
     Where the sag of the joints asks for another direction of gravity, or for other masses, all is searched for once
-    more with these: they are taken if what is found then, a load among it, leaves clearly less.
+    more with these: they are taken if what is found then, a load among it, leaves clearly less, or needs fewer effects.
     """
     found = _explain(calibration, draws, seed, stages)
     judges: tuple[Callable[[Calibration], Reading | None], ...] = (better_gravity, refuted_masses)
@@ -113,7 +112,9 @@ def explain_calibration(calibration: Calibration, draws: int, seed: int, stages:
         other = _explain(of_problem(found.calibration, problem), draws, seed, Stages(None, 1, 1))
         before, after = (one.model.variance for one in (found, other))
         evidence = len(other.model.whitened) / 2 * np.log(max(before, 1e-300) / max(after, 1e-300))
-        if evidence > MIN_EVIDENCE and any(isinstance(effect, GravityLoaded) for effect in other.model.effects):
+        evidence += levels.CHOICE_PENALTY * (len(found.model.effects) - len(other.model.effects))
+        loaded = any(isinstance(effect, GravityLoaded) for effect in other.model.effects)
+        if loaded and evidence > levels.RIVAL_CRITERION / 2:
             found = replace(other, weights=(*found.weights, reading))
     return found
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.measurements.measurements import Measurements, group_means, rows_of
+from posture_opt.measurements.measurements import Measurements, group_means, outlying_groups, rows_of
 from posture_opt.numerics import Array, Codes, Mask, linked
+from posture_opt.robot.robot import Robot
 
 SAME_POSTURE_RAD = 1e-3
 """Commands that differ by less [rad] lead to one posture."""
@@ -15,6 +16,10 @@ _SAME_POSTURE_M = 1e-4
 """The same of a slide [m]."""
 _MAX_PAIRED_ROWS = 20_000
 """Rows up to which all pairs are compared."""
+MIN_FREEDOM = 12
+"""Degrees of freedom from which a standard deviation is used: it is then known to a fifth."""
+_COPY_TOLERANCE_M = 1e-9
+"""Readings that agree to less are one reading written twice."""
 _CODE_SEPARATION = 1e6
 """Distance of rows whose codes differ, in units of `SAME_POSTURE_RAD`."""
 
@@ -55,6 +60,27 @@ def repeats_of_one_kind(data: Measurements, slides: Mask, sided: Codes | None = 
     alike += [] if data.payload is None else [data.payload]
     alike += [data.approach[:, joint] for joint in (() if sided is None or not data.approach_given else sided)]
     return np.asarray(np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel(), dtype=np.intp)
+
+
+def repeated_readings(data: Measurements, robot: Robot) -> tuple[float, int]:
+    """Standard deviation of a coordinate between readings of one posture [m], and its degrees of freedom; 0, 0 without.
+
+    ``s² = Σ |x − mean|² / Σ d (n_g − 1)`` over groups of n_g readings of d coordinates. It holds the instrument's noise
+    and what the arm changes from repeat to repeat. Postures whose readings differ far more than those of the others are
+    left out.
+    """
+    if data.position is None:
+        return 0.0, 0
+    points = data.position[:, data.measured_axes]
+    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
+    groups = [points[rows] for rows in rows_of(repeats_of_one_kind(data, slides)) if len(rows) > 1]
+    size = np.array([np.sum((p - p.mean(axis=0)) ** 2) for p in groups])
+    freedom = np.array([points.shape[1] * (len(p) - 1) for p in groups], dtype=float)
+    used = size > freedom * _COPY_TOLERANCE_M**2
+    size, freedom = size[used], freedom[used]
+    kept = ~outlying_groups(size, freedom)
+    total = int(freedom[kept].sum())
+    return (float(np.sqrt(size[kept].sum() / total)), total) if total else (0.0, 0)
 
 
 def _linked_cells(posture: Array) -> Codes:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import yaml
 
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.measurements.repeated_readings import MIN_FREEDOM, repeated_readings
+from posture_opt.measurements.repeats import MIN_FREEDOM, repeated_readings
 from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.plain_data import Plain, Section

@@ -13,8 +13,7 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.measurements.repeated_readings import MIN_FREEDOM
-from posture_opt.measurements.repeats import Contrasts
+from posture_opt.measurements.repeats import MIN_FREEDOM, Contrasts
 from posture_opt.numerics import Array, rms
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas

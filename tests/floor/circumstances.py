@@ -181,7 +181,7 @@ def scatter_between_stays(rng: np.random.Generator) -> Case:
 
 
 def scattering_joint(rng: np.random.Generator) -> Case:
-    """One joint scatters from visit to visit; an error that no effect has hides it, alike at every visit."""
+    """One joint scatters from visit to visit; what is alike at every visit, and no effect, hides it in all rows."""
     shop = Shop.drawn(rng, 70, "never", (0.0,))
     pose = _never_twice(rng, np.concatenate([np.arange(70), np.repeat(np.arange(10), 4)]))
     shop = Shop._of(rng, shop.arm, shop.session.q[pose], pose, np.zeros(len(pose)), 45.0)
@@ -313,11 +313,10 @@ def _path(rng: np.random.Generator, late: float, effects: tuple[Effect, ...] = (
 
 CIRCUMSTANCES: dict[str, Callable[[np.random.Generator], Case]] = {
     "clean_visits": _clean("visits"), "clean_readings": _clean("readings"), "clean_single": _clean("never"),
-    "soft": soft,
-    "tilting_base": tilting_base, "two_arms": two_arms, "scatter_between_stays": scatter_between_stays,
-    "scattering_joint": scattering_joint, "other_sigma": other_sigma, "other_nest": other_nest, "hung": hung,
-    "leaning": leaning,
-    "askew_tracker": askew_tracker, "unstated_gripper": unstated_gripper, "fahrenheit": fahrenheit, "pasted": pasted,
-    "turned_sides": turned_sides,
-    "late_tracker": late_tracker, "path": path,
+} | {
+    one.__name__: one
+    for one in (
+        soft, tilting_base, two_arms, scatter_between_stays, scattering_joint, other_sigma, other_nest, hung, leaning,
+        askew_tracker, unstated_gripper, fahrenheit, pasted, turned_sides, late_tracker, path,
+    )
 }  # fmt: skip

@@ -31,6 +31,7 @@ from posture_opt.selection.problem_data import ProblemData
 DEFAULT_SIGMA_M = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
 _MAX_TOOL_REACHES, _MAX_BASE_REACHES = 2.0, 3.0  # times the reach of the arm: farther off, no frame can be
+_MAX_PLACE_REACHES = 10.0  # times the reach: no camera, anchor or touched point is outside the hall
 
 
 def arm_and_data(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
@@ -220,6 +221,19 @@ def held_length(residuals: Residuals, priors: bool = True) -> int | None:
     joint_of = {i: residuals.parameters[i].name.rpartition(".")[0] for i in every}
     inner = [i for i in every if joint_of[i] in robot.joint_names[1:-1]]
     return max(inner or every, key=lambda i: every[i], default=None)
+
+
+def far_places(residuals: Residuals, x: Array) -> dict[str, float]:
+    """Places, as of cameras and anchors, that lie outside of the workspace by far, and how far from the base [m]."""
+    value = {p.name: p.nominal + v for p, v in zip(residuals.parameters, x, strict=True)}
+    base = {f.parameter: f.nominal for f in residuals.robot.base}
+    foot = np.array([value.get(f"base.{axis}", base.get(f"base.{axis}", 0.0)) for axis in "xyz"])
+    found: dict[str, float] = {}
+    for name in {p.name.rpartition(".")[0] for p in residuals.parameters if p.group == "place"}:
+        if all(f"{name}.{axis}" in value for axis in "xyz"):
+            away = float(np.linalg.norm(np.array([value[f"{name}.{axis}"] for axis in "xyz"]) - foot))
+            found |= {name: away} if away > _MAX_PLACE_REACHES * reach(residuals.robot) else {}
+    return found
 
 
 def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:

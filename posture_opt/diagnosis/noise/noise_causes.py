@@ -21,7 +21,13 @@ from posture_opt.diagnosis.noise.noise_candidates import (
     score_uneven_noise,
     standardised_residuals,
 )
-from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.diagnosis.noise.uneven_noise import (
+    NoiseCause,
+    NoiseSample,
+    UnevenErrors,
+    find_uneven_noise,
+    spread_by,
+)
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.kinds.mixed import Mixed
@@ -69,7 +75,7 @@ def noise_causes(
     if not position_sigma(problem, model.residuals.data) or found:
         return found, uneven
     quantities, repeated = _quantities(problem, model.residuals), samples.repeated
-    joint = None if repeated is None else _scattering_joint(repeated, seed)
+    joint = None if repeated is None else _scattering_joint(repeated, quantities, seed)
     if joint is not None:
         return [*found, joint], uneven
     for quantity in quantities:
@@ -82,13 +88,16 @@ def noise_causes(
     return found, uneven
 
 
-def _scattering_joint(repeated: NoiseSample, seed: int) -> NoiseCause | None:
+def _scattering_joint(repeated: NoiseSample, quantities: Sequence[_Quantity], seed: int) -> NoiseCause | None:
     """The joint along which repeats scatter, where structure hides that in all rows; None where none is clear.
 
-    What scatters along a joint is that joint's, and no wrong σ of the instrument.
+    What scatters along a joint, and as stated across it, is that joint's, and no wrong σ of the instrument.
     """
     found = score_uneven_noise(repeated.e, repeated.rows, seed)
     if not found or not found[0].of_arm or found[0].p_value > levels.FURTHER_NOISE_LEVEL:
+        return None
+    rest = repeated.without(spread_by(found[0], repeated)).e
+    if any(quantity.wrong_sigma(quantity.of(rest), quantity.of(rest).size) for quantity in quantities):
         return None
     return NoiseCause(found[0].named(), found[0].estimate, found[0].p_value)
 

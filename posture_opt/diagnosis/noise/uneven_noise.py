@@ -209,12 +209,12 @@ def find_uneven_noise(
             )
             if part is not None:
                 named.append(part)
-                repeats = _in_equal_units(repeats.without(_spread_by(part[0].sized, repeats)), seed)
+                repeats = _in_equal_units(repeats.without(spread_by(part[0].sized, repeats)), seed)
         else:
             first = chosen.candidate
             named.append((chosen, [s.candidate for s in examined if s is not chosen]))
-            repeats = _in_equal_units(repeats.without(_spread_by(chosen.sized, repeats)), seed)
-            readings = _in_equal_units(readings.without(_spread_by(chosen.sized, readings)), seed)
+            repeats = _in_equal_units(repeats.without(spread_by(chosen.sized, repeats)), seed)
+            readings = _in_equal_units(readings.without(spread_by(chosen.sized, readings)), seed)
         taken.add(first.who)
         if first.spread is None or len(taken) == len(everything.rows.levers):
             break
@@ -280,7 +280,7 @@ def _shown(candidate: NoiseCandidate, sample: NoiseSample, seed: int) -> Repeate
     return found if others is None or others.confirmed else others
 
 
-def _spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
+def spread_by(candidate: NoiseCandidate, sample: NoiseSample) -> Array | None:
     """(N, d) spread of a sample's rows by the noise of a joint; None of noise that has no direction."""
     if not candidate.of_arm:
         return None
