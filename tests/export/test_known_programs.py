@@ -58,7 +58,7 @@ def test_joints_arrive_from_the_sides_that_the_targets_state(kind: str, tmp_path
     assert "must arrive" not in text  # the program does
     waits = {"urscript": "sleep(2.0)", "krl": "WAIT SEC 2.0", "rapid": "WaitTime\\InPos, 2.0;"}
     assert kind not in waits or text.count(waits[kind]) == len(sides)  # none at the stops in front
-    assert "comes to line 4, 5, 6 from another side" in " ".join(answer.output.split())
+    assert "comes to lines 4, 5, 6 from another side" in " ".join(answer.output.split())
 
 
 @pytest.mark.long

@@ -364,3 +364,18 @@ def test_threads_share_what_is_evaluated_once(compiled: bool) -> None:
     for thread in threads:
         thread.join()
     assert wrong == []
+
+
+@needs_compiler
+def test_damaged_library_is_compiled_again(cache: Path, compilations: list[tuple[str, ...]]) -> None:
+    code = "from tests.model.test_compiled import *; print(BatchFunction(planar()).compiled)"
+    for _ in range(2):  # in another process: this one must not have the library mapped when it is overwritten
+        result = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+        )
+        assert result.stdout == "True\n", result.stderr
+        (library,) = cache.iterdir()
+        library.write_bytes(b"no library")
+        library.chmod(0o700)
+    assert BatchFunction(planar()).compiled
+    assert len(compilations) == 1

@@ -307,8 +307,8 @@ def test_an_obstacle_about_the_arm_is_the_reason(side: float) -> None:
     data["cell"] = {"clearance": "15 mm", "obstacles": [cabinet]}
     solution = refused(data)
     assert [reason.requirement for reason in solution.reasons] == ["clearance to cabinet"]
-    assert {r.change.partition(" by ")[0] for r in solution.relaxations} == {"remove obstacle cabinet",
-                                                                            "move obstacle cabinet"}  # fmt: skip
+    changes = {r.change.partition(" by ")[0] for r in solution.relaxations}
+    assert {"remove obstacle cabinet"} <= changes <= {"remove obstacle cabinet", "move obstacle cabinet"}
     assert side != 0.205 or "is -141.4 mm at most" in solution.reasons[0].message
     table = {**cabinet, "xyz": ["0 m", "0 m", f"{-side / 2} m"]}  # what the arm stands on may touch its first link
     data["cell"]["obstacles"] = [table]

@@ -406,13 +406,13 @@ def test_rows_that_do_not_tell_the_whole_error_give_no_share(tmp_path: Path) -> 
     found = po.map_accuracy(free, po.read_measurements(rows, free), **where)
     assert found.measured is not None
     assert np.isnan([found.measured.share, found.measured.share_near]).all()
-    assert "base is free" in found.measured.notes[0]
+    assert "base is free" in found.measured.remarks[0].text
     # A base that stands 0.2 m aside: the rows were measured elsewhere, and no spread is to blame.
     moved = po.problem_from_dict({**data, "robot": {**data["robot"], "base": {"xyz": ["0.2 m", "0 m", "0 m"]}}})
     found = po.map_accuracy(moved, po.read_measurements(rows, moved), **where)
     assert found.measured is not None
     assert np.isnan(found.measured.share)
-    assert "so far off" in found.measured.notes[-1]
+    assert "so far off" in found.measured.remarks[-1].text
 
 
 def test_effects_count_as_corrections_do() -> None:

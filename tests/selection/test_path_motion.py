@@ -154,13 +154,13 @@ def test_a_path_through_the_base_is_singular_there_and_no_step_leaves_the_limits
     found = po.select_posture(problem([[0.5, 0, 0], [-0.5, 0, 0]], spacing="50 mm"))
     document = found.to_json()
     (one,) = document["breaks"]
-    assert (one["first"], one["last"], one["kind"], one["joint"]) == (1, 2, "singular", "joint1")
-    assert one["moved"] == pytest.approx(math.pi, abs=0.1)
+    assert (one["first"], one["last"], one["kind"]) == (1, 2, "singular")
+    assert math.pi - 0.1 < one["moved"] < 2 * math.pi  # the first joint turns by a half turn, or the second unwinds
     assert max(document[key] for key in ("largest_joint_step", "largest_step", "smallest_step")) <= 2 * math.pi
     np.testing.assert_allclose(tool(found.motion.Q), found.path.points[:, :2], atol=1e-7)
     apart = np.sort(np.abs(np.diff(found.motion.Q, axis=0)).max(axis=1))
     assert apart[-2] < math.radians(5)
-    assert said(found)["selection.path-singular"].about == "joint1"
+    assert said(found)["selection.path-singular"].about == one["joint"]
 
 
 def test_an_arm_that_may_turn_its_elbow_through_goes_straight_over_its_base():

@@ -1,4 +1,4 @@
-"""Standard errors of what gives way under a load: they carry the uncertainty of the masses that make the load."""
+"""Standard errors of what is compliant under a load: they carry the uncertainty of the masses that make the load."""
 
 from __future__ import annotations
 

@@ -75,11 +75,12 @@ def _posture(found: Comparison) -> list[Statement]:
     values = tuple(f"{joint.name} {joint_value(q, joint.type)}" for joint, q in zip(joints, station.q, strict=True))
     held = conditions(problem.arm)
     unchecked = not scene.active and not scene.switched_off and len(joints) > _PLANAR_JOINTS
+    why = "; ".join(problem.robot.shape_notes) or "the shape of the arm is not known"
     return [
         state("selection.plan-posture", posture=", ".join(values)),
         *([state("selection.plan-conditions", conditions=held)] if held else []),
         *scene.statements(column.answer.postures),
-        *([state("collision.shape-unknown")] if unchecked else []),
+        *([state("collision.shape-unknown", why=why)] if unchecked else []),
     ]
 
 

@@ -25,7 +25,7 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
         size: (k,) how many searches each row represents; default one.
     """
     joints = [k for k in range(robot.n) if k not in ignored]
-    revolute = np.array([[robot.joints[k].type == "revolute"] for k in joints], dtype=bool)
+    revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)[:, None]
     limit, turn = np.where(revolute, DISTINCT_ANGLE, DISTINCT_STROKE)[..., None], np.where(revolute, TURN, 0.0)
     X = Q.T[joints]
     X -= turn * np.rint(X / TURN)  # angles within half a turn of zero are near, or a turn but a little apart
