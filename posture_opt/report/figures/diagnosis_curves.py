@@ -18,11 +18,10 @@ from posture_opt.model.effects.base.cause import Abscissa, over_joint, over_phas
 from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
-from posture_opt.report.figures.residual_trends import Binned
-from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.figures.residual_trends import MEAN, draw_trend
+from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
 from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import Look, legend_below, styled
+from posture_opt.report.page.style import legend_below, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,13 +33,10 @@ if TYPE_CHECKING:
 
 _MAX_CURVES = 12  # panels
 _TITLE_WIDTH = 44  # letters
-_MAX_DOTS = 800
 _MAX_BINS = 24
-_MIN_BIN_ROWS = 4  # rows of a bin
+_MIN_SIDE_ROWS = 4
 _MIN_LEVER_SHARE = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
-_SIDE_COLOURS = {-1.0: ORANGE, 1.0: PURPLE}  # rows without a side are blue
-_SIDE_MARKS = {-1.0: "<", 1.0: ">"}
-_SIDE_NAMES = {-1.0: "joint arrives decreasing", 1.0: "joint arrives increasing"}
+_SIDE_DOTS = {-1.0: ("<", ORANGE, "joint arrives decreasing"), 1.0: (">", PURPLE, "joint arrives increasing")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,23 +111,14 @@ def _panel(axes: Axes, curve: Curve) -> None:
     Axes end at quantiles of the rows (0.2 % along x, 1 % along y), so that single rows do not flatten the curve. Rows
     whose side is not known are left out.
     """
-    dots = chosen_rows(len(curve.x), _MAX_DOTS)
-    sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
-    look = _look(len(curve.x))
+    sides = np.unique(curve.side[curve.side != 0]).tolist()  # where nobody knows the side, neither curve is meant
     for side in sides:
         mine = curve.side == side
-        colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDE_COLOURS.get(side, GREY), _SIDE_NAMES[side])
-        mark = "." if len(sides) < 2 else _SIDE_MARKS.get(float(side), "o")
-        some = dots[mine[dots]]
-        axes.plot(curve.x[some], curve.errors[some], mark, color=colour, ls="none", label=name, **look)
-        last = side == sides[-1]
-        if mine.sum() > _MIN_BIN_ROWS:
-            label = "mean of neighbours with its 95 % band" if last else ""
-            Binned.of(curve.x[mine], curve.errors[mine], _MAX_BINS).draw(axes, "black", label)
+        dots = (".", BLUE, "rows") if len(sides) < 2 else _SIDE_DOTS[side]
+        draw_trend(axes, curve.x[mine], curve.errors[mine], dots, bins=_MAX_BINS)
         order = np.argsort(curve.x[mine])
-        label = "modelled effect" if last else ""
-        axes.plot(curve.x[mine][order], curve.modelled[mine][order], color=VERMILLION, lw=2, zorder=3.5, label=label)
-    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
+        effect = curve.modelled[mine][order]
+        axes.plot(curve.x[mine][order], effect, color=VERMILLION, lw=2, zorder=3.5, label="modelled effect")
     low, high = np.quantile(curve.errors, [0.01, 0.99])
     low, high = min(low, curve.modelled.min(), 0.0), max(high, curve.modelled.max(), 0.0)
     margin = 0.07 * max(high - low, 1e-9)
@@ -139,11 +126,6 @@ def _panel(axes: Axes, curve: Curve) -> None:
     pad = 0.04 * max(right - left, 1e-9)
     axes.set(xlim=(left - pad, right + pad), ylim=(low - margin, high + margin))
     axes.set(xlabel=curve.xlabel, ylabel=curve.ylabel)
-
-
-def _look(rows: int) -> Look:
-    """How dots of so many rows are drawn."""
-    return {"mew": 0, "rasterized": True, **dots_look(rows)}
 
 
 def curve_of(
@@ -235,14 +217,18 @@ def plot_left(found: Diagnosis) -> Figure:
         along = 1e3 * residuals.sigma * np.sum(e * column, axis=1)[far] / lever[far]
         over = over_joint(tangents.state, joint)
         side = np.broadcast_to(np.asarray(tangents.state.inputs.side(joint)), len(e))[far]
-        if sided and np.all([np.count_nonzero(side == s) > _MIN_BIN_ROWS for s in (-1, 1)]):
-            _sides(axes, over.values[far], along, side, over.label)
-        else:
-            _cloud(axes, over.values[far], along, over.label)
+        groups = {(".", GREEN, "rows"): np.ones(len(along), dtype=bool)}
+        if sided and np.all([np.count_nonzero(side == s) > _MIN_SIDE_ROWS for s in (-1, 1)]):
+            groups = {_SIDE_DOTS[s]: side == s for s in (-1.0, 1.0)}
+        for dots, own in groups.items():
+            mean = MEAN if len(groups) == 1 else (dots[1], f"mean of neighbours, {dots[2]}")
+            draw_trend(axes, over.values[far][own], along[own], dots, mean, _MAX_BINS)
+        axes.set_xlabel(over.label, labelpad=1)
     axes = grid[len(moving)]
     lengths = 1e3 * residuals.sigma * np.linalg.norm(e[:, : len(residuals.axes)], axis=1)
     rows_by_time = np.arange(1, len(e) + 1, dtype=np.float64)
-    _cloud(axes, rows_by_time, lengths, "row, in the order of measuring (length of the error)")
+    draw_trend(axes, rows_by_time, lengths, (".", GREEN, "rows"), bins=_MAX_BINS)
+    axes.set_xlabel("row, in the order of measuring (length of the error)", labelpad=1)
     high = float(np.quantile(lengths, 0.99))
     for panel in grid[: len(moving)]:
         panel.set_ylim(-high, high)
@@ -259,24 +245,3 @@ def _left_by_side(found: Diagnosis) -> bool:
     if any(component.of_side for component in found.unexplained):
         return True
     return found.adequacy.place in map(side_place, found.model.residuals.data.joint_names)
-
-
-def _sides(axes: Axes, x: Array, y: Array, side: Array, label: str) -> None:
-    """Values (n,) over x (n,) by side of approach (n,), with the mean of neighbours of each."""
-    for sign, words, colour in ((-1, "decreasing", ORANGE), (1, "increasing", PURPLE)):
-        own = np.flatnonzero(side == sign)
-        dots = own[chosen_rows(len(own), _MAX_DOTS // 2)]
-        axes.plot(x[dots], y[dots], ".", color=colour, label=f"arrived {words}", **_look(len(own)))
-        Binned.of(x[own], y[own], _MAX_BINS).draw(axes, colour, f"mean of neighbours, {words}")
-    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-    axes.set_xlabel(label, labelpad=1)
-
-
-def _cloud(axes: Axes, x: Array, y: Array, label: str) -> None:
-    """Values (n,) over x (n,) with the mean of neighbours."""
-    dots = chosen_rows(len(x), _MAX_DOTS)
-    axes.plot(x[dots], y[dots], ".", color=GREEN, label="rows", **_look(len(x)))
-    if len(x) > _MIN_BIN_ROWS:
-        Binned.of(x, y, _MAX_BINS).draw(axes, "black", "mean of neighbours with its 95 % band")
-    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-    axes.set_xlabel(label, labelpad=1)

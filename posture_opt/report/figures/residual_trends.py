@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 
 _MAX_DOTS = 800  # more make a fog
+MEAN = "black", "mean of neighbours with its 95 % band"
+"""Colour and label of a mean in bins."""
 _MEAN_BIN_POSES = 20  # poses, on average
 _MIN_BIN_POSES = 4  # poses of a bin that is drawn
 _MAX_DISTINCT_VALUES = 12  # different values, as of a payload: no more need to be put together
@@ -103,10 +105,11 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     figure = new_figure(1.0 + 1.35 * len(joints))
     grid = figure.subplots(len(joints), 2, squeeze=False)
     poses = len(np.unique(shown.data.pose))
+    some = f"{_MAX_DOTS} of {poses} poses" if poses > _MAX_DOTS else f"{poses} poses"
     for name, column in zip(shown.errors, grid.T, strict=True):
         sizes = []
         for axes, joint, x, along in zip(column, joints, *_along(shown, shown.errors[name], seen), strict=True):
-            _panel(axes, x, along, MODEL_COLOURS[name], poses)
+            draw_trend(axes, x, along, (".", MODEL_COLOURS[name], some))
             sizes.append(float(np.quantile(np.abs(along), 0.995)))
             axes.set_xlabel(f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]", labelpad=1)
         limit = 1.1 * max(sizes, default=1.0)
@@ -119,19 +122,23 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, x: Array, along: Array, colour: str, poses: int) -> None:
-    """One joint; ``poses`` were measured in all, and those that the joint hardly moves are not among ``x``.
+def draw_trend(
+    axes: Axes, x: Array, y: Array, dots: tuple[str, str, str], mean: tuple[str, str] = MEAN, bins: int = _MAX_BINS
+) -> None:
+    """Values (n,) over x (n,) as dots, of many some drawn by lot, with the mean of neighbours and a line at zero.
 
     Args:
-        x: (p,) joint values [deg or mm]; ``along`` (p,) errors along the motion of the joint [mm].
+        dots: mark, colour and label of the dots; ``mean`` colour and label of the mean.
+        bins: at most so many, see `Binned`.
     """
-    dots = chosen_rows(len(x), _MAX_DOTS)
-    look: Look = {"color": colour, "mew": 0, **dots_look(len(dots))}
-    some = f"{_MAX_DOTS} of {poses}" if poses > _MAX_DOTS else str(poses)
-    axes.plot(x[dots], along[dots], ".", zorder=2, rasterized=True, label=f"{some} poses", **look)
+    rows = chosen_rows(len(x), _MAX_DOTS)
+    mark, colour, label = dots
+    look: Look = {"mew": 0, "ls": "none", "rasterized": True, **dots_look(len(rows))}
+    look["ms"] *= 1.0 if mark == "." else 0.6  # a dot is drawn at half its size
+    axes.plot(x[rows], y[rows], mark, color=colour, zorder=2, label=label, **look)
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     if len(x) >= _MIN_BIN_POSES:
-        Binned.of(x, along).draw(axes, "black", "mean of neighbours with its 95 % band")
+        Binned.of(x, y, bins).draw(axes, *mean)
 
 
 def _seen_joints(shown: Shown) -> list[int]:
