@@ -39,7 +39,7 @@ _NEGLIGIBLE_UNCERTAINTY = 0.1  # of what a fit leaves: its standard errors then 
 
 def doubts(found: Calibration) -> list[Statement]:
     """Data that are hardly this arm's, what they refute of the file, and frames that they do not determine."""
-    said = [*found.request.data.reading_statements]
+    said = [*found.request.data.reading_statements, *(doubt.statement for doubt in found.doubts)]
     if found.disagreement is not None:
         left, motion = found.disagreement.left, found.disagreement.motion
         said.append(state("calibration.data-disagree", left=Quantity(left), motion=Quantity(motion)))

@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import SAME_POSTURE_RAD
 from posture_opt.numerics import Array, Codes, Json
+from posture_opt.statements import Statement, state
 
 _WARMEST_C = 60.0
 """°C of cells in which arms are measured, at the most: data sheets allow 45 to 55 °C."""
@@ -22,7 +23,12 @@ class Doubt:
     """A doubt about a file, by its ``id``, with the numbers that raise it."""
 
     id: str
-    values: Mapping[str, Json]
+    values: Mapping[str, int | float]
+
+    @property
+    def statement(self) -> Statement:
+        """What it says."""
+        return state(f"calibration.doubt-{self.id}", **self.values)
 
     def to_json(self) -> dict[str, Json]:
         """The entry of ``doubts``."""

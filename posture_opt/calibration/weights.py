@@ -15,6 +15,7 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Json, finite_or_none
 from posture_opt.selection.problem_data import ProblemData
+from posture_opt.statements import Quantity, Statement, state
 
 _SAME_DIRECTION = np.cos(np.radians(10.0))
 """Cosine within which two directions pull alike, and a base is upright."""
@@ -54,6 +55,11 @@ class GravityReading:
     def to_json(self) -> dict[str, Json]:
         """The part ``gravity`` of ``diagnosis.json``."""
         return {"vector": list(self.vector), "reading": self.reading, "evidence": self.evidence, "line": self.line}
+
+    @property
+    def statement(self) -> Statement:
+        """What it says, with the line to paste."""
+        return state("calibration.gravity", self.reading, line=self.line, evidence=self.evidence)
 
     def restated(self, problem: ProblemData) -> ProblemData:
         """The problem with this gravity, and the base where it was found: its axes then are those of the data."""
@@ -100,6 +106,12 @@ class MassReading:
     def to_json(self) -> dict[str, Json]:
         """The part ``masses`` of ``diagnosis.json``."""
         return {"place": self.place, "mass": self.mass, "std": finite_or_none(self.std), "evidence": self.evidence}
+
+    @property
+    def statement(self) -> Statement:
+        """What it says."""
+        mass = Quantity(self.mass, "mass", self.std if np.isfinite(self.std) else None)
+        return state("calibration.masses", self.place, mass=mass, evidence=self.evidence)
 
     def restated(self, problem: ProblemData) -> ProblemData:
         """The problem without the masses that this one contradicts."""

@@ -43,7 +43,9 @@ def statements_of(found: Diagnosis) -> tuple[Statement, ...]:
         _errors(found),
         *([state("diagnosis.overfitted")] if found.overfitted else []),
         *instrument(calibration, found.delivery.nominal),
+        *(reading.statement for reading in found.weights),
         *doubts(calibration),
+        *_beyond_allowed(found),
         *_unbuildable(found),
         *_causes(found),
         *may_work(found),
@@ -82,6 +84,14 @@ def _errors(found: Diagnosis) -> Statement:
     return state(f"diagnosis.{which}", what=what, noise=Quantity(floor.rms), source=floor.source, **sizes)
 
 
+def _beyond_allowed(found: Diagnosis) -> list[Statement]:
+    """That errors are larger than readings and instrument allow, and what the promise of a path is for."""
+    said = [state("diagnosis.promise-of-stretches")] if found.by == "stretch" else []
+    if found.times_allowed is None or found.verdict != "unexplained":
+        return said
+    return [state("diagnosis.beyond-allowed", times=Quantity(found.times_allowed, "number")), *said]
+
+
 def _causes(found: Diagnosis) -> list[Statement]:
     """What explains the errors, or part of them, and what is suspected."""
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
@@ -90,7 +100,8 @@ def _causes(found: Diagnosis) -> list[Statement]:
     ordered = sorted(causes, key=lambda f: unconfirmed(f, found.test))
     few = len(causes) <= _MAX_SIZED_CAUSES
     names = [sized_words(found, f) for f in ordered] if few else _by_title(ordered)
-    names += ["the geometry"] if others and geometry else []
+    differs = "the geometry differs from the file" if few else "a geometry that differs from the file"
+    names += [differs] if others and geometry else []
     vague = [f for f in found.effects if f not in geometry and not f.determined]
     said = [state("diagnosis.suspected", causes=_by_title(vague))] if vague else []
     if found.verdict == "none_found":

@@ -18,7 +18,7 @@ import pytest
 import posture_opt as po
 from posture_opt.report.page import library, presenter
 from posture_opt.report.page.page import Page
-from posture_opt.report.text.blocks import Block, Facts, Report, Table
+from posture_opt.report.text.blocks import Block, Document, Facts, Table
 from tests.helpers.browser import Browser, browser
 
 EVIL = "</script><img src=x onerror=alert(1)> \" ' {{ 7*7 }}"
@@ -200,7 +200,7 @@ def test_a_wide_table_says_that_it_scrolls(tab: Browser, tmp_path: Path) -> None
     wide = Table(tuple(f"joint_{k} [deg]" for k in range(12)), (tuple("123.45" for _ in range(12)),), 0)
     narrow = Table(("a", "b"), (("1", "2"),), 0)
     blocks = tuple(Block(f"Part {k}", (wide, narrow, Facts((("label", "x" * 200),)))) for k in range(5))
-    (tmp_path / "page.html").write_text(Page(Report("Long", ("Answer.",), blocks), brief=("Part 0",)).html())
+    (tmp_path / "page.html").write_text(Page(Document("Long", (), blocks), brief=("Part 0",)).html())
     tab.open(tmp_path / "page.html", 390)
     assert overflow(tab) <= 0
     tab.wait("return document.querySelectorAll('details[open] > .wide.cut').length === 3")  # one in each open section

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from posture_opt import __version__
 from posture_opt.files import packaged
 from posture_opt.report.page.library import INSTALL, packed_json, plotly_js
-from posture_opt.report.text.blocks import Document, Facts, Report, Table
+from posture_opt.report.text.blocks import Document, Facts, Table
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -51,7 +51,7 @@ class Page:
         problem_file: its text, shown at the end.
     """
 
-    report: Document | Report
+    report: Document
     images: Mapping[str, bytes] = field(default_factory=dict)
     captions: Mapping[str, str] = field(default_factory=dict)
     view: View | None = None

@@ -19,7 +19,7 @@ from posture_opt.report.page.library import plotly_js
 from posture_opt.report.page.page import Page, View
 from posture_opt.report.page.save import CAPTIONS, Files, report_files, save_files, summary_html
 from posture_opt.report.page.style import THUMBNAIL_DPI, image
-from posture_opt.report.text.blocks import Document, Report, Summary
+from posture_opt.report.text.blocks import Document, Summary
 from posture_opt.report.text.screen import on_a_screen
 from posture_opt.report.text.text import render, render_summary, terminal_width
 from posture_opt.result import Result, Summarised
@@ -98,12 +98,8 @@ class Presenter(SummaryPresenter[R]):
         return self.problem.to_yaml()
 
     @abstractmethod
-    def document(self) -> Document | Report:
+    def document(self) -> Document:
         """What the result has to say, with its tables and figures."""
-
-    def brief(self) -> Report | None:
-        """What one screen is to show as far as it fits, where that is not the blocks of the report in brief."""
-        return None
 
     @abstractmethod
     def columns(self) -> Columns:
@@ -121,7 +117,7 @@ class Presenter(SummaryPresenter[R]):
         """The report, or one screen of it, as plain text, as wide as the terminal."""
         width, report = terminal_width(), self.document().whole
         saved = (*self.delivered(), f"{self.stem}.json")
-        return render(report if full else on_a_screen(report, width, saved, self.brief()), width)
+        return render(report if full else on_a_screen(report, width, saved), width)
 
     @abstractmethod
     def drawings(self) -> Drawings:
@@ -194,5 +190,5 @@ class Presenter(SummaryPresenter[R]):
         report = self.document().whole
         viewed = pictures and type(self).view is not Presenter.view
         view = self.view() if viewed and plotly_js() else None
-        brief = frozenset(block.title for block in (self.brief() or report).blocks if block.short.items)
+        brief = frozenset(block.title for block in report.blocks if block.short.items)
         return Page(report, view=view, hint=viewed and view is None, brief=brief, problem_file=self.problem_file)

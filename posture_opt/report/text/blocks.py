@@ -137,25 +137,6 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Report:
-    """A whole report: its title, the answer in a few sentences, the blocks."""
-
-    title: str
-    lead: tuple[str, ...]
-    blocks: tuple[Block, ...]
-
-    @property
-    def lines(self) -> tuple[Line, ...]:
-        """The answer: sentences without labels."""
-        return tuple(("", sentence) for sentence in self.lead)
-
-    @property
-    def whole(self) -> Report:
-        """Itself."""
-        return self
-
-
-@dataclass(frozen=True)
 class Document:
     """What a result has to say, whatever it is shown as: statements, and blocks with its tables and figures.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from posture_opt.errors import enumerated
-from posture_opt.report.text.blocks import Block, Document, Item, Report, Table
+from posture_opt.report.text.blocks import Block, Document, Item, Table
 from posture_opt.report.text.text import render
 
 SCREEN = 45
@@ -15,19 +15,16 @@ _MAX_NAMED_ROWS = 8  # rows left out of a table that are named below it
 _MAX_NAMED_SECTIONS = 3  # sections that the last line names
 
 
-def on_a_screen(
-    report: Document | Report, width: int, saved: Sequence[str], brief: Report | None = None
-) -> Document | Report:
+def on_a_screen(report: Document, width: int, saved: Sequence[str]) -> Document:
     """The report in at most ``SCREEN`` lines of ``width`` columns: its title, its lead, and what fits of its blocks.
 
     Too long, its last long table is cut first, then blocks are left out from the end; title, lead and blocks that are
     to stay are whole, beyond the screen if need be.
 
     Args:
-        brief: what to show in place of the report as far as it fits; None: its blocks in brief.
         saved: what ``--out`` writes next to the report, for the last line.
     """
-    kept = [_Shown(block.short) for block in (brief or report).blocks if block.short.items]
+    kept = [_Shown(block.short) for block in report.blocks if block.short.items]
     while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
         excess = _lines(short, width) - SCREEN
         place = next((k for k in reversed(range(len(kept))) if kept[k].rows > kept[k].least), None)
@@ -95,11 +92,11 @@ def _cut(table: Table, rows: int) -> tuple[Table, str]:
 
 def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int | None:
     """The last block that is so long that the rest fits without it, else the last; None where all stay."""
-    sizes = {k: _lines(Report("", (), (block,)), width) - 1 for k, block in enumerate(kept) if not block.stays}
+    sizes = {k: _lines(Document("", (), (block,)), width) - 1 for k, block in enumerate(kept) if not block.stays}
     return max((k for k, size in sizes.items() if size >= excess), default=max(sizes, default=None))
 
 
-def _ended(report: Document | Report, kept: Sequence[_Shown], saved: Sequence[str]) -> Document | Report:
+def _ended(report: Document, kept: Sequence[_Shown], saved: Sequence[str]) -> Document:
     """The kept blocks, and a line on the others."""
     blocks = tuple(shown.block for shown in kept)
     shown = {block.title for block in blocks}
@@ -123,6 +120,6 @@ def _lowered(title: str) -> str:
     return title if title[1:2].isupper() else title[:1].lower() + title[1:]
 
 
-def _lines(report: Document | Report, width: int) -> int:
+def _lines(report: Document, width: int) -> int:
     """Lines of a report at a width."""
     return render(report, width).rstrip("\n").count("\n") + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import textwrap
 
-from posture_opt.report.text.blocks import Block, Document, Facts, Item, Report, Summary, Table
+from posture_opt.report.text.blocks import Block, Document, Facts, Item, Summary, Table
 from posture_opt.report.text.lead import WIDTH, written
 from posture_opt.report.text.text_table import fitted_table
 
@@ -17,7 +17,7 @@ def terminal_width() -> int:
     return min(max(shutil.get_terminal_size((WIDTH, 24)).columns, NARROWEST), WIDEST)
 
 
-def render(report: Document | Report, width: int = WIDTH) -> str:
+def render(report: Document, width: int = WIDTH) -> str:
     """A report as text, every line at most ``width`` columns wide: title and answer first, without a gap.
 
     A block is its title, a line of dashes, and its items; a blank line is between blocks.
