@@ -1,4 +1,4 @@
-"""``above_mounting``: the answer above an assumed mounting plane, or without the plane where there is none above it."""
+"""``with_fallbacks``: the answer to a problem, or to the same one without what it prefers and does not state."""
 
 from __future__ import annotations
 
@@ -12,22 +12,15 @@ Problem = TypeVar("Problem", bound=ProblemData)
 Answer = TypeVar("Answer")
 
 
-def above_mounting(problem: Problem, solve: Callable[[Problem], Answer]) -> Answer:
-    """``solve(problem)``; where its mounting plane is assumed and leaves no solution, the same without the plane.
-
-    Before that, joints may leave the ranges in which their effects were measured, at the cost of these.
+def with_fallbacks(problem: Problem, solve: Callable[[Problem], Answer]) -> Answer:
+    """``solve(problem)``; where there is no solution, that of the first `ProblemData.fallback` that has one.
 
     Raises:
-        NoSolutionError: there is none without the plane either, for the reasons that there are then.
+        NoSolutionError: the last one has none either, for the reasons that there are then.
     """
-    if problem.narrowed:
+    while (wider := problem.fallback) is not None:
         try:
             return solve(problem)
         except NoSolutionError:
-            problem = problem.anywhere()
-    try:
-        return solve(problem)
-    except NoSolutionError:
-        if not problem.above_assumed_mounting:
-            raise
-    return solve(problem.mounting_dropped())
+            problem = wider
+    return solve(problem)
