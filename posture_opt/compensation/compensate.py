@@ -66,7 +66,7 @@ def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensati
     except NoSolutionError:
         if not problem.above_assumed_mounting:
             raise
-    return _compensated(problem.mounting_dropped(), rows)
+    return _compensated(replace(problem, without_mounting=True), rows)
 
 
 def _compensated(problem: ProblemData, rows: Targets) -> Compensation:

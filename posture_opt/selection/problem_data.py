@@ -100,13 +100,16 @@ class ProblemData(Summarised, ABC):
         """Whether joints are kept within ranges that their effects were measured in."""
         return self.within_measured and bool(self.arm.measured_ranges)
 
-    def anywhere(self) -> Self:
-        """The same problem with postures beyond these ranges, where such effects are errors that are not known."""
-        return replace(self, within_measured=False)
+    @property
+    def fallback(self) -> Self | None:
+        """The same problem without the next thing that it prefers and does not state; None where nothing is left.
 
-    def mounting_dropped(self) -> Self:
-        """The same problem without the mounting plane that was assumed."""
-        return replace(self, without_mounting=True)
+        First postures may leave the ranges that effects were measured in, where such effects are errors that are not
+        known; then the mounting plane that was assumed is dropped.
+        """
+        if self.narrowed:
+            return replace(self, within_measured=False)
+        return replace(self, without_mounting=True) if self.above_assumed_mounting else None
 
     def without_masses(self) -> Self:
         """The same problem with an arm of whose links no mass is known."""

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
-from posture_opt.selection.answer.above_mounting import above_mounting
+from posture_opt.selection.answer.fallbacks import with_fallbacks
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.problem_data import ProblemData
@@ -89,5 +89,5 @@ def select_posture(
             found: Solution = selector_of(one).solve(seed=seed, workers=workers, progress=progress)
             return found
 
-        return above_mounting(problem, along)
+        return with_fallbacks(problem, along)
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

@@ -18,6 +18,7 @@ from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 
 _PARALLEL = 0.02  # sine [1] up to which axes are parallel, cosine up to which they are perpendicular; corrections lean
+_ROUNDING = 1e-12  # m² or 1: a sign of less is that of a singular posture, which counts as not positive
 _MEETING_SHARE = 5e-3  # of the length of the arm: axes that pass each other nearer than this meet
 
 
@@ -125,7 +126,7 @@ def _structure(at: _Axes, near: float) -> Callable[[_Axes], Names] | None:
 def _planar(at: _Axes) -> Names:
     """The elbow left or right of the line from the first axis to the third, or to the tool; the first axis is up."""
     end = at.o[2] if len(at.z) == 3 else at.tool
-    left = _dot(np.cross(end - at.o[0], at.o[1] - at.o[0]), at.z[0]) > 0
+    left = _dot(np.cross(end - at.o[0], at.o[1] - at.o[0]), at.z[0]) > _ROUNDING
     return (_either(left, "elbow left", "elbow right"),)
 
 
@@ -147,18 +148,20 @@ def _shoulder_elbow_wrist(at: _Axes, wrist: Array, forearm: Array) -> Names:
     the wrist is flipped.
     """
     across = np.cross(at.z[0], at.z[1])
-    right = _dot(across, wrist - at.o[0]) > 0
+    right = _dot(across, wrist - at.o[0]) > _ROUNDING
     line, bend = forearm - at.o[1], at.o[2] - at.o[1]
     ahead = np.where(right, 1.0, -1.0)[:, None] * across
-    up = _dot(line, ahead) * _dot(bend, at.z[0]) - _dot(line, at.z[0]) * _dot(bend, ahead) > 0
+    up = _dot(line, ahead) * _dot(bend, at.z[0]) - _dot(line, at.z[0]) * _dot(bend, ahead) > _ROUNDING
     return (
         _either(right, "shoulder right", "shoulder left"),
         _either(up, "elbow up", "elbow down"),
-        _either(at.triple(3, 4, 5) > 0, "wrist not flipped", "wrist flipped"),
+        _either(at.triple(3, 4, 5) > _ROUNDING, "wrist not flipped", "wrist flipped"),
     )
 
 
 def _seven(at: _Axes) -> Names:
     """The signs of the sines of the second, fourth and sixth joint: the rest is the redundancy of the arm."""
     named = zip(("shoulder", "elbow", "wrist"), (0, 2, 4), strict=True)
-    return tuple(_either(at.triple(k, k + 1, k + 2) > 0, f"{name} not flipped", f"{name} flipped") for name, k in named)
+    return tuple(
+        _either(at.triple(k, k + 1, k + 2) > _ROUNDING, f"{name} not flipped", f"{name} flipped") for name, k in named
+    )

@@ -207,20 +207,19 @@ class PostureSelector:
         return self._solved(seek, aim, began, confirm=True)
 
     def _solved(self, seek: Seek, target: TaskTarget, began: float, confirm: bool) -> Solution:
-        """The solution of a search; where no posture stays above a mounting plane that is assumed, without that plane.
+        """The solution of a search, or of one in the problem's fallbacks.
 
-        Before that, joints may leave the ranges in which their effects were measured, at the cost of these.
-        What was found without the plane is lifted above it first: a search may have missed the postures that are.
+        What is found without a mounting plane is lifted above it first: a search may have missed the postures that are.
         """
         outcome = self._searched(seek, target, exact=not confirm)
-        if not outcome.feasible and self._problem.narrowed:
-            return self._anywhere._solved(seek, target, began, confirm)
-        if outcome.feasible or self._keeps_mounting or not self._problem.above_assumed_mounting:
+        wider = None if outcome.feasible else self._wider
+        if wider is None:
             return self._answer(outcome, began, confirm)
-        below = self._below_mounting
-        without = below._searched(seek, target, exact=not confirm)
+        if self._problem.narrowed:
+            return wider._solved(seek, target, began, confirm)
+        without = wider._searched(seek, target, exact=not confirm)
         above = self._lifted(without.feasible[:_MAX_LIFTED], outcome)
-        return self._answer(above, began, confirm) if above else below._answer(without, began, confirm)
+        return self._answer(above, began, confirm) if above else wider._answer(without, began, confirm)
 
     def _lifted(self, below: Sequence[CandidatePosture], outcome: SearchOutcome) -> SearchOutcome | None:
         """A search that found nothing, with what local searches from postures below the plane lead to; else None."""
@@ -235,17 +234,12 @@ class PostureSelector:
         return replace(outcome, engine=engine, found=found, by_starts=met) if met else None
 
     @cached_property
-    def _anywhere(self) -> PostureSelector:
-        """The selection beyond the ranges that effects were measured in."""
-        problem = self._problem.anywhere()
-        kept = self._keeps_mounting
+    def _wider(self) -> PostureSelector | None:
+        """The selection of the problem's fallback; None where there is none, or where the mounting plane is kept."""
+        problem, kept = self._problem.fallback, self._keeps_mounting
+        if problem is None or (kept and not self._problem.narrowed):
+            return None
         return PostureSelector(problem, compiled=self._compiled, keeps_mounting=kept, explains=self._explains)
-
-    @cached_property
-    def _below_mounting(self) -> PostureSelector:
-        """The selection without the mounting plane that is assumed."""
-        problem = self._problem.mounting_dropped()
-        return PostureSelector(problem, compiled=self._compiled, explains=self._explains)
 
     def _searched(self, seek: Seek, target: TaskTarget, exact: bool = False) -> SearchOutcome:
         """The search without rows against collisions, and again with them where the answer collides.

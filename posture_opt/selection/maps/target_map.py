@@ -15,7 +15,7 @@ from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Json, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
-from posture_opt.selection.answer.above_mounting import above_mounting
+from posture_opt.selection.answer.fallbacks import with_fallbacks
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.maps.confirmed_cells import confirmed_cells
 from posture_opt.selection.maps.grid_layout import GridRequest, Plane, grid_of
@@ -188,7 +188,7 @@ def map_targets(
     request.check()
     seed = problem.solver.seed if seed is None else seed
     with opened(workers, executor) as pool:
-        return above_mounting(problem, lambda one: _mapped(one, request, pool, seed, progress, compiled))
+        return with_fallbacks(problem, lambda one: _mapped(one, request, pool, seed, progress, compiled))
 
 
 def _mapped(

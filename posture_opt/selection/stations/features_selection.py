@@ -15,7 +15,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.answer.above_mounting import above_mounting
+from posture_opt.selection.answer.fallbacks import with_fallbacks
 from posture_opt.selection.answer.placement import PlacementRange
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.shared_placement import PlacementFigure, PlacementStatistics
@@ -59,7 +59,7 @@ def select_for_features(
         NoSolutionError: no placement at which every feature can be done; carries the one that fails least.
         InputError: as `select_posture`.
     """
-    return above_mounting(problem, lambda one: _FeaturesSelection.of(one, seed).answer(workers, progress))
+    return with_fallbacks(problem, lambda one: _FeaturesSelection.of(one, seed).answer(workers, progress))
 
 
 @dataclass(frozen=True, eq=False)
