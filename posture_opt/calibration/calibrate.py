@@ -279,8 +279,10 @@ def default_by(data: Measurements) -> By:
     """What a cross-validation leaves out together where none is stated.
 
     Positions are left out pose by pose, those along a moving path stretch by stretch; touched points place by place, as
-    all touches of a place share its position.
+    all touches of a place share its position; of one place alone, pose by pose.
     """
+    if data.touches and len(data.point_names) == 1:
+        return "pose"
     return "stretch" if moves(data) and not data.touches else data.kind.held_out_by
 
 

@@ -70,7 +70,8 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
         still = len(still_joints(residuals.robot, data)) == residuals.robot.n
         alike = "all rows are alike" if still else "all rows belong to one group"
         raise InsufficientDataError(f"{alike}: {counted} cannot determine how the arm errs elsewhere; {measure}")
-    rank = known.directions.shape[1]
+    tool_alone = data.touches and len(data.point_names) == 1  # the arm is held within its tolerances
+    rank = min(known.directions.shape[1], len(residuals.free)) if tool_alone else known.directions.shape[1]
     if len(data) * block + len(residuals.distances) <= rank or groups < 2:
         unknowns = f"{len(residuals.parameters)} parameters and their errors"
         raise InsufficientDataError(f"{counted} cannot determine {unknowns}: {measure}")

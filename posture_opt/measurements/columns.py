@@ -37,7 +37,7 @@ LEAST_INPUTS: dict[str, tuple[float, str, str]] = {
 CellKind = Literal["number", "label", "side"]
 """A number with a unit, a name, or a side of approach (−1, +1 or nothing)."""
 _MAX_MAGNITUDE = 1e15
-"""Largest number of a cell, in any unit; squares of larger ones leave the range of floats sooner or later."""
+"""Largest number of a cell, in its unit and in SI units; squares of larger ones leave the range of floats."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +133,28 @@ def read_cells(
     return cells
 
 
+def without_unmeasured(
+    blocks: Iterable[RowBlock], columns: dict[str, Column], own: set[str], left_out: list[int]
+) -> Iterator[RowBlock]:
+    """The blocks without rows of which nothing was measured, as of a hidden marker; their lines join ``left_out``.
+
+    Args:
+        columns: of the file; own: those of numbers that hold what was measured.
+    """
+    measured = [c.index for name, c in columns.items() if name in own and c.kind == "number"]
+    for block in blocks:
+        texts = [block.cells[i] for i in measured]
+        if not texts or any(isinstance(cells, np.ndarray) for cells in texts):
+            yield block
+            continue
+        kept = [r for r, row in enumerate(zip(*texts, strict=True)) if any(cell.strip() for cell in row)]
+        if len(kept) < len(block.lines):
+            left_out += sorted({*block.lines} - {block.lines[r] for r in kept})
+            block = RowBlock([block.lines[r] for r in kept], [[cells[r] for r in kept] for cells in block.cells])
+        if block.lines:
+            yield block
+
+
 def columns_of_kinds(spec: DataSpec) -> set[str]:
     """Columns that rows of one kind have and those of another leave empty, where a file mixes them."""
     return {*_NAMES_OF_KINDS, *ORIENTATIONS, *(name for kind in KINDS for name in kind.columns_in(spec))}
@@ -216,7 +238,7 @@ def _column_numbers(
         values = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except (ValueError, TypeError):
         values = np.full(len(texts), math.nan)
-    bad = np.flatnonzero(~(np.abs(values) < _MAX_MAGNITUDE))
+    bad = np.flatnonzero(~(np.abs(values) < _MAX_MAGNITUDE / min(column.factor, 1.0)))
     for row in map(int, bad):
         if sparse and _cell_text(given[row]).lower() in ("", "nan"):
             values[row] = math.nan
@@ -240,7 +262,7 @@ def _cell_number(cell: Any, line: int, column: Column, optional: bool, marks: Nu
         if "_" in text or isinstance(cell, bool | np.bool_):
             raise ValueError
         value = float(marks.to_plain(text))
-        if abs(value) < _MAX_MAGNITUDE:
+        if abs(value) < _MAX_MAGNITUDE / min(column.factor, 1.0):
             return value
         message = f"{text[:40]} is {'larger than anything measured' if math.isfinite(value) else 'not a finite number'}"
     except ValueError:

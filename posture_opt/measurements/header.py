@@ -33,6 +33,10 @@ _UNIT_ABBREVIATIONS = {
 """Units that instruments spell out, without a plural s."""
 _CELSIUS_OFFSETS = {"degC": 0.0, "°C": 0.0, "K": -273.15}
 """Unit of temperature -> what is added to a value to have degC."""
+_RATES = {"velocity", "effort", "acceleration", "current", "torque"}
+"""Words of headers of logs that hold no position."""
+_SEVERAL_MARKERS = re.compile(r"[xyz][ _.]?(\d+)\b", re.IGNORECASE)
+"""A coordinate with the number of its marker."""
 _MISTYPED_LIKENESS = 0.8
 """Likeness (difflib's ratio) from which a column of a foreign file is a known one with a slip."""
 _MAX_LISTED_COLUMNS = 20
@@ -147,6 +151,9 @@ class Header:
         pairs = {
             near: title for title, near in self.unknown.items() if near and near not in (*LABELS, *_INPUT_DIMENSIONS)
         }
+        numbers = [found[1] for title in self.unknown if (found := _SEVERAL_MARKERS.match(title))]
+        if len({*numbers}) > 1 and len(numbers) > 3:
+            return "write one row a marker: x, y, z, and the marker's name in the column target"
         if self.unknown and self.missing:
             mapping = ", ".join(f'{name}: "{title}"' for name, title in pairs.items()) or _example_mapping(self)
             which = f"data: {{columns: {{{mapping}{'' if {*self.missing} <= {*pairs, ''} else ', …'}}}}}"
@@ -213,9 +220,11 @@ def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
     _name_clashes(robot, faults)
     header = Header()
     others: list[str] = []
-    for index, (name, unit) in enumerate(_named_columns(titles, spec, line, faults)):
+    for index, (name, unit) in enumerate(_counted(_named_columns(titles, spec, line, faults), robot)):
         if name not in kinds:
             others.append(name)
+        elif name in _INPUT_DIMENSIONS and spec.columns and not (unit or {name} & {*spec.columns, *spec.units}):
+            header.left_out.append(name)  # as of a log: nobody said what it is
         elif name in header.found:
             faults.add("two columns have this name", name, hint="keep one", line=line)
         else:
@@ -223,12 +232,35 @@ def _read_columns(titles: Sequence[str], robot: Robot, line: int, faults: Faults
             factor, offset = _unit_scale(name, unit, sized.get(name, ""), line, header, faults)
             header.found[name] = Column(name, index, kinds[name], factor, offset, unit)
     free = [name for name in kinds if name not in header.found]
+    outside = _joints_outside(robot)
     for name in others:
-        if spec.columns and not get_close_matches(name.lower(), free, 1, _MISTYPED_LIKENESS):
+        if name in outside:
+            hint = "leave the column out if it stood still, or state another base_link in the section robot"
+            faults.add("a joint of the URDF that is not between base_link and tip_link", name, hint=hint, line=line)
+        elif spec.columns and not get_close_matches(name.lower(), free, 1, _MISTYPED_LIKENESS):
             header.left_out += [name] if name else []
         else:
             header.unknown[name] = _likely_column(name, free, robot) or nearest(name, free)
     return header
+
+
+def _counted(found: list[tuple[str, str]], robot: Robot) -> list[tuple[str, str]]:
+    """The columns ``q1 … qn`` as the joints in their order, where the file names none of them."""
+    names = [name.removesuffix(".approach") for name, _ in found]
+    called = {f"q{k}": name for k, name in enumerate(robot.joint_names, 1)}
+    if not {*called} <= {*names} or {*names} & {*robot.joint_names}:
+        return found
+    return [
+        (called.get(plain, plain) + name.removeprefix(plain), unit)
+        for plain, (name, unit) in zip(names, found, strict=True)
+    ]
+
+
+def _joints_outside(robot: Robot) -> set[str]:
+    """Joints of the URDF that are not in the chain."""
+    text = robot.description.data if robot.description else b""
+    found = re.findall(rb"<joint\s[^>]*?\bname\s*=\s*[\"']([^\"']+)[\"']", text)
+    return {name.decode("utf-8", "replace") for name in found} - {*robot.joint_names}
 
 
 def _named_columns(titles: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> list[tuple[str, str]]:
@@ -340,7 +372,10 @@ def _name_clashes(robot: Robot, faults: Faults) -> None:
 
 
 def _likely_column(title: str, free: Sequence[str], robot: Robot) -> str:
-    """What a foreign header is probably for: an axis by its letter, a joint by its number; empty where neither."""
+    """What a foreign header is for: a joint by its name or number, an axis by its letter; empty where neither."""
+    parts = {*re.split(r"[/.:\s]+", title)}
+    if len(own := [name for name in robot.joint_names if parts & {name, f"{name}_joint", f"joint_{name}"}]) == 1:
+        return own[0] if own[0] in free and not parts & _RATES else ""
     words = [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", title)]
     if axes := [axis for axis in AXES if axis in words]:
         return axes[0] if len(axes) == 1 and axes[0] in free else ""

@@ -63,6 +63,7 @@ class Measurements(Summarised):
         joint_units: (n,) rad or m; empty where all joints turn.
         warnings: sentences on what looks wrong but can be used.
         notes: sentences on how the file was read.
+        unmeasured: lines of rows of which nothing was measured, left out.
         turned_joints: whose values beyond their limits were read a turn nearer.
         better_reading: another reading of the columns that explains the rows far better; None where there is none.
 
@@ -111,6 +112,7 @@ class Measurements(Summarised):
     inverted: bool = False
     better_reading: BetterReading | None = None
     turned_joints: tuple[str, ...] = ()
+    unmeasured: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for name in _FIELDS_BY_ROW:
@@ -166,7 +168,9 @@ class Measurements(Summarised):
     def reading_statements(self) -> tuple[Statement, ...]:
         """How the columns were read, and how they might be."""
         better = () if self.better_reading is None else (self.better_reading.statement,)
-        return (*better, *([state("reading.modulo", joints=self.turned_joints)] if self.turned_joints else []))
+        turned = [state("reading.modulo", joints=self.turned_joints)] if self.turned_joints else []
+        rows = len(self.unmeasured)
+        return (*better, *turned, *([state("reading.unmeasured", str(self.unmeasured[0]), rows=rows)] if rows else []))
 
     def without_orientation(self) -> Measurements:
         """The same rows as positions; they themselves where no orientation was measured."""
@@ -289,6 +293,7 @@ _FIELDS_OF_FILE = {
     "inverted",
     "better_reading",
     "turned_joints",
+    "unmeasured",
     "file",
     "warnings",
     "joint_units",

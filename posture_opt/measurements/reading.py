@@ -9,7 +9,15 @@ import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean, listed
 from posture_opt.limits import MOST_PLACES, MOST_ROBOTS
-from posture_opt.measurements.columns import AXES, Cells, Column, check_inputs, read_cells
+from posture_opt.measurements.columns import (
+    AXES,
+    Cells,
+    Column,
+    check_inputs,
+    columns_of_kinds,
+    read_cells,
+    without_unmeasured,
+)
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import column_kinds, read_header
@@ -67,7 +75,10 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     table = open_table(source, column_kinds(problem.robot, problem.data), problem.data)
     faults = table.faults
     columns, left_out = read_header(table.titles, problem.robot, table.line, faults, problem.data)
-    cells = read_cells(table.blocks, columns.values(), faults, problem.data, problem.robot.joint_names)
+    joints, unmeasured = problem.robot.joint_names, list[int]()
+    own = columns_of_kinds(problem.data) - {*joints, *AXES} | {*AXES}
+    blocks = without_unmeasured(table.blocks, columns, own, unmeasured)
+    cells = read_cells(blocks, columns.values(), faults, problem.data, joints)
     if not cells.line.size and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
@@ -86,7 +97,9 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
     notes_of_file = (*data.notes, *table.notes, *in_time, *unused)
-    return replace(data, warnings=tuple(notes), notes=notes_of_file, better_reading=better)
+    return replace(
+        data, warnings=tuple(notes), notes=notes_of_file, better_reading=better, unmeasured=tuple(unmeasured)
+    )
 
 
 def _check_labels(cells: Cells, faults: Faults) -> None:
@@ -384,12 +397,11 @@ def _sorted_rows(data: Measurements) -> tuple[str, ...]:
 
 
 def _repeated_rows(data: Measurements) -> list[str]:
-    """A warning where rows are equal to the last digit, which no instrument measures twice."""
+    """A warning where rows are equal to the last digit, whatever their target: no instrument measures that twice."""
     if data.position is None:
         return []
     parts = [data.q, data.position, *(part for part in (data.rotation,) if part is not None)]
     extra = [
-        data.target,
         data.robot,
         *(part for part in (data.time, data.temperature, data.payload) if part is not None),
     ]

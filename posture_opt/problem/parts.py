@@ -24,7 +24,7 @@ from posture_opt.problem.effects_section import (
     noisy_sources,
 )
 from posture_opt.problem.issues import schema_issues
-from posture_opt.problem.path_file import with_path
+from posture_opt.problem.path_file import far_points, with_path
 from posture_opt.problem.plain_data import Section
 from posture_opt.problem.readable import Readable
 from posture_opt.problem.schema import ProblemSpec, read_sections
@@ -76,6 +76,7 @@ def read_parts(
         cell = _collect(issues, lambda: read.cell and read.cell.in_folder(folder))
         spec = spec.model_copy(update={"task": task, "data": data, "cell": cell})
         issues += [issue.at("data") for issue in data_issues(spec.data, arms[1].robot)] if arms else []
+        issues += far_points(task, arms[1].robot) if arms else []
     if spec is not None and arms is not None:
         read, arm, sound = spec, arms[1], not found and not issues
         sources = _collect(issues, lambda: _sources(read, arm, folder, texts, sound))

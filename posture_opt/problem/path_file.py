@@ -12,12 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from posture_opt.errors import BadValueError, InputError, nearest
+from posture_opt.errors import BadValueError, InputError, Issue, nearest
 from posture_opt.files import located
 from posture_opt.limits import MOST_PATH_POINTS
+from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.number_text import NumberText
 from posture_opt.measurements.table import RawTable, open_table
 from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.path_task import PathTask, repeated
 from posture_opt.units import LARGEST, parse_quantity
@@ -26,6 +29,7 @@ Vectors = tuple[tuple[float, float, float], ...]
 """Points [m] or directions, one a row."""
 _COLUMN_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _POINT, _AXIS = ("x", "y", "z"), ("dx", "dy", "dz")
+_FAR_REACHES = 50.0  # of the arm: points beyond were written in another unit
 _MIN_AXIS_LENGTH = 1e-12  # of dx, dy, dz
 
 
@@ -48,6 +52,19 @@ def with_path(task: Task | None, folder: Path) -> Task | None:
         raise InputError(error.issue(("task", "path"), task.path)) from None
 
 
+def far_points(task: Task | None, robot: Robot) -> list[Issue]:
+    """A path whose points only another unit of length brings within reach; without one, a search says how far it is."""
+    if not isinstance(task, PathTask) or task.path is None:
+        return []
+    base = [next((f.nominal for f in robot.factors if f.parameter == f"base.{axis}"), 0.0) for axis in _POINT]
+    far, long = float(np.abs(np.array(task.points) - base).max()), max(reach(robot), 1e-3)
+    if far < _FAR_REACHES * long or far * 1e-3 > long:
+        return []
+    message = f"its points are up to {far:.4g} m from the base, and the arm reaches {long:.3g} m"
+    hint = "the numbers look like mm: write x [mm], y [mm], z [mm]"
+    return [Issue(message, ("task", "path"), task.path, hint)]
+
+
 def _read(
     raw: RawTable,
 ) -> tuple[Vectors, Vectors | None]:
@@ -55,12 +72,15 @@ def _read(
     columns = _columns(raw)
     lines: list[int] = []
     rows: list[list[float]] = []
+    marks = None
     for block in raw.blocks:
+        marks = marks or NumberText.of((cell for cells in block.cells for cell in cells), None, None)
         if len(rows) + len(block.lines) > MOST_PATH_POINTS.most:
             raw.faults.stop(MOST_PATH_POINTS.beyond, MOST_PATH_POINTS.hint)
         for r, line in enumerate(block.lines):
             lines.append(line)
-            rows.append([_number(block.cells[i][r], name, line, raw.faults, f) for name, (i, f) in columns.items()])
+            texts = {name: marks.to_plain(block.cells[i][r]) for name, (i, _) in columns.items()}
+            rows.append([_number(texts[name], name, line, raw.faults, f) for name, (_, f) in columns.items()])
     table = np.array(rows, dtype=float).reshape(len(rows), len(columns))
     by_name = dict(zip(columns, table.T, strict=True))
     points = _together(by_name, _POINT, len(rows))

@@ -16,6 +16,9 @@ from posture_opt.robot.urdf_reader import MAX_BYTES, MAX_NUMBER, Element, read_e
 from posture_opt.robot.urdf_tree import UrdfTree
 from posture_opt.texts import text_fault
 
+_FREE_JOINTS = ("floating", "planar")
+"""Types of joints with several values, as of a base that drives: never in a chain."""
+
 
 @dataclass(frozen=True)
 class Srdf:
@@ -69,7 +72,7 @@ def read_srdf(folder: Path, file: str, tree: UrdfTree) -> Srdf:
         named = {link for pair in disabled for link in pair}
         if named and not named & {*tree.links}:
             raise InputError(Issue("none of its links is in the URDF", hint="is it that of another robot?"))
-        return Srdf(disabled, _states(root))
+        return Srdf(disabled, _states(root, {joint.name for joint in tree.joints if joint.type not in _FREE_JOINTS}))
     except InputError as error:
         raise InputError([_in_srdf(issue, file) for issue in error.issues]) from None
 
@@ -88,8 +91,10 @@ def _pairs(root: Element) -> Iterator[frozenset[str]]:
             yield pair
 
 
-def _states(root: Element) -> dict[str, dict[str, float]]:
+def _states(root: Element, single: set[str]) -> dict[str, dict[str, float]]:
     """The named states; of several of one name, in several groups, the one with most joints.
+
+    Values of joints with several degrees of freedom, which are none of the ``single`` ones, are left out.
 
     Raises:
         InputError: a value that is no number, or a state of a group, or a joint of a state, that is stated twice.
@@ -106,7 +111,8 @@ def _states(root: Element) -> dict[str, dict[str, float]]:
             moved = _text(joint, "name")
             if moved in values:
                 raise InputError(Issue(f"the state '{name}' states the joint '{moved}' twice", line=joint.line))
-            values[moved] = _value(joint)
+            if moved in single or len(_text(joint, "value").split()) < 2:
+                values[moved] = _value(joint)
         if len(values) > len(found.get(name, {})):
             found[name] = values
     return found

@@ -68,3 +68,22 @@ def test_a_fold_without_the_end_of_a_distance_does_not_shrink_the_arm() -> None:
     others = [np.asarray(few["point"]) == name for name in "qrs"]
     for own in others:
         assert np.sqrt(np.mean(np.sum(found.held["calibrated"].errors[own] ** 2, axis=1))) > 0.6 * NOISE * np.sqrt(2)
+
+
+def test_four_touches_of_one_spike_give_the_tool() -> None:
+    """No more numbers than an arm has parameters: the arm is held within its tolerances, and the tool is found."""
+    robot = {"kind": "preset", "name": "ur5e", "tool": "free"}
+    problem = po.problem_from_dict({"robot": robot, "uncertainty": {"measurement": {"position": "0.2 mm"}}})
+    degrees = (
+        (-14.6866, -112.4709, -91.0631, -101.4136, 111.2446, -114.2785),
+        (-8.7684, -92.7152, -111.5720, -76.7178, 108.9927, -12.7890),
+        (-16.6020, -101.0274, -109.7662, -63.9449, 119.9254, -174.2740),
+        (-11.3507, -103.9577, -101.7317, -76.9925, 110.3538, -180.3466),
+    )  # of an arm with errors and a tool at 12, -35, 168 mm
+    table = {
+        f"{name} [deg]": column
+        for name, column in zip(problem.robot.joint_names, zip(*degrees, strict=True), strict=True)
+    }
+    found = po.calibrate(problem, po.read_measurements({**table, "point": ["spike"] * 4}, problem), plan=False)
+    estimate = {p.name: float(x) for p, x in zip(found.fit.residuals.parameters, found.x, strict=True)}
+    assert [estimate[f"tool.{axis}"] for axis in "xyz"] == pytest.approx((0.012, -0.035, 0.168), abs=5e-4)

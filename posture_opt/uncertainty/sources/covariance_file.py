@@ -90,7 +90,10 @@ def _file_rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every row that is not blank."""
     try:
         text = content(path, _MAX_BYTES).decode("utf-8-sig")
-        return _filled_rows(csv.reader(StringIO(text, newline="")))
+        if ";" not in text.partition("\n")[0]:
+            return _filled_rows(csv.reader(StringIO(text, newline="")))
+        rows = _filled_rows(csv.reader(StringIO(text, newline=""), delimiter=";"))  # with decimal commas, as exported
+        return [(line, [cells[0], *(cell.replace(",", ".") for cell in cells[1:])]) for line, cells in rows]
     except InputError as error:
         raise naming(path, error) from None
     except UnicodeDecodeError:
