@@ -77,7 +77,8 @@ def test_messages_that_troubleshooting_quotes_are_those_of_the_program() -> None
     heads = [line for line, after in pairwise(lines) if after.startswith(": ")]
     quoted = [text for head in heads for text in QUOTED.findall(head)]
     assert len(quoted) >= 12
-    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "posture_opt").rglob("*.py"))
+    files = (path for ending in ("*.py", "*.toml") for path in (ROOT / "posture_opt").rglob(ending))
+    source = "\n".join(path.read_text(encoding="utf-8") for path in files)
     said = re.sub(r'"\n\s+f?"', "", source)
     for text in quoted:
         for part in re.split(r"…( %)?|\(here .*\)|\bangle\b", text):

@@ -123,7 +123,7 @@ def check_places(residuals: Residuals, x: Array) -> None:
     """
     issues = [
         Issue(
-            f"{name} comes to lie {away:.3g} m from the base, which is no solution",
+            f"{name} is found {away:.3g} m from the base, which is no solution",
             ("data",),
             hint="check its rows, its names and, of a camera, the intrinsics; measure more poses in its view",
             file=residuals.data.file,

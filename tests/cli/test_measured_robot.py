@@ -96,7 +96,6 @@ def test_diagnose_does_the_same(tmp_path: Path) -> None:
     [
         ("A [deg], B [deg], C [deg], D [deg], E [deg], F [deg]", "shoulder_pan, shoulder_lift, elbow"),
         ("q1 [deg], q2 [deg], q3 [deg], q4 [deg], q5 [deg]", 'data: {columns: {shoulder_pan: "q1"'),
-        ("q1 [deg], q2 [deg], q3 [deg], q5 [deg], q4 [deg], q6 [deg]", "'q5' (did you mean wrist_2?)"),
     ],
 )
 def test_columns_of_no_joint_are_named(tmp_path: Path, columns: str, message: str) -> None:

@@ -19,7 +19,7 @@ from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
 ONE_JOINT: Any = SimpleNamespace(
     name="one joint",
-    robot=SimpleNamespace(n=1, joints=(SimpleNamespace(name="joint1", type="revolute"),)),
+    robot=SimpleNamespace(n=1, shape_notes=(), joints=(SimpleNamespace(name="joint1", type="revolute"),)),
     arm=SimpleNamespace(effects=(), inputs=None),
     narrowed=False,
     within_measured=True,

@@ -86,7 +86,8 @@ def test_every_effect_has_a_text() -> None:
         "moment": "60 s", "lsb": "0.001 rad", "constant": "600 s",
     }  # fmt: skip
     for cls in EFFECTS:
-        own = shapes | {"of": "base"} if get_origin(cls.model_fields.get("of")) is Literal else shapes
+        of = cls.model_fields.get("of")
+        own = shapes | ({"of": "base"} if of is not None and get_origin(of.annotation) is Literal else {})
         effect = cls(**{name: value for name, value in own.items() if name in cls.model_fields})
         text = effect.with_estimate([1e-4] * len(effect.dimensions)).stated_words
         assert text.startswith(effect.kind.replace("_", " "))

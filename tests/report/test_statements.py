@@ -110,7 +110,7 @@ def scenes() -> Iterator[Statement]:
     kept = tuple(capsule for capsule in robot.shape if capsule.joint != "wrist_1")
     partly = Scene.of(replace(robot, unshaped=("wrist_1",), shape=kept), None)
     yield from scene_statements(partly, np.zeros((1, 6)))
-    dropped = po.problem_from_dict({"robot": ur10}).mounting_dropped().scene
+    dropped = replace(po.problem_from_dict({"robot": ur10}), without_mounting=True).scene
     yield from dropped.statements(np.radians([[0, 90, 0, 0, 0, 0]]))
 
 

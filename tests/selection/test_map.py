@@ -412,7 +412,7 @@ def test_rows_that_do_not_tell_the_whole_error_give_no_share(tmp_path: Path) -> 
     found = po.map_accuracy(moved, po.read_measurements(rows, moved), **where)
     assert found.measured is not None
     assert np.isnan(found.measured.share)
-    assert "so far off" in found.measured.remarks[-1].text
+    assert found.measured.remarks[-1].id == "validation.measured-elsewhere"
 
 
 def test_effects_count_as_corrections_do() -> None:

@@ -148,7 +148,7 @@ def _arms(found: Comparison) -> list[Statement]:
         if name != best and more <= NO_GAIN:
             said.append(state("selection.arm-equal", name))
         elif name != best:
-            said.append(state("selection.arm-more", name, sigma=Quantity(sigma), more=Quantity(more, "share")))
+            said.append(state("selection.arm-more", name, sigma=Quantity(sigma), least=Quantity(least)))
     said += [
         state("selection.arm-cannot", name, reason=next(iter(arm.reasons), "no posture was found"))
         for name, arm in found.arms.items() if name not in answered
