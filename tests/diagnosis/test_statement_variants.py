@@ -103,8 +103,6 @@ def test_unexplained_structure_says_where_it_is(found: po.Diagnosis) -> None:
     said = ids(found, verdict="unexplained", adequacy=unsure)
     assert {"structure-small", "structure-along", "neighbours-correlated", "lack-of-fit"} <= set(said)
     assert "causes-explain-part" in said
-        said
-    )
     curve: Any = SimpleNamespace(words="a curve", kind="curve", target="joint2")
     depends = ids(found, verdict="unexplained", adequacy=unsure, unexplained=(curve,))
     assert depends["structure-depends"].values["components"] == ["a curve"]
