@@ -13,7 +13,7 @@ from posture_opt.calibration.sure_gain import LEAST_PROBABILITY
 from posture_opt.measurements.measurements import rows_back_in_time
 from posture_opt.model.effects import Effect, JointCoupling
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.statements.notation import listed_lines
+from posture_opt.statements.notation import listed_lines, sentence
 from posture_opt.statements.quantity import UNLIKELY
 from posture_opt.units import ERROR_UNITS, number, plus_minus
 
@@ -164,6 +164,11 @@ def rows_in_time(data: Measurements, start: StartUp | None, change: ScatterChang
     return said
 
 
+def data_warnings(texts: Sequence[str]) -> list[Statement]:
+    """What is odd in the data or the fit, each once."""
+    return [state("calibration.data-warning", text=sentence(text)) for text in dict.fromkeys(texts)]
+
+
 def left_out(found: Calibration, lines: Sequence[int]) -> list[Statement]:
     """Rows that are left out as outliers, by their lines."""
     if not lines:
@@ -201,13 +206,16 @@ def statements_of(found: Calibration) -> tuple[Statement, ...]:
         *instrument(found, found.keeps_nominal),
         *doubts(found),
         *rows_in_time(found.request.data, found.start_up),
-        *(state("calibration.data-warning", text=text) for text in dict.fromkeys((*warnings, *found.fit.notes))),
+        *(
+            state("calibration.data-warning", text=sentence(text))
+            for text in dict.fromkeys((*warnings, *found.fit.notes))
+        ),
         *_test(found),
         *left_out(found, found.lines),
         *thinned(found.large),
         *_parameters(found),
-        *(state("calibration.undetermined", text=text) for text in found.identifiability.words),
-        *(state("calibration.note", text=text) for text in (*found.request.data.notes, *found.notes)),
+        *(state("calibration.undetermined", text=sentence(text)) for text in found.identifiability.words),
+        *(state("calibration.note", text=sentence(text)) for text in (*found.request.data.notes, *found.notes)),
     )
 
 

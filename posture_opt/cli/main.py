@@ -207,12 +207,17 @@ def _exit_code(error: BaseException, debug: bool) -> int:
     if isinstance(error, PostureOptError):
         _print_error(_error_text(error))
         return error.exit_code
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or _unmapped(error):
         _print_error("error: memory does not suffice – take fewer --workers, rows or targets")
         return 2
     hint = "" if debug else " (a defect of this program; --debug shows where)"
     _print_error(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint)
     return 1
+
+
+def _unmapped(error: BaseException) -> bool:
+    """Whether there was no memory for a library that is loaded when it is needed."""
+    return isinstance(error, ImportError) and "failed to map" in str(error)
 
 
 def _print_error(text: str) -> None:

@@ -20,7 +20,7 @@ from posture_opt.diagnosis.cause_statements import cause_statements, may_work
 from posture_opt.diagnosis.open_statements import open_statements
 from posture_opt.errors import enumerated
 from posture_opt.statements import Quantity, Statement, state
-from posture_opt.statements.notation import listed_lines
+from posture_opt.statements.notation import listed_lines, sentence
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
@@ -52,7 +52,10 @@ def statements_of(found: Diagnosis) -> tuple[Statement, ...]:
         *(() if found.comparison is None else found.comparison.statements),
         *_far_row(found),
         *rows_in_time(found.request.data, found.start_up, found.scatter_change),
-        *(state("calibration.data-warning", text=text) for text in dict.fromkeys(found.request.data.warnings)),
+        *(
+            state("calibration.data-warning", text=sentence(text))
+            for text in dict.fromkeys(found.request.data.warnings)
+        ),
         *_delivery(found),
         *_test(found),
         *_next(found),
@@ -67,7 +70,7 @@ def statements_of(found: Diagnosis) -> tuple[Statement, ...]:
         *cause_statements(found),
         *open_statements(found),
         *thinned(found.large),
-        *(state("diagnosis.note", text=text) for text in (*found.request.data.notes, *found.notes)),
+        *(state("diagnosis.note", text=sentence(text)) for text in (*found.request.data.notes, *found.notes)),
     )
 
 

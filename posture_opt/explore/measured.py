@@ -19,9 +19,8 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.reading import read_measurements
 from posture_opt.numerics import Array, Mask, rms_length
 from posture_opt.problem.problem import Problem
-from posture_opt.report.parts.parts import sentence
 from posture_opt.report.scene.arm_solids import ArmSolids
-from posture_opt.statements.notation import stated
+from posture_opt.statements.notation import sentence, stated
 
 if TYPE_CHECKING:
     import viser

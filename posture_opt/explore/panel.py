@@ -22,8 +22,7 @@ from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
 from posture_opt.report.page.colours import BLUE, LIGHT
-from posture_opt.report.parts.parts import sentence
-from posture_opt.statements.notation import length
+from posture_opt.statements.notation import length, sentence
 
 if TYPE_CHECKING:
     import viser

@@ -179,6 +179,19 @@ def probability(p: float) -> str:
     return "< 0.1 %" if 0 < p < 1e-3 else f"{100 * p:.3g} %"
 
 
+def sentence(text: str) -> str:
+    """A note with a capital at its start and a full stop at its end; names of joints stay as they are.
+
+    >>> sentence("the arm is checked against itself"), sentence("joint_1 is exact")
+    ('The arm is checked against itself.', 'joint_1 is exact.')
+    """
+    text = text.strip()
+    first = text.split(" ", 1)[0]
+    if first.isalpha():
+        text = text[0].upper() + text[1:]
+    return text if text.endswith((".", "!", "?", ")")) else text + "."
+
+
 def decimals_of(value: float, digits: int = 2) -> int:
     """So many decimals that this many digits of ``value`` are shown."""
     return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3

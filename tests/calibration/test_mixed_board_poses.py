@@ -110,7 +110,7 @@ def test_a_camera_and_another_instrument_teach_one_arm(tracked: bool) -> None:
     assert np.allclose([frames["board"][a] for a in "xyz"], TOOL_SCENE.board[:3, 3], atol=3e-3)
     # What nothing tells from where camera and board are is named.
     report = " ".join(found.report().split())
-    assert "eye.board.z" in report.split("undetermined combinations")[1]
+    assert "eye.board.z" in report.split("What the data do not determine")[1]
     assert "eye: camera" in report
 
 

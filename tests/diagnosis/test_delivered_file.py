@@ -101,9 +101,9 @@ def test_of_several_targets_and_a_slip_between(free: bool, tmp_path: Path) -> No
     assert "slip" in kinds
     assert found.delivery.model == "without_session"
     assert rms["delivered"] > 2 * rms["extended"]  # half of a slip of 0.4 mrad at some 1 m, on average over the rows
-    text = " ".join(found.report().split())
-    assert "Delivered in extended.yaml is the arm fitted without slip (joint2), which belongs to this session" in text
-    assert "Quantities that drifted are delivered at their average." in text
+    said = {one.id: one for one in found.statements}
+    assert said["diagnosis.delivered-without"].values["reason"] == "which belongs to this session"
+    assert "diagnosis.delivered-average" in said
 
 
 @long_on_real_arms

@@ -88,7 +88,7 @@ def test_the_plan_that_is_measured_leaves_one_cause(narrow: Any, tmp_path: Path)
     assert not (tmp_path / "planned" / "out" / "split_measurements.csv").exists()
     # The far rows are all used, though a calibration that knows of no scale takes them for gross errors, as it
     # does the one that is.
-    assert re.search(r"of the search, line 102\b(?!,)", text)
+    assert re.search(r"Outliers: line 102\b(?!,)", text)
     problem = po.load_problem(tmp_path / "planned" / "problem.yaml")
     alone = po.calibrate(problem, po.read_measurements(tmp_path / "planned" / "data.csv", problem))
     assert {100} < set(alone.outliers)

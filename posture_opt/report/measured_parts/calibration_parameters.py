@@ -13,9 +13,8 @@ import numpy as np
 
 from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN
 from posture_opt.numerics import Json
-from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
-from posture_opt.statements.notation import count, decimals_of
+from posture_opt.statements.notation import count, decimals_of, sentence
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:

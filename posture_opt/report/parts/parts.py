@@ -34,6 +34,7 @@ from posture_opt.statements.notation import (
     lengths,
     percent,
     place,
+    sentence,
     shift,
 )
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
@@ -160,19 +161,6 @@ def brief_notes(problem: ProblemData, notes: Iterable[str | Statement]) -> list[
 def frame_notes(robot: Robot) -> list[str]:
     """What became of a base or tool that the problem file leaves free."""
     return [one.text for one in free_frames(robot)]
-
-
-def sentence(text: str) -> str:
-    """A note with a capital at its start and a full stop at its end; names of joints stay as they are.
-
-    >>> sentence("the arm is checked against itself"), sentence("joint_1 is exact")
-    ('The arm is checked against itself.', 'joint_1 is exact.')
-    """
-    text = text.strip()
-    first = text.split(" ", 1)[0]
-    if first.isalpha():
-        text = text[0].upper() + text[1:]
-    return text if text.endswith((".", "!", "?", ")")) else text + "."
 
 
 def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
