@@ -206,10 +206,7 @@ def statements_of(found: Calibration) -> tuple[Statement, ...]:
         *instrument(found, found.keeps_nominal),
         *doubts(found),
         *rows_in_time(found.request.data, found.start_up),
-        *(
-            state("calibration.data-warning", text=sentence(text))
-            for text in dict.fromkeys((*warnings, *found.fit.notes))
-        ),
+        *data_warnings((*warnings, *found.fit.notes)),
         *_test(found),
         *left_out(found, found.lines),
         *thinned(found.large),

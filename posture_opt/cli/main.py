@@ -217,7 +217,9 @@ def _exit_code(error: BaseException, debug: bool) -> int:
 
 def _unmapped(error: BaseException) -> bool:
     """Whether there was no memory for a library that is loaded when it is needed."""
-    return isinstance(error, ImportError) and "failed to map" in str(error)
+    while isinstance(error, ImportError) and "failed to map" not in str(error):
+        error = error.__cause__ or error.__context__ or ValueError()
+    return isinstance(error, ImportError)
 
 
 def _print_error(text: str) -> None:

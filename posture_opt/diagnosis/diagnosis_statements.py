@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.calibration.calibration_statements import (
     ELSEWHERE,
+    data_warnings,
     doubts,
     instrument,
     left_out,
@@ -52,10 +53,7 @@ def statements_of(found: Diagnosis) -> tuple[Statement, ...]:
         *(() if found.comparison is None else found.comparison.statements),
         *_far_row(found),
         *rows_in_time(found.request.data, found.start_up, found.scatter_change),
-        *(
-            state("calibration.data-warning", text=sentence(text))
-            for text in dict.fromkeys(found.request.data.warnings)
-        ),
+        *data_warnings(found.request.data.warnings),
         *_delivery(found),
         *_test(found),
         *_next(found),
