@@ -319,6 +319,8 @@ campaign = [pytest.param(cls, marks=() if cls.kind_name() in QUICK else pytest.m
 @pytest.mark.parametrize("cls", campaign, ids=[cls.kind_name() for cls in EFFECTS])
 def test_the_search_finds_it_on_simulated_data_and_draws_it(cls: type[Effect], sites: Any, tmp_path: Path) -> None:
     site, robot, _ = sites["ur10"]
+    if "speed" in cls.needs:
+        pytest.skip("the arm stops at every row here; tests/floor drives it along paths")
     if cls.kind_name() in KINDS:
         write(draw(2026, "full", 0, kind=cls.kind_name(), weakest=STRONG), tmp_path)
     elif cls.candidates(excitation(site, robot)):
