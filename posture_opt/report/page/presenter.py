@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask, Progress
-from posture_opt.report.page.library import plotly_js
-from posture_opt.report.page.page import Page, View
+from posture_opt.report.page.page import Page, View, plotly_js
 from posture_opt.report.page.save import CAPTIONS, Files, report_files, save_files, summary_html
 from posture_opt.report.page.style import THUMBNAIL_DPI, image
 from posture_opt.report.text.blocks import Document, Summary

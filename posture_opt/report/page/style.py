@@ -1,6 +1,6 @@
-"""One look for all figures: one width and one type size, colours that colour-blind readers can distinguish.
+"""One look for all figures and pages: colours, one width, one type size; matplotlib loads with the first figure.
 
-The colours themselves are in :mod:`posture_opt.report.page.colours`.
+Colours: M. Okabe and K. Ito, "Color Universal Design" (2008). In grey print, dashes and marks distinguish lines.
 """
 
 from __future__ import annotations
@@ -9,14 +9,46 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import wraps
+from functools import partial, wraps
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ParamSpec
 
-from posture_opt.report.page.colours import GREY
+import numpy as np
+
+from posture_opt.numerics import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+BLUE = "#0072B2"
+VERMILLION = "#D55E00"
+PURPLE = "#CC79A7"
+GREY = "#767676"
+LIGHT = "#D9D9D9"
+
+CLEARANCE_COLOUR = GREEN
+"""The play of a hole about its target."""
+LIMIT_COLOUR = VERMILLION
+"""What must not be passed: a height that is kept, a bound."""
+MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "delivered": PURPLE}
+"""Of named models, the same in every figure."""
+COLOUR_MAP = "cividis"
+"""Of maps: even in lightness, the same to colour-blind eyes."""
+
+
+def mapped_colours(values: Array, low: float, high: float) -> Array:
+    """(..., 3) red, green and blue, 0 to 255, of values (...) on the colour map from ``low`` to ``high``.
+
+    >>> mapped_colours(np.array([0.0, 1.0]), 0.0, 1.0).astype(int).tolist()
+    [[0, 34, 78], [254, 232, 56]]
+    """
+    import matplotlib as mpl
+
+    share = (values - low) / max(high - low, 1e-300)
+    return np.round(255 * mpl.colormaps[COLOUR_MAP](np.clip(share, 0.0, 1.0))[..., :3])
+
 
 P = ParamSpec("P")
 
@@ -173,3 +205,18 @@ def image(figure: Figure, kind: str, dpi: int = DPI) -> bytes:
     with in_style(), BytesIO() as file:
         figure.savefig(file, format=kind, dpi=dpi, metadata=metadata)
         return file.getvalue()
+
+
+def new_figure(height: float) -> Figure:
+    """An empty figure of the width of all and this height [inch]; of no window, and notebooks show it as a picture."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height))
+    figure._repr_png_ = partial(_png_and_size, figure)  # type: ignore[attr-defined]
+    return figure
+
+
+def _png_and_size(figure: Figure) -> tuple[bytes, dict[str, Any]]:
+    """The picture, and how wide it is to be shown [pixels at 100 an inch]."""
+    width, height = (round(100 * float(size)) for size in figure.get_size_inches())
+    return image(figure, "png"), {"width": width, "height": height}

@@ -1,7 +1,6 @@
-"""Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity.
+"""Facts that several reports share: robot, sources, joints, tool point, ellipse, clearances.
 
-A fact is (label, text). Functions take results and return texts; they compute nothing that a result does not hold. An
-empty list means that the line is left out.
+A fact is (label, text); functions compute nothing that a result does not hold. An empty list leaves the line out.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.errors import listed
 from posture_opt.model.arm import Arm
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.words import (
@@ -36,6 +36,7 @@ from posture_opt.statements.notation import (
     place,
     sentence,
     shift,
+    stated_length,
 )
 from posture_opt.uncertainty.sources.workpiece import ANGLE, stated_name
 from posture_opt.uncertainty.spread.conditions import conditions
@@ -44,6 +45,8 @@ from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from posture_opt.collision.nearest import Clearance
+    from posture_opt.collision.scene import Scene
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
@@ -307,3 +310,34 @@ def sigma_of(problem: ProblemData) -> dict[str, float]:
     """Standard deviation of every source that the task sees [rad or m], by the names that the file has."""
     sources = problem.task_sources
     return dict(zip(map(stated_name, sources.names), map(float, sources.sigma), strict=True))
+
+
+Fact = tuple[str, str]
+
+
+def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
+    """How near the arm comes to the cell and to itself, and where; nothing where it is not checked."""
+    if clearance is None:
+        return []
+    facts = []
+    for name, nearest in (("Clearance to the cell", clearance.cell), ("Clearance to itself", clearance.own)):
+        if nearest is not None:
+            apart = length(nearest.distance) if nearest.distance > 0 else "none"
+            facts.append((name, f"{apart} between {' and '.join(nearest.between)}"))
+    return facts
+
+
+def clear_words(scene: Scene) -> str:
+    """What postures that an arm is sent to keep clear of.
+
+    In the middle of a sentence: itself, the obstacles by name, the minimum distance, and an assumed shape.
+    """
+    if not scene.active:
+        return "nothing is checked for collisions" if scene.switched_off else "the arm has no links that could collide"
+    parts = ["the arm clear of itself"] if scene.own else []
+    parts += ["of " + listed(obstacle.name for obstacle in scene.obstacles)] if scene.obstacles else []
+    radius = (
+        f", with capsules of radius {length(float(scene.placed.radii[0]), 2)} along its links" if scene.assumed else ""
+    )
+    kept = f" by {stated_length(scene.margin)}" if scene.margin else ""
+    return f"{' and '.join(parts)}{kept}{radius}"

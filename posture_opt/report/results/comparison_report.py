@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from posture_opt.report.figures.comparison import plot_comparison
+from posture_opt.report.figures.errors import plot_comparison
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
-from posture_opt.report.parts.comparison_parts import TITLE, comparison_blocks, success_text
+from posture_opt.report.parts.model_tables import TITLE, comparison_blocks, success_text
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.selection.comparison.comparison_statements import FIRST, is_other_arm

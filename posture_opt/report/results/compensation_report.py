@@ -14,13 +14,12 @@ import numpy as np
 
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
+from posture_opt.report.figures.errors import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.figures.row_errors import plot_compensation
-from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
-from posture_opt.report.parts.collision_parts import distance_facts
-from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.parts.parts import distance_facts, note_facts, robot_facts
+from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.statements.notation import angle, count, length, length_unit
 from posture_opt.units import ERROR_UNITS, number

@@ -12,29 +12,28 @@ from typing import ClassVar
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.diagnosis_statements import words
-from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
+from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, plot_scores
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
-from posture_opt.report.figures.diagnosis_scores import plot_scores
-from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
-from posture_opt.report.interactive.error_marks import cause_marks, task_posture
-from posture_opt.report.measured_parts.diagnosis_tables import (
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.diagnosis_tables import (
+    FILE,
     MODELS,
     candidates_table,
     causes_table,
     each_cause,
     errors_table,
     goals_tables,
+    split_csv,
     split_tables,
     test_tables,
     view_key,
 )
-from posture_opt.report.measured_parts.error_table import instrument_words, mm, rows_words
-from posture_opt.report.measured_parts.split_file import FILE, split_csv
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
-from posture_opt.report.page.save import Files
-from posture_opt.report.parts.comparison_parts import comparison_blocks
+from posture_opt.report.parts.model_tables import comparison_blocks, instrument_words, mm, rows_words
 from posture_opt.report.parts.parts import robot_facts
 from posture_opt.report.results.comparison_report import comparison_drawings
+from posture_opt.report.scene.arm_view import ArmView, ShownPosture
+from posture_opt.report.scene.posture_views import cause_marks, task_posture
 from posture_opt.report.text.blocks import Block, Document, Facts, Later, Summary
 
 _MAX_NAMED_CAUSES = 3

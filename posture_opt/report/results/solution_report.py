@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.page.csv_table import map_csv
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.save import map_csv
 from posture_opt.report.parts.parts import (
     brief_notes,
     input_facts,
@@ -19,7 +19,6 @@ from posture_opt.report.parts.parts import (
     source_facts,
     workpiece_facts,
 )
-from posture_opt.report.parts.path_parts import path_checks, path_columns, path_facts, path_figures, points_block
 from posture_opt.report.parts.placement_parts import (
     features_block,
     features_checks,
@@ -34,6 +33,11 @@ from posture_opt.report.parts.posture_parts import (
     alternatives_block,
     bound_text,
     helps_block,
+    path_checks,
+    path_columns,
+    path_facts,
+    path_figures,
+    points_block,
     posture_block,
     spread_block,
     target_text,
@@ -46,7 +50,7 @@ from posture_opt.report.parts.task_parts import (
     task_budget_block,
     task_facts,
 )
-from posture_opt.report.results.drawing_files import figures_of, views_of
+from posture_opt.report.results import figures_of, scene_of
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.text import render
 from posture_opt.report.text.words import CRITERIA
@@ -55,8 +59,8 @@ from posture_opt.statements.notation import joint_unit, length, length_unit, pla
 from posture_opt.uncertainty.spread.joint_digits import joint_digits
 
 if TYPE_CHECKING:
-    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.report.page.save import Files
+    from posture_opt.report.scene.arm_view import ArmView
     from posture_opt.selection.answer.solution import Solution
 
 _STATUS = {"optimal": "Best posture", "feasible": "Best posture found"}
@@ -161,11 +165,11 @@ class SolutionPresenter(Presenter["Solution"]):
         budget = partial(figures_of("solution").plot_task_budget, worst.spread, worst.task_spread)
         if self.result.along_path:
             return {
-                "path": partial(figures_of("path").plot_path, found),
-                "arm": partial(figures_of("arm").plot_motion, found),
+                "path": partial(figures_of("solution").plot_path, found),
+                "arm": partial(scene_of("arm_figure").plot_motion, found),
                 "budget": budget,
             }
-        drawings: Drawings = {"arm": partial(figures_of("arm").plot_solution, found.first)}
+        drawings: Drawings = {"arm": partial(scene_of("arm_figure").plot_solution, found.first)}
         if found.status == "infeasible":
             return drawings
         if self.result.of_features and placement_of(found).free.sum() > 1:
@@ -187,7 +191,7 @@ class SolutionPresenter(Presenter["Solution"]):
             kind, stem = "Feature", "feature"
         elif self.result.along_path:
             kind, stem, names = "Point of the path", "point", [f"point {k}" for k in range(1, len(every) + 1)]
-        postures = views_of("solution_postures").solution_postures(every, names, stem)
+        postures = scene_of("posture_views").solution_postures(every, names, stem)
         values = ""
         if self.result.along_path:
             unit, factor = length_unit([float(s) for s in found.motion.sigma])
@@ -197,7 +201,7 @@ class SolutionPresenter(Presenter["Solution"]):
             )
             values = f"standard deviation [{unit}]"
         robot, several = found.optimisation_problem.robot, bool(found.points)
-        view: ArmView = views_of("arm_view").ArmView(
+        view: ArmView = scene_of("arm_view").ArmView(
             robot, postures, kind, scene, points=several, line=self.result.along_path, values=values
         )
         return view

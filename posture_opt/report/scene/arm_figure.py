@@ -1,6 +1,7 @@
-"""The figure of an arm: the shaded picture, marks over it, and beside the arm a column with its posture and callouts.
+"""The figure of an arm in its posture: the shaded picture, marks over it, and a column with joint values and callouts.
 
-True to scale, except for region and clearance, which are enlarged by one factor.
+True to scale, except for region and clearance, which are enlarged by one factor. A planar arm is seen along the normal
+of its plane, others from the side that shows most.
 """
 
 from __future__ import annotations
@@ -14,16 +15,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array, Mask, round_below
-from posture_opt.report.page.colours import GREY, VERMILLION
-from posture_opt.report.page.new_figure import new_figure
-from posture_opt.report.page.style import WIDTH, Look
+from posture_opt.report.page.style import GREY, VERMILLION, WIDTH, Look, new_figure, styled
 from posture_opt.report.scene.arm_geometry import ARROW_SHARE, ArmGeometry
-from posture_opt.report.scene.arm_solids import COLOURS, Solid
+from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids, Solid
 from posture_opt.report.scene.shaded_picture import Camera, best_camera, picture_of
+from posture_opt.statements.notation import joint_unit
+from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from posture_opt.selection.answer.solution import Solution
+    from posture_opt.uncertainty.spread.spread import Spread
 
 MAX_CALLOUTS = 3
 _COLUMN, _ROW, _EDGE, _SCALE = 2.3, 0.175, 0.12, 0.95  # inch: column, line of it, margin, room for axes and scale
@@ -244,3 +248,52 @@ def _name(axes: Axes, name: str, seen: Mask, taken: Mask) -> None:
     taken[int(row - half[0]) : int(row + half[0]), int(column - half[1]) : int(column + half[1])] = True
     x, y = np.array([column, row]) / taken.shape[::-1] * [WIDTH, axes.get_ylim()[1]]
     axes.text(x, y, name, ha="center", va="center", color="#7A4A12", zorder=6)
+
+
+_MAX_GHOSTS = 4  # further postures of a motion
+
+
+@styled
+def plot_solution(solution: Solution) -> Figure:
+    """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target.
+
+    Region and hole have one scale, and the arm another: a region of some micrometres would be no point of the picture.
+    """
+    return _with_joints(solution.spread, ArmGeometry.of_solution(solution))
+
+
+@styled
+def plot_spread(spread: Spread) -> Figure:
+    """The arm at a posture with the 95 % region enlarged by a stated factor, and the direction of the task."""
+    return _with_joints(spread, ArmGeometry.of_spread(spread))
+
+
+@styled
+def plot_motion(found: Solution) -> Figure:
+    """The arm at the worst point of a path as of a solution, faintly at others along it, and the path."""
+    geometry = ArmGeometry.of_solution(found.worst)
+    arm, Q = ArmSolids(found.worst.spread.tool_point.robot), found.motion.Q
+    others = np.unique(np.linspace(0, len(Q) - 1, _MAX_GHOSTS).round().astype(int)).tolist()
+    ghosts = [
+        solid.placed(frames)
+        for frames in (arm.frames(Q[k]) for k in others if k != found.worst_index)
+        for solid in arm.solids
+        if solid.role not in ("base",)
+    ]
+    return _with_joints(found.worst.spread, geometry, ghosts, found.path.points)
+
+
+def _with_joints(
+    spread: Spread, geometry: ArmGeometry, ghosts: Sequence[Solid] = (), way: Array | None = None
+) -> Figure:
+    """The arm with the values of its joints.
+
+    Args:
+        ghosts: further postures, drawn faintly.
+        way: (k, 3) path of the tool point [m].
+    """
+    robot = spread.tool_point.robot
+    units = [joint_unit(joint.type) for joint in robot.joints]
+    values = zip(robot.joint_names, spread.q, units, strict=True)
+    posture = [(name, f"{fixed(factor * value, 1)} {unit}") for name, value, (unit, factor) in values]
+    return draw_arm(geometry, robot.name, posture, ghosts, way)
