@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.stations.bench_map import BenchMap
 
-_MAX_NAMED_FEATURES = 6  # features whose names fit next to their points
 _EDGE_SHARE = 0.25  # of the width: nearer to the edge, a name is above or below its point
 _UNIT_FACTORS = (1e3, 1e3, 1e3, math.degrees(1.0))
 _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
@@ -30,16 +29,9 @@ _COORDINATE_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z o
 
 @styled
 def plot_bench(found: Solution) -> Figure:
-    """Spread over two coordinates of the placement; hatched: not every feature can be done there.
-
-    Colours are the standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates
-    are held as in the answer, as the title says. The star is the placement of the answer. In a map over x and y the
-    features are drawn where they are then, the worst one ringed. A flat region about the star means that the placement
-    does not matter much.
-
-    Args:
-        found: with at least two free coordinates of its placement.
-    """
+    """Spread over two coordinates of the placement; hatched: not every feature can be done there. Colours are the
+    standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates are held as in the
+    answer, as the title says. The star is the placement of the answer."""
     bench = found.bench
     assert bench is not None, "a map has two axes"
     assert found.placement is not None
@@ -103,7 +95,8 @@ def _draw_features(axes: Axes, found: Solution) -> None:
     for pick, limits, k in ((axes.set_xlim, axes.get_xlim(), 0), (axes.set_ylim, axes.get_ylim(), 1)):
         margin = 0.04 * (limits[1] - limits[0])
         pick(min(limits[0], points[:, k].min() - margin), max(limits[1], points[:, k].max() + margin))
-    if len(points) <= _MAX_NAMED_FEATURES:
+    # More names do not fit next to their points.
+    if len(points) <= 6:
         middle = points[:, :2].mean(axis=0)
         for name, point in zip(found.names, points, strict=True):
             _name(axes, name, point[:2], point[:2] - middle)

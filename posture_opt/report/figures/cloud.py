@@ -40,21 +40,12 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-_MAX_LABELLED_DECADES = 2.5  # more of them need no ticks between
 _PARALLEL_SINE = 1e-6  # sine of the angle below which two lines are one
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 def axis_name(axis: Array, direction: Array | None = None) -> str:
-    """What the axis of a figure is called.
-
-    A coordinate axis by its letter, else by the direction of the task, by the horizontal or, with neither, as
-    "sideways" or "steepest" of the plane drawn.
-
-    Args:
-        axis: (3,) unit vector, world.
-        direction: (3,) unit vector of the task, world; None where there is none.
-    """
+    """What the axis of a figure is called; ``axis`` (3,), ``direction`` (3,)."""
     letter = line_words(axis)
     if len(letter) == 1:
         return letter
@@ -66,10 +57,7 @@ def axis_name(axis: Array, direction: Array | None = None) -> str:
 
 
 def levelled(plane: Array) -> Array:
-    """Another orthonormal basis (2, 3) of a plane (2, 3): along coordinate axes, else with the first horizontal.
-
-    Signs are chosen so that the largest entry of the first is positive and the second points upwards.
-    """
+    """Another orthonormal basis (2, 3) of a plane (2, 3): along coordinate axes, else with the first horizontal."""
     if all(len(line_words(axis)) == 1 for axis in plane):
         return plane
     normal = np.cross(plane[0], plane[1])
@@ -105,28 +93,26 @@ def decimals(axis: Axis) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
-    few = high / low < 10**_MAX_LABELLED_DECADES
+    # More than 2.5 decades need no ticks between.
+    few = high / low < 10**2.5
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=20))
     axis.set_major_formatter(lambda value, _: f"{value:g}")
     axis.set_minor_formatter(NullFormatter())
 
 
-_MAX_DRAWN_POINTS = 5000
 _CLOUD_SAMPLES = 2000
 
 
 @styled
 def plot_cloud(cloud: Cloud) -> Figure:
-    """The simulated tool points with the 95 % ellipses of the closed form and of the sample.
-
-    A planar arm is drawn in its plane, others in three views: across the direction of the task and from both sides, or
-    along the axes of the world where nothing is to be done along a direction. Where both ellipses cover each other,
-    the closed form is true; where the cloud is bent, no ellipse is.
-    """
+    """The simulated tool points with the 95 % ellipses of the closed form and of the sample. A planar arm is drawn in
+    its plane, others in three views: across the direction of the task and from both sides, or along the axes of the
+    world where nothing is to be done along a direction. Where both ellipses cover each other, the closed form is true;
+    where the cloud is bent, no ellipse is."""
     spread, seen = cloud.spread, cloud.spread.for_task
     views = _views(spread, seen)
     unit, scale = length_unit([float(spread.ellipse.semi_axes[-1])])
-    offsets = cloud.points[:_MAX_DRAWN_POINTS] - spread.position
+    offsets = cloud.points[:5000] - spread.position
     half = 1.1 * scale * float(np.abs(offsets).max()) or 1.0
     figure = new_figure(5.0 if len(views) == 1 else 3.6)
     for k, B in enumerate(views, start=1):
@@ -149,10 +135,7 @@ def plot_simulated(spread: Spread) -> Figure:
 
 
 def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
-    """The planes that are looked at, (2, 3) each, rows orthonormal in the world frame.
-
-    One for a planar arm, else three: of the axes across and along the direction of the task, or of the world's axes.
-    """
+    """The planes that are looked at, (2, 3) each, rows orthonormal in the world frame."""
     if len(spread.basis) == 2:
         return [spread.basis]
     frame = np.eye(3)
@@ -162,12 +145,7 @@ def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
 
 
 def _task_marks(axes: Axes, seen: TaskSpread | None, B: Array, scale: float, half: float) -> None:
-    """The direction that counts and the clearance, in a view that shows all that counts.
-
-    Args:
-        B: (2, 3) axes of the view, world.
-        scale: from m to the unit of the figure; ``half`` half the side of the picture in that unit.
-    """
+    """The direction that counts and the clearance, in a view that shows all that counts; ``B`` (2, 3)."""
     if seen is None or not np.allclose(seen.critical.basis @ B.T @ B, seen.critical.basis, atol=1e-9):
         return
     if len(seen.critical.covariance) == 1:
@@ -176,12 +154,7 @@ def _task_marks(axes: Axes, seen: TaskSpread | None, B: Array, scale: float, hal
 
 
 def _view(axes: Axes, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
-    """One view: points (n, 2) [m] and both ellipses about the nominal tool point.
-
-    Args:
-        B: (2, 3) the axes of the view, world.
-        scale: from m to the unit of the figure.
-    """
+    """One view: points (n, 2) [m] and both ellipses about the nominal tool point; ``B`` (2, 3)."""
     spread = cloud.spread
     shown = f"{len(points)} of " if len(points) < cloud.n else ""
     drawn = f"{shown}{cloud.n} simulated tool points"
@@ -198,16 +171,10 @@ def _view(axes: Axes, cloud: Cloud, B: Array, points: Array, scale: float) -> No
 def plot_cross_section(
     spread: Spread, seen: TaskSpread, n: int = _CLOUD_SAMPLES, seed: int = 0, origin: str = "target"
 ) -> Figure:
-    """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane).
-
-    With the clearance of the hole, the direction that counts where it is one alone, and the other end of a peg. The
-    share of dots inside the green line is the probability of success; the diamond is the mean, whose offset no
-    repetition averages out.
-
-    Args:
-        n: number of samples, drawn with ``seed``.
-        origin: what the origin of the axes is, in words.
-    """
+    """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane). With the
+    clearance of the hole, the direction that counts where it is one alone, and the other end of a peg. The share of
+    dots inside the green line is the probability of success; the diamond is the mean, whose offset no repetition
+    averages out."""
     spread = spread.seen
     B = view_basis(spread, seen)
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
@@ -257,11 +224,7 @@ def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str,
 
 
 def view_basis(spread: Spread, seen: TaskSpread) -> Array:
-    """What is looked at, (2, 3), rows orthonormal in the world frame.
-
-    Across the direction where that is a plane; a line and the direction where one axis counts; the plane of both
-    longest axes where all count; the plane of a planar arm.
-    """
+    """What is looked at, (2, 3), rows orthonormal in the world frame."""
     critical = seen.critical
     basis: Array
     if len(spread.basis) == 2:
@@ -276,10 +239,8 @@ def view_basis(spread: Spread, seen: TaskSpread) -> Array:
 
 
 def _band(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
-    """The 95 % interval of the one direction that counts, as a band through the plane.
-
-    Its half width is ``1.960 σ`` about the bias along that direction; an arrow near the edge shows the direction.
-    """
+    """The 95 % interval of the one direction that counts, as a band through the plane. Its half width is ``1.960 σ``
+    about the bias along that direction; an arrow near the edge shows the direction."""
     along = B @ seen.critical.basis[0]
     centre = float(seen.critical.bias[0]) * scale
     width = coverage_factor(0.95, 1) * seen.critical.sigma_max * scale
@@ -301,11 +262,7 @@ def _strip(along: Array, low: float, high: float, reach: float) -> Array:
 
 
 def clearance_lines(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
-    """The clearance of the hole about the target: a circle, or two lines where one direction counts.
-
-    Nothing without a clearance, or where all directions count. A clearance larger than the picture is named in the
-    legend only.
-    """
+    """The clearance of the hole about the target: a circle, or two lines where one direction counts."""
     clearance = seen.clearance
     if math.isnan(clearance) or seen.critical.within == "all":
         return
@@ -335,5 +292,4 @@ def clearance_lines(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: 
 
 
 def _seen(label: str, inside: bool) -> str:
-    """A label, with a word where what it names lies outside of the picture."""
     return label if inside else f"{label} (outside the picture)"

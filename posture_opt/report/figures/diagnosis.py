@@ -43,21 +43,12 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.scores.candidates import ScoredCandidate
     from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
 
-_MAX_CANDIDATES = 16  # rows
-_TICK_SPACING = 0.09  # of the width of the axes
 _EVIDENCE_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredRow:
-    """A candidate with its evidence by itself, and its p-value in the model if it is part of that.
-
-    Args:
-        scored: the candidate with its score on the calibrated arm.
-        evidence: log p-value over the critical one of its family.
-        p_value: of dropping it from the final model; None where it is not in it.
-        label: of the cause that it is in the model, else its own.
-    """
+    """A candidate with its evidence by itself, and its p-value in the model if it is part of that."""
 
     scored: ScoredCandidate
     evidence: float
@@ -81,10 +72,7 @@ def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
 
 
 def critical_log_p(null: NullDistribution, family: str) -> float:
-    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search.
-
-    Bisected in the null distribution of the largest score, simulated for these postures.
-    """
+    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search."""
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
@@ -93,23 +81,18 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
 
 
 def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
-    """What is drawn, from the top, and how many candidates there are.
-
-    Those of the model come first, wherever they rank, then the best others up to the largest number of rows.
-    """
+    """What is drawn, from the top, and how many candidates there are."""
     rows = [ScoredRow(scored, value, *_in_model(scored, found)) for scored, value in evidence(found)]
     own = [row for row in rows if row.p_value is not None]
     others = [row for row in rows if row.p_value is None]
-    return [*own, *others[: max(_MAX_CANDIDATES - len(own), 0)]], len(rows)
+    return [*own, *others[: max(16 - len(own), 0)]], len(rows)
 
 
 @styled
 def plot_scores(found: Diagnosis) -> Figure:
-    """Evidence of each candidate on the calibrated arm alone, with the line of the significance level.
-
-    A cause that the others hide at first ranks low here: so those of the model come first, each with its p-value in
-    it. The axis is the square root of the evidence: evidence spans from below 1 to hundreds.
-    """
+    """Evidence of each candidate on the calibrated arm alone, with the line of the significance level. A cause that the
+    others hide at first ranks low here: so those of the model come first, each with its p-value in it. The axis is the
+    square root of the evidence: evidence spans from below 1 to hundreds."""
     rows, count = scored_rows(found)
     own = [row for row in rows if row.p_value is not None]
     others = rows[len(own) :]
@@ -151,17 +134,15 @@ def plot_scores(found: Diagnosis) -> Figure:
 
 
 def _spaced_ticks(right: float) -> list[float]:
-    """The values at the ticks, none so near to another that their texts touch; 0 and 1 are always there."""
     ticks: list[float] = [0, 1]
     for tick in _EVIDENCE_TICKS:
         at = math.sqrt(tick)
-        if at <= right and all(abs(at - math.sqrt(other)) > _TICK_SPACING * right for other in ticks):
+        if at <= right and all(abs(at - math.sqrt(other)) > 0.09 * right for other in ticks):
             ticks.append(tick)
     return sorted(ticks)
 
 
 def _say(axes: Axes, k: int, text: str) -> None:
-    """A text in a column behind the axes, where no bar and no line runs through it."""
     axes.annotate(
         text, (1, k), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points", va="center",
         ha="left", annotation_clip=False,
@@ -169,7 +150,6 @@ def _say(axes: Axes, k: int, text: str) -> None:
 
 
 def _look(row: ScoredRow) -> Look:
-    """Dark is in the model, paler what shows beside the others only; hatched has no name in the catalogue."""
     if row.p_value is not None and row.evidence < 1:
         return {"color": "#7DB5A2", "label": "hidden by larger causes when tested alone"}
     if row.p_value is not None:
@@ -180,11 +160,7 @@ def _look(row: ScoredRow) -> Look:
 
 
 def _in_model(scored: ScoredCandidate, found: Diagnosis) -> tuple[float | None, str]:
-    """The p-value of dropping the candidate from the final model, None where it is not in it; and its label there.
-
-    A line of a periodogram is in the model where the cyclic error of its joint has one that the data cannot separate
-    from it: nearer than ``2π`` over the range of the joint. Unnamed components are never part of the model.
-    """
+    """The p-value of dropping the candidate from the final model, None where it is not in it; and its label there."""
     what = scored.candidate.what
     cycles = getattr(what, "cycles", None)
     for finding in found.effects:
@@ -200,12 +176,6 @@ def _in_model(scored: ScoredCandidate, found: Diagnosis) -> tuple[float | None, 
     return None, what.label
 
 
-_MAX_DOTS = 1500
-_FLOOR_SHARE = 0.8  # of the line of the noise: there the scale ends at the latest
-_MAX_BINS = 30  # along the rows, for the course of the RMS
-_MIN_BIN_ROWS = 5  # rows of such a bin
-
-_MAX_JOINTS = 6  # joints
 _OPEN_COLOUR = "#8c8c8c"  # grey with enough contrast for text
 _BEFORE = "without this joint's periodic errors in the model"
 _AFTER = "with all causes in the model: what is left above the dashed line is unexplained"
@@ -214,19 +184,16 @@ _CYCLE_TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 
 @styled
 def plot_errors(found: Diagnosis) -> Figure:
-    """Lengths of the errors row by row in the order of measuring, and how many stay below which length.
-
-    Errors [mm] are those of rows held out from each fit, on a logarithmic axis that both panels share. Lines in the
-    left panel are the RMS of neighbouring rows: a line that rises is a drift. The right panel is the share of the rows
-    below a length. The dashed grey line is the noise that no model can explain.
-    """
+    """Lengths of the errors row by row in the order of measuring, and how many stay below which length. Errors [mm] are
+    those of rows held out from each fit, on a logarithmic axis that both panels share. Lines in the left panel are the
+    RMS of neighbouring rows: a line that rises is a drift."""
     figure = new_figure(3.9)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
     names = [name for name in MODELS if name != "extended" or found.fitted_effects]
     smallest = math.inf
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
-        rows = chosen_rows(len(lengths), _MAX_DOTS)
+        rows = chosen_rows(len(lengths), 1500)
         rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
         over.plot(rows + 1, lengths[rows], ".", color=MODEL_COLOURS[name], mew=0, **dots_look(len(rows)))
@@ -242,7 +209,8 @@ def plot_errors(found: Diagnosis) -> Figure:
         for axes in (over, below):
             axes.axhline(floor, color=GREY, lw=1.2, ls="--", zorder=1)
         below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"{noise.label}: RMS {number(floor)} mm")
-        smallest = min(smallest, _FLOOR_SHARE * floor)
+        # The scale ends at 0.8 of the line of the noise at the latest.
+        smallest = min(smallest, 0.8 * floor)
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
     decimals(over.yaxis)
@@ -256,24 +224,17 @@ def plot_errors(found: Diagnosis) -> Figure:
 
 
 def _course(lengths: Array) -> tuple[Array, Array]:
-    """Middles (k,) and RMS (k,) of neighbouring rows, in the order of the rows.
-
-    Args:
-        lengths: (N,) of errors [mm]; at most 30 groups of five rows or more.
-    """
-    parts = np.array_split(np.arange(len(lengths)), max(min(_MAX_BINS, len(lengths) // _MIN_BIN_ROWS), 1))
+    """Middles (k,) and RMS (k,) of neighbouring rows, in the order of the rows; ``lengths`` (N,) [mm]."""
+    parts = np.array_split(np.arange(len(lengths)), max(min(30, len(lengths) // 5), 1))
     return np.array([p.mean() + 1 for p in parts]), np.array([rms(lengths[p]) for p in parts])
 
 
 @styled
 def plot_periodogram(found: Diagnosis) -> Figure:
-    """Share of the rest that each number of cycles explains, before its lines are named and after.
-
-    Over cycles per revolution of the joint, logarithmic; the dashed line is the share that is significant in the whole
-    search. A peak that is left above it in the second curve is not explained. In brackets stand lines of a size that
-    the data leave open.
-    """
-    joints = found.periodic_joints[:_MAX_JOINTS]
+    """Share of the rest that each number of cycles explains, before its lines are named and after. Over cycles per
+    revolution of the joint, logarithmic; the dashed line is the share that is significant in the whole search. A peak
+    that is left above it in the second curve is not explained."""
+    joints = found.periodic_joints[:6]
     linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     line = critical_log_p(found.search.null, CyclicError.family)
@@ -302,12 +263,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
 
 
 def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tuple[Array, Array]:
-    """Cycles per revolution (k,) and the share (k,) of the residual sum of squares that each explains.
-
-    Args:
-        baseline: the model without the frequency that is scanned.
-        joint: its number; its range in the data sets the finest frequency that can be resolved.
-    """
+    """Cycles per revolution (k,) and the share (k,) of the residual sum of squares that each explains."""
     tangents = found.linearised.sensitivities
     q = found.model.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))
@@ -315,14 +271,7 @@ def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tupl
 
 
 def _share_of(line: float, baseline: ProjectedBaseline) -> float:
-    """The share that one frequency must explain for its log p-value to be that of the line.
-
-    Bisected in 40 steps; two degrees of freedom, those of a sine and a cosine.
-
-    Args:
-        line: critical log p-value of the family.
-        baseline: the model without the frequency, for its degrees of freedom.
-    """
+    """The share that one frequency must explain for its log p-value to be that of the line."""
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = (low + high) / 2
@@ -332,10 +281,7 @@ def _share_of(line: float, baseline: ProjectedBaseline) -> float:
 
 
 def _marks(found: Diagnosis, joint: str) -> list[tuple[float, str, bool]]:
-    """Lines of a joint [cycles per revolution], each with its text and whether its size is open.
-
-    Lines that are not told apart have one text, at the largest of them.
-    """
+    """Lines of a joint [cycles per revolution], each with its text and whether its size is open."""
     marks = []
     for finding in found.effects:
         error, open_part = finding.cause, finding.open_part
@@ -351,7 +297,6 @@ def _marks(found: Diagnosis, joint: str) -> list[tuple[float, str, bool]]:
 
 
 def _mark(axes: Axes, cycles: float, text: str, is_open: bool, k: int) -> None:
-    """A line at a named frequency with its text, pale where its size is open; of neighbours the next is lower."""
     colour, dashes = (_OPEN_COLOUR, ":") if is_open else (GREY, "-")
     axes.axvline(cycles, color=colour, lw=0.8, ls=dashes, zorder=1)
     axes.annotate(

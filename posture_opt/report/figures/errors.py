@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.comparison.comparison import Comparison
     from posture_opt.selection.comparison.predicted_error import PredictedError
 
-_FAR_RATIO = 30.0  # times the largest ellipse of an arm in its own posture: farther off, only the legend states it
-_HIDDEN_SHARE = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre
 _MARGIN = 1.12
 
 
@@ -95,11 +93,11 @@ def _half_width(found: Comparison, panels: Mapping[str, Mapping[str, PredictedEr
     if found.reference:
         return max(extents)
     own = max(_extent(column.judged[name].worst, B) for name, column in found.answered.items())
-    return max(extent for extent in extents if extent <= _FAR_RATIO * own)
+    # Farther off than 30 times the largest own ellipse, only the legend states it.
+    return max(extent for extent in extents if extent <= 30.0 * own)
 
 
 def _looks(found: Comparison) -> dict[str, _Look]:
-    """Name of an answer -> how it is drawn: models of one arm as in every other figure."""
     if found.reference and set(found.answers) <= set(_MARKS):
         return {
             name: _Look(MODEL_NAMES[name], MODEL_COLOURS[name], MODEL_DASHES[name], _MARKS[name])
@@ -127,7 +125,8 @@ def _draw(axes: Axes, predicted: PredictedError, B: Array, frame: tuple[float, f
         axes.plot([], [], look.mark, color=look.colour, label=label)
         return
     boundary = (scale * region.points(0.95)).T
-    large = float(np.ptp(boundary, axis=1).max()) > _HIDDEN_SHARE * 2 * scale * half
+    # An ellipse below 3 % of the picture hides behind the mark of its centre.
+    large = float(np.ptp(boundary, axis=1).max()) > 0.03 * 2 * scale * half
     label = f"{look.label}: 95 % ellipse"
     axes.fill(*boundary, facecolor=look.colour, alpha=0.12, lw=0)
     axes.plot(*boundary, color=look.colour, ls=look.dashes, label=label if large else None)
@@ -136,18 +135,14 @@ def _draw(axes: Axes, predicted: PredictedError, B: Array, frame: tuple[float, f
     axes.plot(*centre, look.mark, color=look.colour, ms=7, mec="white", ls="none", zorder=7, label=hidden)
 
 
-_MAX_BARS = 8
 _STAGE_LOOKS: tuple[Look, ...] = ({"color": ORANGE, "marker": "s"}, {"color": BLUE, "marker": "o"})
 
 
 @styled
 def plot_compensation(found: Compensation) -> Figure:
-    """Both errors of every target [µm or mm], in the order of the targets; logarithmic.
-
-    Squares: where the joint values as given lead; dots: the expected error of the compensated ones; a line joins both.
-    A dot near its square is a target whose error is uncertain rather than known: compensation cannot remove it. Errors
-    of zero are drawn at the lower edge.
-    """
+    """Both errors of every target [µm or mm], in the order of the targets; logarithmic. Squares: where the joint values
+    as given lead; dots: the expected error of the compensated ones; a line joins both. A dot near its square is a
+    target whose error is uncertain rather than known: compensation cannot remove it."""
     least = max(float(found.left.max()) * 1e-3, 1e-9)  # what was not off at all still shows, at the lower edge
     sizes = {"as given": found.off, "compensated": found.left}
     figure, axes = _rows_figure(sizes, "target, in the order of the file", "distance from the target", least)
@@ -171,12 +166,7 @@ def plot_recheck_rows(found: Recheck) -> Figure:
 
 
 def _rows_figure(sizes: dict[str, Array], rows: str, what: str, least: float | None = None) -> tuple[Figure, Axes]:
-    """Errors (N,) [m] of some models over the numbers of their rows; the RMS is in the legend.
-
-    Args:
-        rows: label of the axis of the rows; ``what`` of that of the errors, without the unit.
-        least: error [m] at which smaller ones are drawn, with lines between both models; None: as they are.
-    """
+    """Errors (N,) [m] of some models over the numbers of their rows; the RMS is in the legend; ``least`` [m]."""
     from matplotlib.ticker import MaxNLocator
 
     among = [rms(size) for size in sizes.values()]
@@ -198,7 +188,7 @@ def _rows_figure(sizes: dict[str, Array], rows: str, what: str, least: float | N
 @styled
 def plot_recheck_changes(found: Recheck) -> Figure:
     """Probability [%] that nothing changed, and of the likeliest changes, from the top."""
-    changes = found.changes[:_MAX_BARS]
+    changes = found.changes[:8]
     labels = ["unchanged", *(change.name for change in changes)]
     values = np.array([found.unchanged, *(c.probability for c in changes)])
     figure = new_figure(0.35 * len(labels) + 1.2)

@@ -55,14 +55,8 @@ def plot_longest_axis_budget(spread: Spread) -> Figure:
 @styled
 def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Figure:
     """Share of every source in the variance ``along`` some axis [%], the largest on top, the small ones lumped.
-
-    Correlated sources share one bar: their shares add up to it, and each alone may be negative. Halving the source of
-    a share s leaves ``sqrt(1 − 3 s/4)`` of the standard deviation.
-
-    Args:
-        groups: sources with their shares, those that correlate in one group.
-        along: which axis it is, in words.
-    """
+    Correlated sources share one bar: their shares add up to it, and each alone may be negative. Halving the source of a
+    share s leaves ``sqrt(1 − 3 s/4)`` of the standard deviation."""
     shown, rest = main_groups(groups)
     names = [named(group.parameters) for group in shown]
     values = [group.share for group in shown]
@@ -87,11 +81,8 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
 
 @styled
 def plot_joint_map(solution: Solution) -> Figure:
-    """Largest standard deviation of the part that counts over both joint values; answer and optima marked.
-
-    Of arms with two joints. Where the target is in a box, a line encloses the postures that reach it. Colours [µm or
-    mm] do not know the target: the answer is the best of the postures that reach it, not of the figure.
-    """
+    """Largest standard deviation of the part that counts over both joint values; answer and optima marked. Of arms with
+    two joints. Where the target is in a box, a line encloses the postures that reach it."""
     from matplotlib.ticker import MaxNLocator
 
     joints = solution.optimisation_problem.robot.joints
@@ -127,13 +118,8 @@ def _values(joint: Joint) -> Array:
 
 
 def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
-    """Largest standard deviation (N, N) [m] and tool points (N, N, 3) [m, world frame] over the grid.
-
-    ``sqrt(λ_max(Bᵀ C B))`` with the basis B (3, m) of the part that counts.
-
-    Args:
-        q1: (N, N) values of the first joint [rad or m]; ``q2`` (N, N) of the second.
-    """
+    """Largest standard deviation (N, N) [m] and tool points (N, N, 3) [m, world frame] over the grid; ``q1`` (N, N)
+    [rad or m], ``q2`` (N, N)."""
     moments = solution.optimisation_problem.tool_point.moments([q1.ravel(), q2.ravel()])
     B = solution.basis
     largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
@@ -142,12 +128,8 @@ def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
 
 
 def _mark(axes: Axes, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:
-    """The answer, other optima, and the edge of the postures that reach a region.
-
-    Args:
-        shown: (N,) values of both joints in the units of the axes; ``factors`` from SI to them.
-        position: (N, N, 3) tool points [m, world frame] over the grid.
-    """
+    """The answer, other optima, and the edge of the postures that reach a region; ``shown`` (N,), ``position`` (N, N,
+    3) [m, world frame]."""
     target = solution.target
     if target.kind == "region":
         B = solution.optimisation_problem.reach.directions
@@ -169,7 +151,6 @@ def _mark(axes: Axes, solution: Solution, shown: list[Array], position: Array, f
 
 
 def _ticks(axes: Axes, joints: Sequence[Joint], shown: list[Array]) -> None:
-    """Whole turns are divided by 45 or 60 degrees."""
     from matplotlib.ticker import MultipleLocator
 
     for axis, joint, values in zip((axes.xaxis, axes.yaxis), joints, shown, strict=True):
@@ -178,10 +159,7 @@ def _ticks(axes: Axes, joints: Sequence[Joint], shown: list[Array]) -> None:
             axis.set_major_locator(MultipleLocator(45 if turn <= 190 else 60))
 
 
-_MAX_SOURCES = 5  # sources that are drawn by themselves
-_MIN_SHARE = 0.02  # of the variance, on the mean along the path: sources below are lumped
 _MIN_CORNER_COSINE = math.cos(math.radians(20.0))  # of the angle at a point up to which it is no corner
-_MAX_BUDGET_POINTS = 151  # points whose budget is drawn
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1, 1, 1)), (0, (2, 1)), (0, (8, 2)), (0, (1, 3)))
 _LINE_LOOKS = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black"), _DASHES, strict=True))
@@ -190,12 +168,10 @@ _LINE_LOOKS = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black")
 @styled
 def plot_path(found: Solution) -> Figure:
     """The largest standard deviation in the part that counts, divided by the sources' shares in its variance, and the
-    joints, each as its change from the first point on.
-
-    Above: areas are ``share · σ`` of the main sources, the black line is σ [µm or mm], a star its worst point; the
-    dashed line is the lower bound that no motion gets below, so that its distance from the star is what could still be
-    gained. Dotted lines are corners, where another direction counts from there on. Below: joints [deg or mm].
-    """
+    joints, each as its change from the first point on. Above: areas are ``share · σ`` of the main sources, the black
+    line is σ [µm or mm], a star its worst point; the dashed line is the lower bound that no motion gets below, so that
+    its distance from the star is what could still be gained. Dotted lines are corners, where another direction counts
+    from there on."""
     figure = new_figure(5.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _spread(above, found)
@@ -208,10 +184,9 @@ def plot_path(found: Solution) -> Figure:
 
 
 def _spread(axes: Axes, found: Solution) -> None:
-    """The upper panel: standard deviation along the path, stacked by source."""
     sigma, way = found.motion.sigma, 1e3 * found.path.lengths
     unit, factor = length_unit(sigma.tolist())
-    every = np.unique(np.linspace(0, len(sigma) - 1, min(_MAX_BUDGET_POINTS, len(sigma))).round().astype(int))
+    every = np.unique(np.linspace(0, len(sigma) - 1, min(151, len(sigma))).round().astype(int))
     names, shares = _shares(found, every)
     heights = factor * shares * sigma[every]
     colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
@@ -232,7 +207,6 @@ def _spread(axes: Axes, found: Solution) -> None:
 
 
 def _corners(found: Solution) -> list[int]:
-    """The points at which the direction of travel turns at once, and with it what is across it: shares jump there."""
     along = np.diff(found.path.points, axis=0)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     turns = np.sum(along[:-1] * along[1:], axis=1) < _MIN_CORNER_COSINE
@@ -245,18 +219,13 @@ def _listed(found: Solution, way: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:
-    """Names of the main sources, and their shares (m, N) in the variance along the worst axis of some points.
-
-    A source whose errors cancel others' has a share below zero somewhere and no meaning by itself: it is lumped, as
-    are sources below 2 % of the variance on average. "others" is left out where it is below 0.1 % everywhere.
-
-    Args:
-        points: (N,) numbers of the points whose budget is drawn.
-    """
+    """Names of the main sources, and their shares (m, N) in the variance along the worst axis of some points;
+    ``points`` (N,)."""
     budgets = [{s.parameter: s.share for s in found.points[k].budget} for k in points.tolist()]
     every = {name: np.array([budget.get(name, 0.0) for budget in budgets]) for name in budgets[0]}
-    own = {name: share for name, share in every.items() if share.mean() >= _MIN_SHARE and share.min() > -1e-3}
-    main = sorted(own, key=lambda name: -float(own[name].mean()))[:_MAX_SOURCES]
+    # Sources below 2 % of the variance, on the mean along the path, are lumped.
+    own = {name: share for name, share in every.items() if share.mean() >= 0.02 and share.min() > -1e-3}
+    main = sorted(own, key=lambda name: -float(own[name].mean()))[:5]
     shares = [np.maximum(every[name], 0.0) for name in main]
     left = 1.0 - np.sum(shares, axis=0) if shares else np.ones(len(points))
     if float(np.max(left)) < 1e-3:

@@ -28,16 +28,12 @@ if TYPE_CHECKING:
 
     from posture_opt.validation.spread_check import SpreadCheck
 
-_CLIP_RATIO = 1.15  # times the largest value that the data determine: beyond it bars are cut off
-
 
 @styled
 def plot_reliability(found: SpreadCheck) -> Figure:
-    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true.
-
-    Below it errors are larger than predicted. The grey band is where 95 % of data sets would lie, were it true; the
-    dots are at the 95 % region with the interval of the share.
-    """
+    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true. Below
+    it errors are larger than predicted. The grey band is where 95 % of data sets would lie, were it true; the dots are
+    at the 95 % region with the interval of the share."""
     figure = new_figure(5.0)
     axes = figure.add_subplot()
     nominal = found.coverage["nominal"]
@@ -67,12 +63,9 @@ def plot_reliability(found: SpreadCheck) -> Figure:
 
 @styled
 def plot_joint_scatter(found: SpreadCheck) -> Figure:
-    """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones.
-
-    Angles in mrad in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that
-    the data determine. A stated σ (diamond) outside of the interval contradicts the data. Joints that hardly move the
-    tool point are left out.
-    """
+    """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones. Angles in
+    mrad in the upper panel, lengths in mm in the lower one. Bars that end at an arrow have no upper end that the data
+    determine."""
     noise = found.noise
     assert noise is not None
     turning = [k for k, name in enumerate(noise.names) if not name.endswith(".d") and found.shown[k]]
@@ -95,15 +88,13 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
 
 
 def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
-    """One panel: bars of estimates, lines of their intervals, diamonds of stated values.
-
-    Args:
-        rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` converts them to ``unit``.
-    """
+    """One panel: bars of estimates, lines of their intervals, diamonds of stated values; ``rows`` (name, σ, lower end,
+    upper end, stated σ)."""
     known = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
     largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)
     near = [high for high in known if high < 4 * largest]
-    edge = _CLIP_RATIO * factor * max([largest, *near], default=1.0) or 1.0
+    # Beyond 1.15 times the largest value that the data determine, bars are cut off.
+    edge = 1.15 * factor * max([largest, *near], default=1.0) or 1.0
     labels = {"estimated": True, "95 % interval": True, "stated": True}
     for k, (_, sigma, low, high, stated) in enumerate(rows):
         beyond = not factor * high <= edge

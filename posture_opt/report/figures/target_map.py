@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from posture_opt.validation.accuracy_map import AccuracyMap
 
 _PANELS_WIDTH_INCH = WIDTH - 1.6  # the rest is the scale of colours with its numbers
-_MAX_LAYERS = 9
-_ARROW_SHARE = 0.14  # of the picture
 _REASONS = {"not reached": "out of reach", "requirement not met": "a requirement is not met"}
 _LOOKS = (
     ("#E4E4E4", "////"), ("#F6F6F6", "...."), ("#F3C9C4", ""), ("#DCC9E8", "\\\\"), ("#CBE6D3", "xx"),
@@ -53,18 +51,11 @@ _LOOKS = (
 )  # fmt: skip
 _OUTLINE_COLOUR = "#7A4A12"
 _FAR = 2.0  # m: so far around the targets, planes and other endless obstacles are drawn
-_BASE_ROOM = 0.5  # of the picture: a base that is not farther outside of it is drawn
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """What all panels of a map share.
-
-    Args:
-        grid: of targets.
-        base: (2,) of the arm [mm].
-        norm: from lengths in ``unit`` to colours; ``scale`` converts m to the unit.
-    """
+    """What all panels of a map share; ``base`` (2,) [mm]."""
 
     grid: Grid
     base: Array
@@ -74,10 +65,7 @@ class Canvas:
 
     @classmethod
     def of(cls, found: TargetMap, values: Array, others: Array | None = None) -> Canvas:
-        """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours.
-
-        Of the others, those above their 95 % quantile do not widen the scale; a range below 0.1 % is widened to 4 %.
-        """
+        """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours."""
         seen = values[np.isfinite(values)]
         if others is not None and len(others):
             # One gross outlier must not wash out all the rest.
@@ -98,7 +86,8 @@ class Canvas:
     def limits(self) -> tuple[Array, Array]:
         """(2,) lower left and upper right of the picture [mm]: all cells, and the base where that is near."""
         low, high = np.array(edges_of(self.grid)).T
-        if np.any(np.abs(self.base - (low + high) / 2) > (0.5 + _BASE_ROOM) * (high - low)):
+        # A base is drawn up to half the picture outside of it.
+        if np.any(np.abs(self.base - (low + high) / 2) > high - low):
             return low, high
         margin = 0.04 * (high - low)
         return np.minimum(low, self.base - margin), np.maximum(high, self.base + margin)
@@ -110,13 +99,9 @@ class Canvas:
 
 @styled
 def plot_target_map(found: TargetMap) -> Figure:
-    """The smallest spread that a posture gives, over the targets of the grid.
-
-    Colours are the standard deviation of the part that counts [µm or mm]; cells without a posture have the colour of
-    what fails there. Base, obstacles and the box for the target are outlined. The star is the best target, a cross the
-    position in the problem: the difference of their colours is what moving the workpiece gains. Targets on a line are
-    drawn as a curve.
-    """
+    """The smallest spread that a posture gives, over the targets of the grid. Colours are the standard deviation of the
+    part that counts [µm or mm]; cells without a posture have the colour of what fails there. Base, obstacles and the
+    box for the target are outlined."""
     label = f"standard deviation {PARTS[found.within]}"
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
         return plot_line(found.grid, label, found.sigma)
@@ -144,12 +129,9 @@ def draw_layer(axes: Axes, canvas: Canvas, found: TargetMap, values: Array, laye
 
 
 def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Axes, int]]]:
-    """A figure with axes for each layer that is shown, and the numbers of these layers.
-
-    Of many layers nine are shown, equally spaced, the outer ones among them.
-    """
+    """A figure with axes for each layer that is shown, and the numbers of these layers."""
     count = canvas.grid.shape[0]
-    shown = np.unique(np.linspace(0, count - 1, min(count, _MAX_LAYERS)).round().astype(int)).tolist()
+    shown = np.unique(np.linspace(0, count - 1, min(count, 9)).round().astype(int)).tolist()
     columns = min(len(shown), 3 if len(shown) not in (1, 2, 4) else 2)
     rows = math.ceil(len(shown) / columns)
     wide, tall = np.subtract(*canvas.limits[::-1])
@@ -177,10 +159,7 @@ def edges_of(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _name_axes(axes: Axes, grid: Grid, layer: int, small: bool) -> None:
-    """Labels, limits and the height of one layer.
-
-    A turned grid has no coordinate axes: its labels say that they are offsets from the middle.
-    """
+    """Labels, limits and the height of one layer."""
     names = [line_words(e) for e in grid.axes]
     off = "" if grid.aligned else ", off the middle"
     axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
@@ -198,7 +177,6 @@ def _corners(grid: Grid) -> tuple[Array, Array]:
 
 
 def _colour_failing(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) -> None:
-    """The cells without a posture, by what keeps the arm from it: reach, an obstacle, itself, another requirement."""
     from matplotlib.collections import PolyCollection
 
     u, v = _corners(canvas.grid)
@@ -216,10 +194,8 @@ def _colour_failing(axes: Axes, canvas: Canvas, found: TargetMap, layer: int) ->
 
 
 def _outline_surroundings(axes: Axes, canvas: Canvas, found: TargetMap) -> None:
-    """The outlines of the base, of the obstacles and of the box for the target, as they are seen along the third axis.
-
-    Names stand on what is seen of the obstacles; one that reaches beyond the whole picture has no outline there.
-    """
+    """The outlines of the base, of the obstacles and of the box for the target, as they are seen along the third
+    axis."""
     (u0, v0), (u1, v1) = canvas.limits
     for obstacle in found.problem.scene.stated_obstacles:
         points = obstacle.facets(*found.grid.points[[0, -1]] + [[-_FAR], [_FAR]]).reshape(-1, 3)
@@ -263,16 +239,13 @@ def _seen(grid: Grid, u: float, v: float) -> bool:
 
 
 def mark_direction(axes: Axes, grid: Grid, direction: Array) -> None:
-    """The direction of the task as an arrow in a corner; nothing where it is not in the plane of the picture.
-
-    Args:
-        direction: (3,) unit vector, world frame.
-    """
+    """The direction of the task as an arrow in a corner; nothing where it is not in the plane of the picture;
+    ``direction`` (3,)."""
     along = grid.axes[:2] @ direction
     if np.linalg.norm(along) < 0.999:
         return
     (u0, u1), (v0, v1) = edges_of(grid)
-    length = _ARROW_SHARE * min(u1 - u0, v1 - v0)
+    length = 0.14 * min(u1 - u0, v1 - v0)
     start = np.array([u1, v1]) - 0.06 * min(u1 - u0, v1 - v0) - length * np.clip(along, 0, 1)
     arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
     end = start + length * along
@@ -291,12 +264,7 @@ def finish(figure: Figure, panels: Sequence[tuple[Axes, int]], mesh: QuadMesh, l
 
 
 def plot_line(grid: Grid, label: str, values: Array) -> Figure:
-    """Lengths (U,) [m] along a line of targets; stretches without a posture are hatched.
-
-    Args:
-        label: what the lengths are, without the unit.
-        values: (U,) [m], NaN where there is no posture.
-    """
+    """Lengths (U,) [m] along a line of targets; stretches without a posture are hatched; ``values`` (U,) [m]."""
     unit, scale = length_unit([float(np.nanmax(values))])
     figure = new_figure(3.8)
     axes = figure.add_subplot()
@@ -314,42 +282,26 @@ def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     return figure
 
 
-_ARROW_CELL_SHARE = 0.9  # of a cell's shorter side: the longest arrow
-_MIN_ARROW_SHARE = 0.05  # of the longest arrow: below it an arrow is a dot
-
-
 @styled
 def plot_bias(found: AccuracyMap) -> Figure:
-    """How far off the target the arm lands without its corrections [mm], and which way.
-
-    Colours are the length of the bias; arrows its part in the plane of the figure, all enlarged by the factor in the
-    legend. Dots are measured rows, in the same colours: where a dot vanishes in its cell, the prediction is true
-    there.
-    """
+    """How far off the target the arm lands without its corrections [mm], and which way. Colours are the length of the
+    bias; arrows its part in the plane of the figure, all enlarged by the factor in the legend. Dots are measured rows,
+    in the same colours: where a dot vanishes in its cell, the prediction is true there."""
     measured = None if found.measured is None else found.measured.uncorrected
     return _plot(found, found.distance, "mean distance from the target, uncorrected", measured, arrows=True)
 
 
 @styled
 def plot_spread_map(found: AccuracyMap) -> Figure:
-    """The distance from its mean that the tool point keeps with 95 % probability [mm], over the targets.
-
-    Axes are two coordinates of the grid [mm], a panel a layer. Dots are measured rows in the same colours, with the
-    corrections: 95 % of them should be no brighter than their cell.
-    """
+    """The distance from its mean that the tool point keeps with 95 % probability [mm], over the targets. Axes are two
+    coordinates of the grid [mm], a panel a layer. Dots are measured rows in the same colours, with the corrections: 95
+    % of them should be no brighter than their cell."""
     measured = None if found.measured is None else found.measured.corrected
     return _plot(found, found.radius95, "distance from its mean, 95 % probability", measured, arrows=False)
 
 
 def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None, *, arrows: bool) -> Figure:
-    """One of both maps, or a curve where the targets are on a line.
-
-    Args:
-        values: (N,) [m], one for each target.
-        label: what the colours are, without the unit.
-        measured: (M,) [m], one for each measured row; None where there are none.
-        arrows: whether the bias is drawn in the cells.
-    """
+    """One of both maps, or a curve where the targets are on a line; ``values`` (N,) [m], ``measured`` (M,) [m]."""
     grid, targets = found.grid, found.targets
     if grid.shape[:2] == (1, 1):
         return plot_line(grid, label, values)
@@ -367,19 +319,17 @@ def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None,
 
 
 def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
-    """The part of the bias in the plane of the figure, enlarged alike everywhere.
-
-    Nothing is drawn where the bias is across the figure: its part in the plane is below 5 % of its length. Of many
-    cells, some are chosen so that about twelve arrows fit along the longer side.
-    """
+    """The part of the bias in the plane of the figure, enlarged alike everywhere."""
     grid = canvas.grid
     inside = canvas.layers(found.bias @ grid.axes[:2].T)[layer]
     longest = float(np.nanmax(np.linalg.norm(found.bias @ grid.axes[:2].T, axis=1)))
-    if longest <= _MIN_ARROW_SHARE * float(np.nanmax(found.distance)):
+    # Below 5 % of the longest, an arrow is a dot.
+    if longest <= 0.05 * float(np.nanmax(found.distance)):
         return  # it lies across the figure
     step = max(1, round(max(grid.shape[1:]) / 12))
     cell = 1e3 * min(grid.sides[:2]) * step
-    enlarged = _ARROW_CELL_SHARE * cell / longest
+    # The longest arrow takes 0.9 of a cell's shorter side.
+    enlarged = 0.9 * cell / longest
     at = np.meshgrid(1e3 * grid.values[0], 1e3 * grid.values[1])
     shown = (slice(step // 2, None, step),) * 2
     u, v = (part[shown] for part in at)
@@ -394,12 +344,7 @@ def _arrows(axes: Axes, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
 
 
 def _rows(axes: Axes, canvas: Canvas, found: AccuracyMap, lengths: Array, layer: int) -> None:
-    """Measured rows near this layer, in the colours of the cells.
-
-    Args:
-        lengths: (M,) [m] errors of all measured rows.
-        layer: number of the layer along the third axis of the grid.
-    """
+    """Measured rows near this layer, in the colours of the cells; ``lengths`` (M,) [m]."""
     assert found.measured is not None
     measured, grid = found.measured, canvas.grid
     per_layer = grid.shape[1] * grid.shape[2]

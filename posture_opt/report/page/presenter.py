@@ -157,10 +157,7 @@ class Presenter(SummaryPresenter[R]):
         return save_files(folder, {**self.contents(figures=figures, progress=progress), **beside})
 
     def contents(self, *, figures: bool = True, progress: Progress | None = None) -> Files:
-        """File name -> content of all that `save` writes.
-
-        ``progress`` is called for document and page, and of each figure three times: drawn, as PNG, as SVG.
-        """
+        """File name -> content of all that `save` writes."""
         drawings = self.drawings() if figures else {}
         parts, done = 3 * len(drawings) + 2, count(1)
 
@@ -185,7 +182,6 @@ class Presenter(SummaryPresenter[R]):
         return page.html(), image(drawn, "png", THUMBNAIL_DPI)
 
     def _page(self, pictures: bool) -> Page:
-        """The page without its figures: with the interactive view where there is one and what draws it is installed."""
         report = self.document().whole
         viewed = pictures and type(self).view is not Presenter.view
         view = self.view() if viewed and plotly_js() else None

@@ -110,13 +110,7 @@ def report_files(
     figures: Mapping[str, Figure],
     made: Callable[[bytes], bytes] = bytes,
 ) -> Files:
-    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures.
-
-    Args:
-        document: plain data; ``page`` the report without its pictures, which are added.
-        figures: drawn; each becomes a PNG of 150 dpi and an SVG.
-        made: called with each picture and returns it, for a progress bar.
-    """
+    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures."""
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(page.report).encode()}
     images = {figure: made(image(drawn, "png")) for figure, drawn in figures.items()}
     files |= {f"{figure}.png": data for figure, data in images.items()}
@@ -150,7 +144,6 @@ def map_csv(columns: Mapping[str, Sequence[Any] | Array | Mask], joints: int, de
 
 
 def _cell(value: float, decimals: int | None) -> str:
-    """A number to so many decimals, else to six digits; nothing where it is not known."""
     if math.isnan(value):
         return ""
     return f"{value + 0.0:.6g}" if decimals is None else f"{value + 0.0:.{decimals}f}"

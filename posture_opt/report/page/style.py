@@ -66,9 +66,6 @@ WIDTH = 8.0
 FONT = 9.0
 """Of every text in a figure [pt]."""
 _LETTER_WIDTH_INCH = 0.56 * FONT / 72  # mean width of a letter [inch]
-_HANDLE_WIDTH_INCH = 0.55  # of a legend: width of a mark with its gaps [inch]
-_DOT_SIZE_PT = 4.5  # of a legend: size of the mark of many small dots [pt]
-_LEGEND_LETTERS = 34  # letters of a line of a legend next to the axes
 
 STYLE: Look = {
     "font.family": "DejaVu Sans",  # travels with matplotlib
@@ -121,11 +118,7 @@ def label_of(name: str) -> str:
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all.
-
-    Constrained layout places axes and legends while drawing; afterwards the places are fixed, so that PNG, SVG and
-    notebooks show the same picture.
-    """
+    """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all."""
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -136,10 +129,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def _settled(figure: Figure) -> Figure:
-    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again.
-
-    The layout alone is computed, by the engine that drawing would ask: drawing itself takes as long again.
-    """
+    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again."""
     for _ in range(2):
         if engine := figure.get_layout_engine():
             engine.execute(figure)
@@ -148,15 +138,12 @@ def _settled(figure: Figure) -> Figure:
 
 
 def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
-    """One legend of all axes under them, each entry once, in as many columns as fit.
-
-    Args:
-        entries: label -> handle; None: all that is labelled in the figure.
-    """
+    """One legend of all axes under them, each entry once, in as many columns as fit."""
     entries = legend_entries(figure) if entries is None else entries
     if not entries:
         return
-    column = _HANDLE_WIDTH_INCH + _LETTER_WIDTH_INCH * max(map(len, entries))
+    # A mark with its gaps is 0.55 inch wide.
+    column = 0.55 + _LETTER_WIDTH_INCH * max(map(len, entries))
     columns = min(max(int((WIDTH - 0.3) / column), 1), len(entries))
     rows = -(-len(entries) // columns)
     figure.legend(
@@ -168,23 +155,18 @@ def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> No
 
 
 def legend_beside(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
-    """One legend to the right of axes that are about as wide as high, long entries on several lines.
-
-    Args:
-        entries: label -> handle; None: all that is labelled in the figure.
-    """
+    """One legend to the right of axes that are about as wide as high, long entries on several lines."""
     entries = legend_entries(figure) if entries is None else entries
-    labels = [textwrap.fill(label, _LEGEND_LETTERS) for label in entries]
+    labels = [textwrap.fill(label, 34) for label in entries]
     figure.legend([_handle(h) for h in entries.values()], labels, loc="outside right upper", labelspacing=0.9)
 
 
 def _handle(handle: Any) -> Any:
-    """A handle for the legend: dots that are small because they are many are large in it."""
     from matplotlib.lines import Line2D
 
     if not isinstance(handle, Line2D) or handle.get_marker() != "." or handle.get_linestyle() != "None":
         return handle
-    return Line2D([], [], ls="none", marker="o", ms=_DOT_SIZE_PT, mew=0, color=handle.get_color())
+    return Line2D([], [], ls="none", marker="o", ms=4.5, mew=0, color=handle.get_color())
 
 
 def legend_entries(figure: Figure) -> dict[str, Any]:
@@ -197,10 +179,7 @@ def legend_entries(figure: Figure) -> dict[str, Any]:
 
 
 def image(figure: Figure, kind: str, dpi: int = DPI) -> bytes:
-    """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes.
-
-    Dates and versions are left out of the metadata, so that files can be compared between runs.
-    """
+    """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes."""
     metadata = {"Date": None, "Creator": "posture_opt"} if kind == "svg" else {"Software": "posture_opt"}
     with in_style(), BytesIO() as file:
         figure.savefig(file, format=kind, dpi=dpi, metadata=metadata)

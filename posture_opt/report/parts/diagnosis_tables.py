@@ -71,7 +71,6 @@ def causes_table(found: Diagnosis) -> Table:
 
 
 def _size(found: Diagnosis, finding: Finding) -> str:
-    """The size with its standard error; that it is open, or how many parameters differ, where there is no number."""
     if not finding.determined:
         return "not determined"
     if finding.open_part is not None:
@@ -88,7 +87,6 @@ def _shift(found: Diagnosis, finding: Finding) -> str:
 
 
 def _test_gain(test: SecondSession | None, finding: Finding) -> str:
-    """The share that a cause removes on a test file; in brackets where it is not significant."""
     gain: Gain | None = None if test is None or finding.place is None else test.gains[finding.place]
     if gain is None:
         return "not tested" if finding.place is not None else ""
@@ -127,7 +125,6 @@ def each_cause(found: Diagnosis) -> tuple[Item, ...]:
 
 
 def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    """The most certain corrections."""
     far = sorted((c for c in found.corrections if c.std), key=lambda c: -abs(c.value / c.std))[:_MAX_GEOMETRY]
     texts = (f"{c.parameter.name} {plus_minus(c.value, c.std, *ERROR_UNITS[c.parameter.unit])}" for c in far)
     return [("Most certain", ", ".join(texts))]
@@ -171,7 +168,6 @@ def goals_tables(goals: MeasuredGoals) -> tuple[Table, ...]:
 
 
 def _choices(head: str, choices: Mapping[str, Choice], clearance: float | None) -> Table:
-    """A row a model: median and 95 % error in its postures, how often it fits, and how often it chose the better."""
     fits = [] if clearance is None else ["fits"]
     rows = []
     for name, choice in choices.items():
@@ -220,24 +216,18 @@ def split_tables(found: Diagnosis, plan: DiscriminationPlan) -> tuple[Table, ...
 
 
 def _refuted(p: float) -> str:
-    """A probability of detection."""
     return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else str(Quantity(p, "share"))
 
 
 FILE = "split_measurements.csv"
-_REPEATED_DIGITS = 6
 
 
 def split_csv(found: Diagnosis) -> str:
-    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any.
-
-    Joints in deg or mm, to two decimals; postures to repeat as they were commanded, to six. Labels name the plan and
-    the number of the posture, rounds repeat the whole list.
-    """
+    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
     plan, data = found.split, found.request.data
     parts = [("split", plan.rows, plan.rounds, 2)] if plan is not None and len(plan.rows) else []
     # Postures that are to be repeated are commanded as they were.
-    parts += [(f"repeat {p.target}", p.rows, p.times, _REPEATED_DIGITS) for p in found.repeat_plans]
+    parts += [(f"repeat {p.target}", p.rows, p.times, 6) for p in found.repeat_plans]
     if not parts:
         return ""
     robot = found.model.residuals.robot
@@ -263,7 +253,6 @@ def split_csv(found: Diagnosis) -> str:
 
 
 def _unmeasured(data: Measurements) -> list[str]:
-    """Columns that only the measurement fills."""
     turned = list(QUATERNION) if data.rotation is not None else []
     logged = [("temperature [degC]", data.temperature), ("time [s]", data.time)]
     axes = [f"{AXES[a]} [mm]" for a in np.flatnonzero(data.measured_axes)]

@@ -60,11 +60,8 @@ def error_table(rows: Mapping[str, Statistics], data: Measurements | None = None
 
 
 def range_table(file: OtherFile, models: Mapping[str, str]) -> tuple[Table, ...]:
-    """RMS errors [mm] inside and outside the joint ranges that the models were fitted in; nothing where all are inside.
-
-    Args:
-        models: name of each model -> its words.
-    """
+    """RMS errors [mm] inside and outside the joint ranges that the models were fitted in; nothing where all are
+    inside."""
     out = int(file.outside.sum())
     if not out:
         return ()
@@ -88,10 +85,7 @@ def reading_size(data: Measurements, sigma: float) -> str:
 
 
 def rows_words(data: Measurements, robot: Robot) -> str:
-    """How many rows there are, in how many postures, and how many of these were measured more than once.
-
-    Postures are one where they have a name in common or their joint values agree, whatever their rows are called.
-    """
+    """How many rows there are, in how many postures, and how many of these were measured more than once."""
     slides = np.array([joint.type == "prismatic" for joint in robot.joints])
     whole = replace(data, target=np.zeros_like(data.target), robot=np.zeros_like(data.robot))
     postures = len(np.unique(repeat_groups(whole, slides)))
@@ -112,15 +106,10 @@ def instrument_words(problem: ProblemData, data: Measurements) -> str:
 
 
 TITLE = "Comparison of plans"
-_ROUNDING_M = 1e-7  # m: a miss that the plan corrected for is rounding
 
 
 def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:
-    """The posture of each model with its predicted errors; nothing without a task, or a posture of the reference.
-
-    Args:
-        comparison: of named models; ``names`` are their column headers.
-    """
+    """The posture of each model with its predicted errors; nothing without a task, or a posture of the reference."""
     if comparison is None or not comparison.answers_task(comparison.reference):
         return ()
     figure = "predicted_error" if comparison.answers_task(FIRST) else ""
@@ -128,7 +117,6 @@ def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = 
 
 
 def _table(comparison: Comparison, names: Mapping[str, str]) -> tuple[Table, ...]:
-    """The postures and errors of all models."""
     return (comparison_table(distinct_columns(comparison), comparison.reference, names),)
 
 
@@ -176,4 +164,5 @@ def success_text(p: float | None) -> str:
 
 
 def _length(metres: float, among: list[float]) -> str:
-    return length(metres if metres > _ROUNDING_M else 0.0, among=among) if math.isfinite(metres) else ""
+    # A miss that the plan corrected for is rounding.
+    return length(metres if metres > 1e-7 else 0.0, among=among) if math.isfinite(metres) else ""

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.terms.term import Stated, Term
 
 _MAX_CHANGES, _MAX_PRICES = 6, 4  # that a table of what would help shows
-_MIN_PRICE = 1e-4  # of the standard deviation: what a degree or a millimetre is worth, to be worth a row
 
 
 def target_text(target: TaskTarget) -> str:
@@ -69,7 +68,6 @@ def bound_text(term: Term) -> str:
 
 
 def _sides(bound: Stated) -> str:
-    """The ends of a bound."""
     if bound.low == bound.high:
         return f"at {stated(bound.low, bound.unit)}"
     sides = [f"at least {stated(bound.low, bound.unit)}"] * math.isfinite(bound.low)
@@ -131,7 +129,6 @@ def alternatives_block(solution: Solution) -> Block:
 
 
 def _without_common(one: Alternative, every: Sequence[Alternative]) -> str:
-    """The names of a configuration that are not those of all others too."""
     each = zip(one.configuration, *(other.configuration for other in every), strict=True)
     return ", ".join(name for name, *others in each if len(set(others)) > 1)
 
@@ -160,7 +157,8 @@ def helps_block(solution: Solution) -> Block:
         rows = [(*_change(c, arm), number(c.sigma_max * factor, 3), percent(c.gain)) for c in changes]
         headers = ("change", "of", "to", f"σ {part_of(solution)} [{unit}]", "reduction")
         items.append(Table(headers, tuple(rows), text_columns=3))
-    prices = [price for price in solution.prices if price.gain >= _MIN_PRICE * solution.sigma][:_MAX_PRICES]
+    # A degree or a millimetre must be worth 1e-4 of the standard deviation.
+    prices = [price for price in solution.prices if price.gain >= 1e-4 * solution.sigma][:_MAX_PRICES]
     if prices:
         gains = [price.gain for price in prices]
         loosened = tuple((*_requirement(price), length(price.gain, 2, gains)) for price in prices)
@@ -169,7 +167,6 @@ def helps_block(solution: Solution) -> Block:
 
 
 def _change(change: Improvement, arm: Arm) -> tuple[str, str, str]:
-    """What changes, of what, to which size."""
     if isinstance(change, HalvedSigma):
         return "halve σ", change.parameter, source_size(change.parameter, change.sigma / 2, arm)
     if isinstance(change, CalibratedArm):
@@ -180,12 +177,8 @@ def _change(change: Improvement, arm: Arm) -> tuple[str, str, str]:
 
 
 def _requirement(price: Price) -> tuple[str, str]:
-    """A requirement with the end that holds, and a step of it: a degree, a millimetre."""
     write = stated if price.unit in ("rad", "m") else quantity
     return f"{price.requirement}, {price.side} end", write(price.step, price.unit)
-
-
-_MAX_POINTS_SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
 
 
 def step_text(found: Solution, step: float) -> str:
@@ -210,7 +203,7 @@ def path_facts(found: Solution) -> list[tuple[str, str]]:
 def points_block(found: Solution) -> Block:
     """The postures of some points, evenly along the path, and of the listed point with the largest spread."""
     robot, listed = found.optimisation_problem.robot, np.flatnonzero(found.path.listed)
-    even = np.linspace(0, len(listed) - 1, min(_MAX_POINTS_SHOWN, len(listed))).round().astype(int)
+    even = np.linspace(0, len(listed) - 1, min(8, len(listed))).round().astype(int)
     shown = listed[np.union1d(even, np.argmax(found.motion.sigma[listed]))]
     unit, factor = length_unit(found.motion.sigma.tolist())
     heads = ["point", f"std. dev. [{unit}]", *(f"{c} [mm]" for c in "xyz")]

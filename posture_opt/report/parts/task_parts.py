@@ -38,18 +38,11 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
-_MIN_SHARE = 0.01  # of the variance: what lies below is lumped
-_MAX_LINES = 12
 _MAX_NAMED_SOURCES = 3  # sources of a group that are named
 
 
 def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: str) -> Block:
-    """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is.
-
-    Args:
-        groups: sources with their shares, those that correlate in one group.
-        sentence: which variance it is, for example along the worst axis across the direction.
-    """
+    """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is."""
     together = any(len(group.parameters) > 1 for group in main_groups(groups)[0])
     note = ("Sources on one line are correlated and partly cancel: only their combined share is meaningful.",)
     table = budget_table(problem.arm, groups, sigma_of(problem))
@@ -66,24 +59,15 @@ def main_fact(groups: Sequence[ShareGroup]) -> tuple[str, str]:
 
 
 def main_groups(groups: Sequence[ShareGroup]) -> tuple[list[ShareGroup], list[ShareGroup]]:
-    """The lines that are shown one by one, and those that are lumped: none or at least two.
-
-    Shown are groups of at least 1 % of the variance, twelve at most, and always the first one.
-    """
-    shown = [group for group in groups if group.share >= _MIN_SHARE][:_MAX_LINES] or list(groups[:1])
+    """The lines that are shown one by one, and those that are lumped: none or at least two."""
+    # Below 1 % of the variance, sources are lumped.
+    shown = [group for group in groups if group.share >= 0.01][:12] or list(groups[:1])
     rest = [group for group in groups if group not in shown]
     return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)
 
 
 def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, float]) -> Table:
-    """Shares of the sources in a variance, cumulated; the small ones lumped.
-
-    One row a source, the largest first: words, name in the file, standard deviation, share [%], sum so far [%]. A
-    group of correlated sources is one row without a standard deviation. Shares below 1 % are lumped.
-
-    Args:
-        sigma: standard deviation [rad or m] by parameter.
-    """
+    """Shares of the sources in a variance, cumulated; the small ones lumped; ``sigma`` [rad or m]."""
     shown, rest = main_groups(groups)
     rows, total = [], 0.0
     for group in shown:
@@ -115,13 +99,10 @@ def named(parameters: Sequence[str]) -> str:
 
 
 def _share(share: float) -> str:
-    """A share of a variance; what is below zero by rounding or next to nothing is zero."""
     return percent(0.0 if -SHARE_TOLERANCE < share < 0 else share)
 
 
 _TARGET_TOLERANCE_M = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
-_MIN_PROBABILITY = 1e-6
-_TILT_TOLERANCE_DEG = 0.05  # deg: less is the rounding of joint values as people type them
 _PART_NAMES = {"across": "Across", "along": "Along", "all": "In space"}
 
 
@@ -156,7 +137,6 @@ def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
 
 
 def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
-    """Both ends of the peg, its tilt, and what the tilt may do."""
     ends = (("Tip", peg.tip), ("Top end", peg.top))
     rows = [(name, f"{length(end.sigma_max, among=among)} standard deviation (worst axis)") for name, end in ends]
     rows.append(("Tilt", f"{shown(peg.tilt_sigma, 'angle')} standard deviation (worst axis)"))
@@ -169,7 +149,6 @@ def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
 
 
 def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
-    """The rotation about the direction, and what a corner of the part makes of it."""
     if seen.yaw is None:
         return []
     rows = [("Yaw", f"{angle(seen.yaw.sigma)} standard deviation about the direction")]
@@ -181,7 +160,6 @@ def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
 
 
 def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
-    """What is stated with a measured value: U = k u."""
     if seen.expanded is None or seen.expansion is None:
         return []
     along, worst = (length(v, among=among) for v in seen.expanded)
@@ -194,7 +172,7 @@ def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]
 
 
 def _tilt_probability(p: float) -> str:
-    return "< 1e-6" if p < _MIN_PROBABILITY else f"{100 * p:.2g} %"
+    return "< 1e-6" if p < 1e-6 else f"{100 * p:.2g} %"
 
 
 def lean_facts(spread: Spread) -> list[tuple[str, str]]:
@@ -203,7 +181,8 @@ def lean_facts(spread: Spread) -> list[tuple[str, str]]:
     if seen is None or task is None or task.axis == "free" or len(spread.basis) == 2:
         return []
     leaning = math.degrees(lean(spread, task.tool_axis, seen.direction))
-    beyond = leaning > math.degrees(task.tilt) + _TILT_TOLERANCE_DEG
+    # Less than 0.05 deg is the rounding of joint values as people type them.
+    beyond = leaning > math.degrees(task.tilt) + 0.05
     return [("Tool axis", f"tilted {fixed(leaning)} deg from the task direction")] if beyond else []
 
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from posture_opt.validation.repeatability_tests import Distances, Repeats
 
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
-_ZERO_MEAN_SHARE = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 
 
@@ -67,7 +66,6 @@ def directions_block(found: Assessment) -> Block:
 
 
 def _direction_name(found: Assessment, name: str) -> str:
-    """The axis itself, the total, or along and across the task."""
     if name in ("along", "across"):
         assert found.direction is not None
         return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
@@ -98,15 +96,13 @@ def mean_block(found: Assessment) -> Block:
 
 
 def _mean_cells(model: ModelErrors) -> tuple[str, ...]:
-    """Mean, standard error and p-value over all rows, and how many parts have a mean that is not zero.
-
-    A mean below a tenth of its standard error on all axes is one that the fit has made zero.
-    """
+    """Mean, standard error and p-value over all rows, and how many parts have a mean that is not zero."""
     off = f"{sum(not block.zero for block in model.blocks)} of {len(model.blocks)}" if model.blocks else "not tested"
     test = model.mean
     if test is None:
         return "fitted", "", "", off
-    if np.all(np.abs(test.mean) <= _ZERO_MEAN_SHARE * test.error):
+    # Below a tenth of its standard error on all axes, the fit has made the mean zero: chance hardly would.
+    if np.all(np.abs(test.mean) <= 0.1 * test.error):
         return "zero, as fitted", "", "", off
     mean, error = test.mean.tolist(), test.error.tolist()
     return shift(mean), shift(error, among=mean), p_value(test.p_value), off
@@ -191,11 +187,9 @@ class AssessmentPresenter(Presenter[Assessment]):
 
     @property
     def problem(self) -> ProblemData:
-        """The problem whose arm was calibrated."""
         return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:
-        """Rows and poses, errors before and after, share of the rows in the 95 % region of the residuals."""
         found = self.result
         errors = [
             (words.capitalize(), f"{length(getattr(found, name).coordinate)} a coordinate")
@@ -207,15 +201,12 @@ class AssessmentPresenter(Presenter[Assessment]):
         return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """Errors by direction, and a block for each rule of measuring."""
         return Document(self.problem.name or "Assessment", self.result.statements, assessment_blocks(self.result))
 
     def drawings(self) -> Drawings:
-        """Residuals over everything that they may depend on."""
         return assessment_drawings(self.result)
 
     def columns(self) -> Columns:
-        """Standard deviation of an error coordinate [m], a row each for the nominal and the calibrated model."""
         found = self.result
         return {
             "model": ["nominal", "calibrated"],
@@ -224,11 +215,7 @@ class AssessmentPresenter(Presenter[Assessment]):
 
 
 def assessment_drawings(found: Assessment) -> Drawings:
-    """Residuals over everything that they may depend on.
-
-    Region and distribution need enough poses for a covariance, the figure of repeats needs repeated postures; each is
-    left out otherwise.
-    """
+    """Residuals over everything that they may depend on."""
     rows = Shown.of(found.calibration)
     spatial = len(rows.data.kind.axis_names) == 3
     drawings: Drawings = {
@@ -246,7 +233,6 @@ def assessment_drawings(found: Assessment) -> Drawings:
 
 
 _MAX_POSTURES = 8
-_ZERO_SHARE = 1e-3  # of the upper end of an interval: less than that is zero
 
 
 def spread_check_blocks(found: SpreadCheck) -> tuple[Block, ...]:
@@ -270,7 +256,6 @@ def coverage_block(found: SpreadCheck) -> Block:
 
 
 def _coverage_cells(c: Coverage) -> tuple[str, ...]:
-    """The numbers of one model: share, interval, share if correct, factor, interval."""
     ends = [" to ".join(map(percent, interval)) for interval in (c.interval, c.expected)]
     return percent(c.share), *ends, number(c.factor), " to ".join(map(number, c.factor_interval))
 
@@ -317,9 +302,9 @@ def joints_block(found: SpreadCheck) -> Block:
 
 
 def _cells(values: tuple[float, ...], write: Callable[[float], str]) -> tuple[str, str, str]:
-    """Estimate, standard error and 95 % interval; zero where the interval begins at zero."""
     sigma, std, low, high = values
-    zero = _ZERO_SHARE * high
+    # Less than 1e-3 of the upper end is zero.
+    zero = 1e-3 * high
     interval = f"below {write(high)}" if low <= zero else f"{write(low)} to {write(high)}"
     return write(sigma) if sigma > zero else "0", write(std), interval
 
@@ -331,11 +316,9 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
 
     @property
     def problem(self) -> ProblemData:
-        """The problem whose stated spread is checked."""
         return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:
-        """Coverage by model, scatter between repeats, and the RMS that the calibration leaves."""
         found = self.result
         shares = [(f"In 95 % regions, {MODEL_NAMES[name]}", percent(p)) for name, p in found.coverage95.items()]
         repeats = [("Between repeats", length(found.repeat_sigma))] if found.repeat_sigma else []
@@ -343,15 +326,12 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
         return Summary(f"Check of the predicted spread: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """Coverage, repeats, joints."""
         return Document(self.problem.name or "Spread", self.result.statements, spread_check_blocks(self.result))
 
     def drawings(self) -> Drawings:
-        """Coverage of the predicted regions, and the scatter of the joints."""
         return spread_check_drawings(self.result)
 
     def columns(self) -> Columns:
-        """The share of the rows in the predicted 95 % region, by model."""
         shares = self.result.coverage95
         return {"model": list(shares), "share in the 95 % region": list(shares.values())}
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
 
 _MAX_ROBOTS = 20
-_MAX_PAIRS = 8
 
 
 def batch_blocks(found: Batch) -> tuple[Block, ...]:
@@ -35,7 +34,6 @@ def batch_blocks(found: Batch) -> tuple[Block, ...]:
 
 
 def _data_block(found: Batch) -> Block:
-    """The file, the robots with their number of rows, and what looks odd in either."""
     data, problem = found.data, problem_of(found)
     names = ", ".join(found.robots[:_MAX_ROBOTS]) + (" …" if len(found.robots) > _MAX_ROBOTS else "")
     facts = [
@@ -90,13 +88,12 @@ def _spread_block(found: Batch) -> Block:
 
 
 def _pairs_block(found: Batch) -> Block:
-    """Which parameters vary together; the level of 5 % is that of all pairs together."""
     rows = tuple(
         (
             f"{p.a}, {p.b}", fixed(p.correlation), " to ".join(map(fixed, p.interval)),
             fixed(p.stated) if p.stated else "", "yes" if p.significant else "no",
         )
-        for p in found.known_pairs[:_MAX_PAIRS]
+        for p in found.known_pairs[:8]
     )  # fmt: skip
     table = Table(("parameters", "correlation", "95 % interval", "stated", "significant"), rows)
     return Block("Correlations between parameters", (table,) if rows else (), "batch")
@@ -122,23 +119,16 @@ class BatchPresenter(Presenter["Batch"]):
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     def summary(self) -> Summary:
-        """Robots, errors, determined parameters, correlations."""
         return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))
 
     def document(self) -> Document:
-        """The whole report, a block a question."""
         return Document(self.problem.name or "Batch", self.result.statements, batch_blocks(self.result))
 
     def drawings(self) -> Drawings:
-        """How two parameters vary together, where there are two."""
         found = self.result
         return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
 
     def columns(self) -> Columns:
-        """Mean and standard deviation of each parameter across the batch, SI units.
-
-        "mean deviation" is from the file, "sigma across" between robots, "sigma stated" that of the file or 0.
-        """
         found = self.result
         return {
             "parameter": found.names,
@@ -150,12 +140,10 @@ class BatchPresenter(Presenter["Batch"]):
         }
 
     def files(self) -> Files:
-        """The section for the problem file."""
         return {"uncertainty.yaml": batch_yaml(self.problem, self.result).encode()}
 
 
 def _causes(found: BatchDiagnosis) -> Block:
-    """Cause, size and p-value, one row a cause."""
     rows = []
     for finding in found.effects:
         sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
@@ -172,28 +160,23 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
 
     @property
     def problem(self) -> ProblemData:
-        """The problem that the robots share."""
         return problem_of(self.result.batch)
 
     def summary(self) -> Summary:
-        """Verdict, causes, and the first facts on the batch."""
         named = "; ".join(f.cause.label for f in self.result.effects) or "none"
         facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
         return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """The causes that a batch shows, and then the report on the batch itself."""
         found = self.result
         blocks = (_causes(found), *batch_blocks(found.batch))
         return Document(self.problem.name or "Diagnosis", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """How two parameters vary together, where there are two."""
         found = self.result.batch
         return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
 
     def columns(self) -> Columns:
-        """One row a cause: kind of the effect, joint or link that it acts on, p-value."""
         found = self.result.effects
         return {
             "kind": [f.kind for f in found],
@@ -202,7 +185,6 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
         }
 
     def files(self) -> Files:
-        """``uncertainty.yaml``: σ's, correlations and the scatter that was found, as a section for the problem file."""
         noises = [f.noise for f in self.result.effects if f.noise is not None]
         of_arm = [noise for noise in noises if noise.of_arm and not of_a_type(noise)]
         return {"uncertainty.yaml": batch_yaml(self.problem, self.result.batch, of_arm).encode()}

@@ -47,17 +47,11 @@ if TYPE_CHECKING:
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.evaluation import Evaluation
 
-_MAX_CORRELATIONS = 10
-_GOOD_CONDITION = 100  # condition below which estimates lose little to noise (Schröer, Albright, Grethlein 1997)
-
 
 def parameters_block(found: Calibration) -> Block:
     """Every parameter of the arm: nominal value, estimate and standard error, prior, significance, correlations.
-
     "determined" is yes, no, or "by prior" where only the stated σ determines it; "change / std. error" beyond 1.96 is
-    significant for one parameter. The column of priors is left out where none is stated, and touched points are
-    counted, not listed.
-    """
+    significant for one parameter."""
     shown = [i for i, p in enumerate(found.parameters) if p.group != "place"]
     headers = (
         "parameter",
@@ -108,7 +102,6 @@ _UNITS = {
 
 
 def _place_cell(key: str, value: object) -> str:
-    """One unknown of a place: lengths in mm, angles in deg, directions as they are."""
     if value is None:
         return ""
     factor, _, decimals = _UNITS.get(key, (1.0, "", 5))
@@ -118,11 +111,7 @@ def _place_cell(key: str, value: object) -> str:
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:
-    """One parameter as a row of the table: values in deg or mm, errors in mrad or mm.
-
-    A parameter that the data do not determine has no estimate, except a frame, whose value goes with the others of
-    this calibration only.
-    """
+    """One parameter as a row of the table: values in deg or mm, errors in mrad or mm."""
     p, std, prior = found.parameters[i], float(found.std[i]), float(found.prior[i])
     of_value = math.degrees(1.0) if p.unit == "rad" else 1e3
     of_error, _ = ERROR_UNITS[p.unit]
@@ -149,12 +138,11 @@ def determined_words(found: Calibration) -> str:
 
 
 def _correlations(found: Calibration, shown: list[int]) -> list[Table]:
-    """Pairs of estimates that are strongly correlated, the strongest first."""
     known = [i for i in shown if found.fixed[i]]
     C, names = found.correlation, [p.name for p in found.parameters]
     pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATION_SHOWN]
     pairs.sort(key=lambda pair: -abs(C[pair]))
-    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:_MAX_CORRELATIONS])
+    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:10])
     return [Table(("estimate", "with", "correlation"), rows, 2)] if rows else []
 
 
@@ -162,15 +150,13 @@ def undetermined_block(found: Calibration) -> Block:
     """Condition number of the scaled Jacobian and observability indices; the statements name what is undetermined."""
     known = found.identifiability
     indices = ", ".join(f"{name} {value:.3g}" for name, value in known.observability.items())
+    # Below 100 estimates lose little to noise (Schröer, Albright, Grethlein 1997).
     facts = (
         ("Determined", f"{known.rank} combinations of {count(len(found.parameters), 'unknown')}"),
-        ("Condition", f"{number(known.condition)} (good below {_GOOD_CONDITION})"),
+        ("Condition", f"{number(known.condition)} (good below 100)"),
         ("Observability", indices),
     )
     return Block("What the data do not determine", (Facts(facts),))
-
-
-_MAX_OUTLIERS = 20
 
 
 def calibration_document(shown: CalibrationPresenter) -> Document:
@@ -207,38 +193,31 @@ def _outliers(found: Calibration) -> tuple[Item, ...]:
         return ()
     sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
     rows = tuple((str(line), mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
-    return (Table(("line", "off by [mm]"), rows[:_MAX_OUTLIERS], text_columns=0),)
+    return (Table(("line", "off by [mm]"), rows[:20], text_columns=0),)
 
 
 def _test_tables(other: OtherFile) -> tuple[Table, ...]:
-    """Errors on the other file by model, and those inside and outside the joint ranges of the fit."""
     names = {name: MODEL_NAMES[name] for name in other.models}
     table = error_table({names[name]: statistics for name, statistics in other.models.items()}, other.data)
     return (table, *range_table(other, names))
 
 
 class CalibrationPresenter(Presenter["Calibration"]):
-    """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again.
-
-    ``calibrated.yaml`` is the problem file with the corrections and the covariance of the parameters.
-    """
+    """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
 
     stem = "calibration"
     delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
     def problem(self) -> ProblemData:
-        """The problem whose arm was calibrated."""
         return problem_of(self.result.request)
 
     @property
     def evaluation(self) -> Evaluation:
-        """What the calibration is held against."""
         evaluated: Evaluation = self.result.evaluation
         return evaluated
 
     def summary(self) -> Summary:
-        """Rows and outliers, RMS before and after, how many parameters are determined."""
         found = self.result
         facts = (
             ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
@@ -252,11 +231,9 @@ class CalibrationPresenter(Presenter["Calibration"]):
         return Summary(f"Calibration: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """The whole report, a block a question."""
         return calibration_document(self)
 
     def drawings(self) -> Drawings:
-        """Residuals, whether the predicted spread is true, and the error in the old and in the new posture."""
         return {
             **assessment_drawings(self.evaluation.assessment),
             **spread_check_drawings(self.evaluation.spread_check),
@@ -264,11 +241,6 @@ class CalibrationPresenter(Presenter["Calibration"]):
         }
 
     def view(self) -> ArmView:
-        """The corrections, each at its joint, and the measured rows, coloured by their error after calibration.
-
-        The first posture is that of the task, with the predicted spread; the others are measured ones, a choice of
-        them where there are many.
-        """
         found, calibrated = self.result, self.evaluation.models["calibrated"]
         data = found.request.data
         before, after = (np.linalg.norm(errors, axis=1) for errors in (found.errors_nominal, found.errors))
@@ -293,11 +265,6 @@ class CalibrationPresenter(Presenter["Calibration"]):
         return ArmView(calibrated.robot, (first, *measured), "Shown", calibrated.scene, points=True, values=values)
 
     def columns(self) -> Columns:
-        """The parameters with their standard errors, SI units.
-
-        "determined" is whether data (with the stated priors) determine a parameter by itself; a value that is not
-        determined goes with the others of its combination only.
-        """
         found = self.result
         return {
             "parameter": [p.name for p in found.parameters],
@@ -309,6 +276,5 @@ class CalibrationPresenter(Presenter["Calibration"]):
         }
 
     def files(self) -> Files:
-        """The calibrated arm as a problem file."""
         calibrated: Files = self.evaluation.models["calibrated"].files("calibrated")
         return calibrated

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
 
-_MAX_REASONS = 4
 _MAX_POSTURES = 8  # of one answer
 
 
@@ -37,7 +36,7 @@ class ComparisonPresenter(Presenter["Comparison"]):
             (MODEL_NAMES.get(name, name).capitalize(), _within(column.judged[found.reference].critical_error))
             for name, column in found.answered.items()
         ]
-        why = [("No posture", reason) for reason in found.reasons[:_MAX_REASONS]]
+        why = [("No posture", reason) for reason in found.reasons[:4]]
         return Summary(f"{TITLE}: {self.problem.name}", (*facts, *why))
 
     def document(self) -> Document:
@@ -50,16 +49,11 @@ class ComparisonPresenter(Presenter["Comparison"]):
         return Document(self.problem.name or "Comparison", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """Predicted errors of all answers, by the reference or by each arm."""
         if self.result.reference:
             return comparison_drawings(self.result)
         return {"arm_comparison": partial(plot_comparison, self.result)}
 
     def columns(self) -> Columns:
-        """A row for every pair of an arm and one that judges its posture; of models one each, as the reference judges.
-
-        SI units.
-        """
         found = self.result
         if found.reference:
             return _plan_columns(found)
@@ -82,7 +76,6 @@ def comparison_drawings(comparison: Comparison | None) -> Drawings:
 
 
 def _plan_columns(found: Comparison) -> Columns:
-    """The posture of each model, and its error as the reference predicts it, SI units."""
     chosen = found.answered
     judged = [column.judged[found.reference] for column in chosen.values()]
     return {
@@ -124,7 +117,6 @@ def _own_block(found: Comparison) -> Block:
 
 
 def _judged_blocks(found: Comparison) -> tuple[Block, ...]:
-    """The postures of all arms as each of them predicts their errors."""
     blocks: list[Block] = []
     unit, factor = _unit(found)
     headers = ("planned with", f"mean error [{unit}]", f"σ [{unit}]", f"95 % within [{unit}]", "success")
@@ -142,7 +134,6 @@ def _judged_blocks(found: Comparison) -> tuple[Block, ...]:
 
 
 def _unit(found: Comparison) -> tuple[str, float]:
-    """The unit of all lengths, by the largest error that an arm predicts for itself."""
     return length_unit([arm.judged[name].critical_error for name, arm in found.answered.items()])
 
 
@@ -153,13 +144,11 @@ def _numbers(sizes: Sequence[float], sigma: float, factor: float) -> tuple[str, 
 
 
 def _without_empty(headers: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    """The table without columns in which no arm has anything."""
     kept = [k for k in range(len(headers)) if any(row[k] for row in rows)]
     return Table(tuple(headers[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
 
 
 def _posture_blocks(found: Comparison) -> tuple[Block, ...]:
-    """Joint values: a column an arm where each has one posture of the same joints, else a table an arm."""
     arms = found.answered
     names = {arm.stations[0].optimisation_problem.robot.joint_names for arm in arms.values()}
     if len(names) == 1 and all(len(arm.stations) == 1 for arm in arms.values()):
@@ -170,7 +159,6 @@ def _posture_blocks(found: Comparison) -> tuple[Block, ...]:
 
 
 def _postures_block(name: str, arm: ComparedAnswer) -> Block:
-    """The joint values of an answer; of many, the first ones."""
     rows = [(str(k), *_joint_values(station)) for k, station in enumerate(arm.stations[:_MAX_POSTURES], start=1)]
     left = len(arm.stations) - _MAX_POSTURES
     more = (Facts((("More postures", f"{left} in comparison.json"),)),) if left > 0 else ()

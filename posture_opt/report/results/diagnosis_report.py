@@ -80,7 +80,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
     delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
 
     def summary(self) -> Summary:
-        """Verdict, the first causes, and the RMS error by model."""
         found = self.result
         errors = ", ".join(f"{mm(found.errors[name].rms)} mm {text}" for name, text in MODELS.items())
         named = [words(f, found.problem) for f in found.effects]
@@ -93,11 +92,9 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return Summary(f"Diagnosis: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """The whole report, a block a question."""
         return diagnosis_document(self.result)
 
     def drawings(self) -> Drawings:
-        """Each named effect with the errors behind it; errors by model, scores, and what is left."""
         found = self.result
         drawings: Drawings = {
             "diagnosis_curves": partial(plot_curves, found),
@@ -115,10 +112,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return {**drawn, **comparison_drawings(self.result.comparison)}
 
     def view(self) -> ArmView:
-        """Every cause at the joint that it is of, with its size: all of them, and each by itself.
-
-        The posture is that of the task, planned by the extended arm, else one of the measured ones.
-        """
         found, extended = self.result, self.result.extended
         q, spread = task_posture(extended, self.result.comparison, found.request.data.q)
         marks = [cause_marks(found, finding) for finding in found.effects]
@@ -133,7 +126,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)
 
     def columns(self) -> Columns:
-        """One row a cause: kind, joint or link, p-value (corrected for the search), share of the RMS it removes."""
         found = self.result.effects
         return {
             "kind": [f.kind for f in found],
@@ -143,7 +135,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         }
 
     def files(self) -> Files:
-        """The extended arm as a problem file, and the measurements that discriminate between causes, if any help."""
         further = split_csv(self.result)
         extended: Files = self.result.extended.files("extended")
         return extended | ({FILE: further.encode()} if further else {})

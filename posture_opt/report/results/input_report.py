@@ -25,14 +25,11 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.tasks import Task
 
-_MAX_FACT_LENGTH = 150  # characters of a fact: two lines
-
 
 class ProblemPresenter(SummaryPresenter["Problem"]):
     """The robot, its scatter and its task, as the summary that ``print`` shows."""
 
     def summary(self) -> Summary:
-        """Robot, effects, sources of error, task, target, and obstacles where there are any."""
         problem: Problem = self.result
         facts = [
             robot_facts(problem)[0],
@@ -43,14 +40,14 @@ class ProblemPresenter(SummaryPresenter["Problem"]):
         ]
         if problem.cell is not None and problem.cell.obstacles:
             facts.append(("Obstacles", ", ".join(obstacle.name for obstacle in problem.cell.obstacles)))
+        # Two lines a fact.
         return Summary(
             f"Problem: {problem.name}",
-            tuple((label, textwrap.shorten(text, _MAX_FACT_LENGTH, placeholder=" …")) for label, text in facts),
+            tuple((label, textwrap.shorten(text, 150, placeholder=" …")) for label, text in facts),
         )
 
 
 def _task_facts(task: Task | None) -> list[tuple[str, str]]:
-    """What is to be done, along which direction and where."""
     if task is None:
         return [("Task", "none stated")]
     clearance = f", clearance {stated_length(task.clearance)}" if task.clearance else ""
@@ -85,7 +82,6 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         return frame
 
     def summary(self) -> Summary:
-        """Rows and postures, what was measured, how far joints moved; robots, inputs and notes where there are any."""
         data = self.result
         poses = len(np.unique(data.pose))
         repeated = f" of {poses} postures" if poses < len(data) else ", each of another posture"
@@ -100,10 +96,7 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
 
 
 def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
-    """Column names and values as ``read_measurements`` reads them back, in SI units: nothing is rounded.
-
-    Columns that the file did not have are left out; an unknown side of approach is NaN.
-    """
+    """Column names and values as ``read_measurements`` reads them back, in SI units: nothing is rounded."""
     units = data.joint_units or ("rad",) * data.q.shape[1]
     for k, (name, unit) in enumerate(zip(data.joint_names, units, strict=True)):
         yield f"{name} [{unit}]", data.q[:, k]
@@ -131,7 +124,6 @@ def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
 
 
 def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
-    """Groups of rows, by their names where the file has names."""
     yield from (("pose", data.pose),) if data.pose_given else ()
     yield from (("goal", data.goal),) if data.goal_given else ()
     for label, codes, names in (
@@ -145,7 +137,6 @@ def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
 
 
 def _measured(data: Measurements) -> str:
-    """The measured axes and whether orientations were measured, or how many points were touched."""
     if data.touches:
         return f"touches of {len(data.point_names)} points"
     if data.position is None:

@@ -84,10 +84,7 @@ def places_block(found: TargetMap) -> Block:
 
 
 def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
-    """Target, spread and posture of some places.
-
-    Columns: x, y, z [mm] in the world frame, standard deviation in the unit of the largest, joints [deg or mm].
-    """
+    """Target, spread and posture of some places."""
     joints = found.optimisation_problem.robot.joints
     unit, factor = length_unit([map_point.sigma_max for map_point in map_points.values()])
     headers = ["", *(f"{c} [mm]" for c in "xyz"), f"std. dev. [{unit}]"]
@@ -127,15 +124,12 @@ def served_sentence(found: TargetMap) -> str:
 
 
 def _counted(label: str, number_of: int, condition: str = "") -> list[tuple[str, str]]:
-    """So many targets; nothing of none."""
     return [(label, f"{count(number_of, 'target')}{condition}")] if number_of else []
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:
-    """The numbers of a map that has one layer, at most 11 columns and 17 rows; larger ones are shown as a figure only.
-
-    Rows run from the largest coordinate of the second axis to the smallest, as in the figure.
-    """
+    """The numbers of a map that has one layer, at most 11 columns and 17 rows; larger ones are shown as a figure
+    only."""
     layers, rows, columns = found.grid.shape
     if layers > 1 or columns > 11 or rows > 17:
         return ()
@@ -169,7 +163,6 @@ class TargetMapPresenter(Presenter["TargetMap"]):
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
-        """Grid, feasible targets, the best target with its posture, the worst."""
         found, best = self.result, self.result.best
         part = part_words(found.within, found.optimisation_problem.task.kind)
         facts = (
@@ -182,17 +175,14 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
 
     def document(self) -> Document:
-        """Problem, places, the map itself."""
         found, problem = self.result, self.problem
         blocks = (problem_block(problem, found), places_block(found), map_block(found))
         return Document(problem.name or "Map of targets", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """The map: standard deviation by colour, hatched where there is no posture."""
         return {"map": partial(plot_target_map, self.result)}
 
     def view(self) -> ArmView | None:
-        """The best posture at every target that has one; None where none has."""
         return target_view(self.result, [point.sigma_max for point in self.result.map_points], "standard deviation")
 
     def columns(self) -> Columns:
@@ -208,7 +198,6 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         }
 
     def files(self) -> Files:
-        """``map.csv``: one row a target, places to 0.1 µm, joints to six decimals."""
         return {"map.csv": map_csv(self.columns(), self.result.optimisation_problem.robot.n).encode()}
 
 
@@ -239,11 +228,7 @@ def accuracy_problem_block(problem: ProblemData, found: AccuracyMap) -> Block:
 
 
 def bias_block(found: AccuracyMap) -> Block:
-    """Where the arm lands on average: ``|E[x] − target|`` over the grid, without the corrections.
-
-    The second row is after the rigid motion of the base that fits the map best: only correcting the arm removes what
-    is left there. It is left out where the map has too few targets for a fit.
-    """
+    """Where the arm lands on average: ``|E[x] − target|`` over the grid, without the corrections."""
     if not found.corrected:
         return Block("Mean error", ())
     rows = [("without the corrections", found.distance)]
@@ -263,16 +248,11 @@ def spread_block(found: AccuracyMap) -> Block:
 
 
 def _own(size: str) -> Facts:
-    """A fact on the position that the problem states."""
     return Facts((("At the position in the problem", size),))
 
 
 def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
-    """Minimum, median and maximum over the targets, and where the maximum is.
-
-    Args:
-        rows: names with lengths (N,) [m] at the N targets of the grid, NaN where there is no posture.
-    """
+    """Minimum, median and maximum over the targets, and where the maximum is; ``rows`` (N,) [m]."""
     unit, factor = length_unit([float(np.nanmax(values)) for _, values in rows])
     points = found.grid.points
     cells = []
@@ -306,7 +286,6 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
-        """Grid, feasible targets, range of the mean error and of the 95 % radius, number of measured rows."""
         found = self.result
         off = [("Mean error without corrections", _range(found.distance))] if found.corrected else []
         seen = [("Measured rows", str(len(found.measured.cell)))] if found.measured is not None else []
@@ -320,20 +299,17 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
         return Summary(f"Map of accuracy: {found.problem.name}", facts)
 
     def document(self) -> Document:
-        """What was asked, mean error, spread and, where measured rows were given, these."""
         found = self.result
         measured = [measured_block(found.measured)] if found.measured is not None else []
         blocks = (accuracy_problem_block(self.problem, found), bias_block(found), spread_block(found), *measured)
         return Document(self.problem.name or "Map of accuracy", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """The mean error, where there are corrections, and the spread."""
         found = self.result
         bias: Drawings = {"map_bias": partial(plot_bias, found)} if found.corrected else {}
         return {**bias, "map_spread": partial(plot_spread_map, found)}
 
     def view(self) -> ArmView | None:
-        """The posture at every target that has one, coloured by its error; None where none has."""
         found = self.result
         if found.corrected:
             return target_view(found.targets, found.distance.tolist(), "mean error")
@@ -351,5 +327,4 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
         return {**place_columns(found.targets), **in_mm, **posture_columns(found.targets)}
 
     def files(self) -> Files:
-        """``map.csv``: one row a target, joint values to six decimals of deg or mm."""
         return {"map.csv": map_csv(self.columns(), self.result.targets.optimisation_problem.robot.n).encode()}

@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _MAX_ROWS = 60
-_MAX_HEADER_WIDTH = 100
-_ZERO_INDEX = 1e-6  # an index below it says that something is open
-_MIN_NOTED_RATIO = 1.1  # times the instrument's σ: from there on it is reported
 _UNKNOWN = "unknown"
 _STAGES = ("before", "planned", "random")
 _PURPOSES = {
@@ -69,7 +66,8 @@ def planned_block(plan: MeasurementPlan) -> Block:
     facts += [("Targets", ", ".join(plan.targets))] if plan.targets else []
     facts += [("Rounds", str(plan.repeats))] if plan.repeats > 1 else []
     facts += [("Given", f"{count(len(plan.given), 'row')} measured already")] if plan.given is not None else []
-    if plan.spread > _MIN_NOTED_RATIO:
+    # Reported from 1.1 times the instrument's σ on.
+    if plan.spread > 1.1:
         facts.append(("Arm's scatter", f"{length(plan.arm_scatter, 2)} per coordinate, included"))
     facts.append(("Kept clear", clear_words(room.scene)))
     facts += [("Height", f"links and tool point above {stated_length(room.height)}")] if room.height > -math.inf else []
@@ -100,12 +98,10 @@ def gain_block(plan: MeasurementPlan) -> Block:
 
 
 def _stages(plan: MeasurementPlan) -> tuple[ExpectedErrors, ExpectedErrors, ExpectedErrors]:
-    """Before, planned and random, in the order of the columns."""
     return plan.before, plan.after, plan.random
 
 
 def _value(value: float) -> str:
-    """A number, or "unknown" where it is not determined."""
     return _UNKNOWN if math.isnan(value) else number(value)
 
 
@@ -120,11 +116,8 @@ def parameters_block(plan: MeasurementPlan) -> Block:
 
 
 def observability_block(plan: MeasurementPlan) -> Block:
-    """The observability indices O1 to O5 at the three stages.
-
-    Of the singular values σ₁ ≥ … ≥ σₗ of the scaled Jacobian of m rows: O1 ``(σ₁ … σₗ)^(1/l) / sqrt(m)``, O2
-    ``σₗ/σ₁``, O3 ``σₗ``, O4 ``σₗ²/σ₁``, O5 ``1 / Σ σ⁻²``.
-    """
+    """The observability indices O1 to O5 at the three stages. Of the singular values σ₁ ≥ … ≥ σₗ of the scaled Jacobian
+    of m rows: O1 ``(σ₁ … σₗ)^(1/l) / sqrt(m)``, O2 ``σₗ/σ₁``, O3 ``σₗ``, O4 ``σₗ²/σ₁``, O5 ``1 / Σ σ⁻²``."""
     names = plan.after.observability
     rows = tuple((f"{n}, {_INDEX_WORDS[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
     text = "Of the Jacobian, scaled so that each parameter moves the tool point equally; larger is better."
@@ -132,15 +125,15 @@ def observability_block(plan: MeasurementPlan) -> Block:
 
 
 def _index(value: float) -> str:
-    """An index, 0 below a millionth: some combination is not determined."""
-    return number(value) if value > _ZERO_INDEX else "0"
+    # An index below 1e-6 says that some combination is open.
+    return number(value) if value > 1e-6 else "0"
 
 
 def postures_block(plan: MeasurementPlan) -> Block:
     """The postures in order: joints [deg or mm], nominal tool point [mm]; those beyond the table are in the file."""
     units = [joint_unit(joint.type) for joint in plan.robot.joints]
     headers = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
-    if len("  ".join([*headers, "no.", *3 * ["-1000.0"]])) > _MAX_HEADER_WIDTH:  # they are broken between words
+    if len("  ".join([*headers, "no.", *3 * ["-1000.0"]])) > 100:  # they are broken between words
         headers = [head.replace("_", " ") for head in headers]
     factors = np.array([factor for _, factor in units])
     what = {name: cells for name, cells in (("instrument", plan.instruments), ("at", plan.places)) if any(cells)}
@@ -170,7 +163,6 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
     delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
 
     def summary(self) -> Summary:
-        """Purpose, worth in random postures, parameters determined, error at the task, joint travel."""
         plan = self.result
         known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after)]
         worth = f"{plan.equivalent} random ones" if plan.equivalent else f"more than {plan.tried} random ones"
@@ -185,20 +177,17 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """What it brings, the postures in order, the parameters, what is planned."""
         plan = self.result
         makers = (gain_block, postures_block, parameters_block, planned_block, observability_block)
         return Document(self.problem.name or "Measurement plan", plan.statements, tuple(make(plan) for make in makers))
 
     def drawings(self) -> Drawings:
-        """Where the tool goes, and what can be expected of it."""
         return {
             "plan_points": partial(plot_plan_points, self.result),
             "plan_errors": partial(plot_plan_errors, self.result),
         }
 
     def view(self) -> ArmView:
-        """The planned postures in the order of the tour."""
         plan = self.result
         postures = tuple(
             ShownPosture(f"posture-{k}", f"posture {k}", q, (("Tool point", place(point)),))
@@ -208,19 +197,13 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return ArmView(plan.robot, postures, "Posture", scene, points=True, line=True)
 
     def columns(self) -> Columns:
-        """The postures in order, joints [deg or mm], and the nominal tool point [mm], world frame."""
         plan = self.result
         joints = [(joint.name, *joint_unit(joint.type)) for joint in plan.robot.joints]
         postures = {f"{name} [{unit}]": plan.q[:, k] * factor for k, (name, unit, factor) in enumerate(joints)}
         return {**postures, **{f"{c} [mm]": 1e3 * plan.points[:, k] for k, c in enumerate("xyz")}}
 
     def files(self) -> Files:
-        """``plan.csv`` for the measurement, ``plan_points.csv`` with the tool points for setting up the instrument."""
         return {"plan.csv": self.result.to_csv().encode(), "plan_points.csv": points_csv(self.result).encode()}
-
-
-_MAX_CHANGES = 8
-_NO_MOTION_M = 1e-8  # a change that moves the tool less moves it by rounding only
 
 
 def size_cell(change: LikelyChange) -> str:
@@ -233,8 +216,9 @@ def size_cell(change: LikelyChange) -> str:
 def changes_block(found: Recheck) -> Block:
     """The likeliest changes with their size, and what each of them moves the tool by."""
     rows = [("unchanged", "", "", percent(found.unchanged))]
-    for change in found.changes[:_MAX_CHANGES]:
-        moved = number(1e3 * change.shift, 2) if change.shift >= _NO_MOTION_M else "0"
+    for change in found.changes[:8]:
+        # Less than 1e-8 m is rounding.
+        moved = number(1e3 * change.shift, 2) if change.shift >= 1e-8 else "0"
         rows.append((change.name, size_cell(change), moved, percent(change.probability)))
     table = Table(("what", "size", "tool moves [mm]", "probability"), tuple(rows), text_columns=2)
     p = found.probabilities
@@ -284,7 +268,6 @@ class RecheckPresenter(Presenter["Recheck"]):
     stem = "recheck"
 
     def summary(self) -> Summary:
-        """Verdict, the likeliest change, errors before and after."""
         found, among = self.result, [self.result.before, self.result.after]
         first = found.changes[0]
         facts = (
@@ -296,30 +279,25 @@ class RecheckPresenter(Presenter["Recheck"]):
         return Summary(f"Recheck with {count(len(found.data), 'row')}: {self.problem.name}", facts)
 
     def document(self) -> Document:
-        """Changes, postures to measure next, what could be detected, data."""
         found = self.result
         further = (postures_block(found.plan),) if found.plan is not None else ()
         blocks = (changes_block(found), *further, visible_block(found), measured_block(found))
         return Document(found.problem.name or "Recheck", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """Probabilities of the changes, and the errors of the rows."""
         return {
             "recheck_changes": partial(plot_recheck_changes, self.result),
             "recheck_rows": partial(plot_recheck_rows, self.result),
         }
 
     def files(self) -> Files:
-        """``plan.csv`` with the postures to measure next, where there are some."""
         plan = self.result.plan
         return {} if plan is None else {"plan.csv": plan.to_csv().encode()}
 
     def delivered(self) -> tuple[str, ...]:
-        """``plan.csv`` where it is written."""
         return tuple(self.files())
 
     def columns(self) -> Columns:
-        """Every possible change with its probability and the motion of the tool by it [mm], the likeliest first."""
         changes = self.result.changes
         return {
             "kind": [c.kind for c in changes],

@@ -34,19 +34,13 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
 
     @property
     def problem_file(self) -> str:
-        """None: each answer has its own, on its own page."""
         return ""
 
     def summary(self) -> Summary:
-        """How many are solved, and the answers of least and largest standard deviation."""
         facts = tuple((one.label or "Solved", one.text) for one in self.result.statements)
         return Summary(f"Postures for {count(len(self.result.answers), 'problem')}", facts)
 
     def document(self) -> Document:
-        """First the problems without an answer with their reasons, then the table of answers.
-
-        On one screen both are cut after the first dozen.
-        """
         found: PostureBatch = self.result
         whole = replace(answers_table(found.answers), links=self._links)
         failed = Table(
@@ -59,15 +53,9 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         return Document(f"Postures for {count(len(found.answers), 'problem')}", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """The spread of every answer."""
         return {"answers": partial(plot_posture_batch, self.result)}
 
     def columns(self) -> Columns:
-        """A row for every problem, SI units.
-
-        "code" is the exit code that the problem would have alone: 0 solved, 2 bad input, 3 no solution, 4 too few
-        data, 1 a defect.
-        """
         answers = self.result.answers
         return {
             "problem": [answer.name for answer in answers],
@@ -80,7 +68,6 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
         }
 
     def files(self) -> Files:
-        """``answers.csv``: the columns, with quotes where a text has a comma, a quote or a line break; own pages."""
         columns = self.columns()
         rows = [columns, *zip(*columns.values(), strict=True)]
         pages = {
@@ -92,7 +79,6 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
 
     @property
     def _links(self) -> tuple[Linked, ...]:
-        """The page of each answer that has one."""
         return tuple(
             Linked(page_name(k, answer.name), b64decode(answer.picture)) if answer.page else Linked()
             for k, answer in enumerate(self.result.answers, 1)
@@ -117,7 +103,6 @@ def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
 
 
 def _cell(value: object) -> str:
-    """A value of the file: six digits, empty for NaN."""
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.6g}"
     return str(value)

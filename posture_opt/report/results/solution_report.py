@@ -92,7 +92,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return Document(title, found.statements, blocks)
 
     def _blocks(self) -> tuple[Block, ...]:
-        """What was asked, the postures, and what they are compared with."""
         found, worst = self.result, self.result.worst
         budget = task_budget_block(self.problem, found.task_spread)
         if found.of_features:
@@ -106,7 +105,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return (self.problem_block(), *stations, budget, helps_block(found), path_checks(found))
 
     def _failed_blocks(self) -> tuple[Block, ...]:
-        """Which changes would help, what was asked, and what comes nearest."""
         found = self.result
         changes = tuple((change.change,) for change in found.relaxations)
         helps = Block("Changes that each make the task feasible", (Table(("change",), changes),) * (len(changes) > 1))
@@ -116,7 +114,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return (helps, self.problem_block(), *nearest)
 
     def problem_block(self) -> Block:
-        """What was asked."""
         found, task, problem = self.result, self.result.optimisation_problem.task, self.problem
         stated = tuple(note for note in (*problem.notes, *found.notes) if isinstance(note, str))
         every, requirements = stated, [bound_text(term) for term in task.subject_to]
@@ -133,7 +130,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return Block("Problem", (Facts(rows),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:
-        """Where the tool point is to go."""
         found = self.result
         if found.along_path:
             return path_facts(found)
@@ -143,7 +139,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return [direction, ("Target", target_text(found.target))]
 
     def _aim(self) -> str:
-        """What is minimised."""
         task, found = self.result.optimisation_problem.task, self.result
         if not found.points:
             return ", and ".join(minimised_words(task))
@@ -153,14 +148,12 @@ class SolutionPresenter(Presenter["Solution"]):
         return COMBINED["success"] if found.combine == "success" else f"{what}: {COMBINED[found.combine]}"
 
     def _clearance(self) -> list[tuple[str, str]]:
-        """The clearance and the peg; of features the clearance that is theirs by default."""
         if not self.result.of_features:
             return clearance_facts(self.result.task_spread)
         clearance = self.result.task.clearance
         return [] if clearance is None else [("Clearance", f"{stated_length(clearance)} (radial)")]
 
     def drawings(self) -> Drawings:
-        """The bench or the path, where there is a choice or one; the arm; cloud, budget and map of joints."""
         found, worst = self.result, self.result.worst
         budget = partial(figures_of("solution").plot_task_budget, worst.spread, worst.task_spread)
         if self.result.along_path:
@@ -183,7 +176,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return drawings
 
     def view(self) -> ArmView:
-        """The answer and its alternatives; a posture for each feature; the listed points, coloured by their scatter."""
         found, scene = self.result, self.problem.scene
         kind, stem = "Posture", "alternative"
         every, names = self._shown_alternatives() if not found.points else (found.stations, found.names)
@@ -207,7 +199,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return view
 
     def _shown_alternatives(self) -> tuple[list[Solution], list[str]]:
-        """The answer and its alternatives, with their names."""
         found, joints = self.result, self.result.optimisation_problem.robot.joint_names
         others = found.alternatives[1:] if found.status != "infeasible" else ()
         every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
@@ -224,7 +215,6 @@ class SolutionPresenter(Presenter["Solution"]):
         return ("postures.csv",) if self.result.along_path else ()
 
     def files(self) -> Files:
-        """All points of a path: places to 0.1 µm, joints as finely as rounding asks for, scatter to six digits."""
         if not self.result.along_path:
             return {}
         found, joints = self.result, self.result.optimisation_problem.robot.joints
@@ -233,12 +223,10 @@ class SolutionPresenter(Presenter["Solution"]):
         return {"postures.csv": map_csv(path_columns(found), len(joints), decimals).encode()}
 
     def explain(self) -> str:
-        """The optimisation problem of the worst station with its values there."""
         return render(explain_report(self.result.worst))
 
 
 def _figures(found: Solution) -> list[tuple[str, str]]:
-    """The posture, its tool point, and what it is worth."""
     critical, p_success = found.critical, found.success_probability
     return [
         ("Posture", joint_values(found.problem, found.q)),
@@ -250,7 +238,6 @@ def _figures(found: Solution) -> list[tuple[str, str]]:
 
 
 def _one_columns(solution: Solution) -> dict[str, list[float]]:
-    """The distinct postures that are locally best, the best first."""
     found = solution.alternatives
     joints = {joint.name: joint_unit(joint.type) for joint in solution.optimisation_problem.robot.joints}
     postures = {f"{name} [{unit}]": [a.posture[name] * k for a in found] for name, (unit, k) in joints.items()}

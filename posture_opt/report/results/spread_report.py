@@ -80,11 +80,7 @@ def posture_block(spread: Spread) -> Block:
 
 
 def spread_block(spread: Spread) -> Block:
-    """Standard deviations along the axes, regions, mean shift, first order next to exact.
-
-    One row a principal axis of the exact covariance C, longest first: ``sqrt(eigenvalue)`` and the first-order
-    ``sqrt(aᵀ J Σ Jᵀ a)`` along the same axis a. What the task counts comes before the table.
-    """
+    """Standard deviations along the axes, regions, mean shift, first order next to exact."""
     semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
     unit, factor = length_unit(semi_axes)
     first = spread.covariance_first_order
@@ -148,11 +144,9 @@ class SpreadPresenter(Presenter["Spread"]):
     stem = "spread"
 
     def summary(self) -> Summary:
-        """Posture, tool point, standard deviations, largest contribution."""
         return Summary("Spread of the tool point at one posture", spread_facts(self.result))
 
     def document(self) -> Document:
-        """Problem, posture, spread, covariance, budget; the covariance is left out of the short form of a task."""
         found, problem = self.result, self.problem
         table, title = (covariance_table(found.covariance),), "Covariance of the tool point, world frame"
         blocks = (
@@ -165,10 +159,6 @@ class SpreadPresenter(Presenter["Spread"]):
         return Document(problem.name or "Spread of the tool point", found.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """The arm, a small cloud with the ellipse, the budget of the axis that counts most.
-
-        With a task, the second figure is the cross-section of the ellipse in which the task counts it.
-        """
         found = self.result
         seen, arm = found.for_task, partial(scene_of("arm_figure").plot_spread, found)
         if seen is None:
@@ -184,12 +174,10 @@ class SpreadPresenter(Presenter["Spread"]):
         }
 
     def view(self) -> ArmView:
-        """The posture that was asked for."""
         view: ArmView = scene_of("posture_views").spread_view(self.result)
         return view
 
     def columns(self) -> Columns:
-        """The error budget of the longest axis: parameter and share of the variance (their sum is 1)."""
         shares = self.result.budget
         return {"parameter": [share.parameter for share in shares], "share": [share.share for share in shares]}
 
@@ -201,10 +189,8 @@ def comparison_block(cloud: Cloud) -> Block:
 
 
 def _axes_table(cloud: Cloud) -> Table:
-    """Standard deviations ``sqrt(aᵀ C a)`` along the principal axes of the closed form, then along those of the task.
-
-    Columns: closed form, simulated, the 95 % interval of the latter, and the ratio simulated over closed form.
-    """
+    """Standard deviations ``sqrt(aᵀ C a)`` along the principal axes of the closed form, then along those of the
+    task."""
     spread, seen = cloud.spread, cloud.spread.for_task
     axes = [(line_words(a), a, cloud) for a in spread.axes[::-1]]
     if seen is not None and seen.critical.within != "all":
@@ -225,7 +211,6 @@ def _axes_table(cloud: Cloud) -> Table:
 
 
 def _mean_table(cloud: Cloud) -> Table:
-    """Shift of the mean from the nominal tool point by axis: closed form, simulated, and its 95 % sampling interval."""
     closed, sampled = [float(v) for v in cloud.spread.bias], [float(v) for v in cloud.bias]
     errors = [coverage_factor(0.95, 1) * float(v) for v in cloud.bias_error]
     unit, factor = length_unit([float(v) for v in cloud.spread.ellipse.semi_axes])
@@ -245,7 +230,6 @@ def points_csv(cloud: Cloud) -> bytes:
 
 
 def _summary(cloud: Cloud) -> Summary:
-    """Posture, tool point, standard deviations, their ratios to the closed form, coverage, probability of success."""
     low, high = (100 * share for share in cloud.coverage95_interval)
     posture, point, *_ = spread_facts(cloud.spread)
     sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
@@ -270,14 +254,12 @@ class CloudPresenter(Presenter["Cloud"]):
 
     @property
     def problem(self) -> ProblemData:
-        """The problem whose arm was simulated."""
         return problem_of(self.result.spread)
 
     def summary(self) -> Summary:
         return _summary(self.result)
 
     def document(self) -> Document:
-        """Problem, posture, cloud next to closed form, both covariances."""
         cloud, problem = self.result, self.problem
         tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
         items = ("Simulated:", tables[0], "Closed form:", tables[1])
@@ -290,19 +272,16 @@ class CloudPresenter(Presenter["Cloud"]):
         return Document(problem.name or "Simulated spread of the tool point", cloud.statements, blocks)
 
     def drawings(self) -> Drawings:
-        """The cloud with the closed form's ellipses, and the arm."""
         return {
             "cloud": partial(figures_of("cloud").plot_cloud, self.result),
             "arm": partial(scene_of("arm_figure").plot_spread, self.result.spread),
         }
 
     def view(self) -> ArmView:
-        """The posture that was simulated."""
         view: ArmView = scene_of("posture_views").spread_view(self.result.spread)
         return view
 
     def columns(self) -> Columns:
-        """The simulated tool points [mm], world frame, one row a sample."""
         return {f"{axis} [mm]": 1e3 * self.result.points[:, k] for k, axis in enumerate("xyz")}
 
     def files(self) -> Files:

@@ -32,11 +32,7 @@ if TYPE_CHECKING:
 
 
 def owner_of(parameter: str, arm: Arm) -> str:
-    """The joint that a source of error belongs to, ``base`` or ``tool``; empty where it belongs to none.
-
-    Parameters of the geometry belong to the joint of their link, those of effects to the joint that the effect acts
-    on, an unknown side of approach to its joint.
-    """
+    """The joint that a source of error belongs to, ``base`` or ``tool``; empty where it belongs to none."""
     robot = arm.robot
     for owner, factors in ((BASE, robot.base), *zip(robot.joint_names, robot.links, strict=True), (TOOL, robot.tool)):
         if any(factor.parameter == parameter for factor in factors):
@@ -51,10 +47,7 @@ def owner_of(parameter: str, arm: Arm) -> str:
 
 
 def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float], ...]:
-    """The shares of all sources of one owner together, the largest first.
-
-    Sources without an owner, as of a whole arm, are left out: the shares may add up to less than 1.
-    """
+    """The shares of all sources of one owner together, the largest first."""
     total: dict[str, float] = {}
     for share in shares:
         owner = owner_of(share.parameter, arm)
@@ -63,19 +56,13 @@ def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float
 
 
 def solution_postures(solutions: Sequence[Solution], names: Sequence[str], stem: str) -> tuple[ShownPosture, ...]:
-    """The postures of some solutions, with tool point, spread, target and shares of the joints.
-
-    Args:
-        names: of the solutions, for the list to choose from.
-        stem: of the keys ``stem-1``, ``stem-2``, …, by which rows of tables name them.
-    """
+    """The postures of some solutions, with tool point, spread, target and shares of the joints."""
     return tuple(
         _posture_of(f"{stem}-{k}", name, one) for k, (name, one) in enumerate(zip(names, solutions, strict=True), 1)
     )
 
 
 def _posture_of(key: str, name: str, one: Solution) -> ShownPosture:
-    """One solution as a posture of a view."""
     sigma = length(one.critical.sigma_max)
     facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
     shares = shares_by_owner(one.budget, one.optimisation_problem.arm)
@@ -83,10 +70,7 @@ def _posture_of(key: str, name: str, one: Solution) -> ShownPosture:
 
 
 def spread_view(found: Spread) -> ArmView:
-    """The one posture of a spread, with the direction of the task where there is one and the shares of the joints.
-
-    The shares are those of the task's critical axis, else of the longest axis.
-    """
+    """The one posture of a spread, with the direction of the task where there is one and the shares of the joints."""
     seen = found.for_task
     facts = [("Tool point", place(found.position))]
     if seen is not None:
@@ -107,10 +91,8 @@ def target_key(point: MapPoint) -> str:
 
 
 def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView | None:
-    """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are; None where no target has one.
-
-    The target with the smallest size comes first. Each posture has the spread and the target that it was found for.
-    """
+    """The postures coloured by ``sizes`` (N,) [m], of which ``what`` says what they are; None where no target has
+    one."""
     unit, factor = length_unit([size for size in sizes if size == size])
     postures = [
         ShownPosture(
@@ -135,16 +117,8 @@ def target_view(found: TargetMap, sizes: Sequence[float], what: str) -> ArmView 
     return ArmView(robot, ordered, "Target", scene, points=True, values=f"{what} [{unit}]")
 
 
-_MIN_MARKED_Z = 3.0  # standard errors: smaller corrections are not marked
-_MAX_MARKS = 5  # joints
-
-
 def task_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
-    """The posture (n,) [rad or m] for the task by the reference of a comparison, with its spread.
-
-    Without one: the measured posture, of ``measured`` (N, n) [rad or m], that is nearest to their median, each joint
-    in units of its range. The spread is None where the problem has no uncertainty.
-    """
+    """The posture (n,) [rad or m] for the task by the reference of a comparison, with its spread."""
     if comparison is not None and comparison.answers_task(comparison.reference):
         (station,) = comparison.answers[comparison.reference].stations
         return station.q, station.spread
@@ -155,27 +129,21 @@ def task_posture(problem: ProblemData, comparison: Comparison | None, measured: 
 
 
 def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
-    """The most significant correction of each joint, where it exceeds three standard errors.
-
-    At most five joints are marked, the most significant first; a mark has the parameter and its signed change with its
-    standard error.
-    """
+    """The most significant correction of each joint, where it exceeds three standard errors."""
     marks: dict[str, Mark] = {}
     z = np.nan_to_num(np.abs(found.z))
     for k in np.argsort(-z):
         parameter = found.parameters[k]
         owner = owner_of(parameter.name, problem.arm)
-        if owner and owner not in marks and z[k] > _MIN_MARKED_Z and found.fixed[k]:
+        # Corrections below three standard errors are not marked.
+        if owner and owner not in marks and z[k] > 3.0 and found.fixed[k]:
             size = plus_minus(float(found.x[k]), float(found.std[k]), *ERROR_UNITS[parameter.unit])
             marks[owner] = Mark(owner, f"{parameter.name}\n{'+' if found.x[k] > 0 else ''}{size}")
-    return tuple(marks.values())[:_MAX_MARKS]
+    return tuple(marks.values())[:5]
 
 
 def cause_marks(found: Diagnosis, finding: Finding) -> tuple[Mark, ...]:
-    """A cause at its joint, at the base or the tool; of all geometry together, the most significant corrections.
-
-    Nothing where a cause belongs to no part of the arm.
-    """
+    """A cause at its joint, at the base or the tool; of all geometry together, the most significant corrections."""
     problem = found.extended
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
     named = (cause.target, cause.moved_joint, owner_of(cause.target, problem.arm))

@@ -78,12 +78,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class Linked:
-    """What a row of a table leads to on a page.
-
-    Args:
-        file: a page next to this one; empty where there is none.
-        picture: PNG of what it is about; empty where there is none.
-    """
+    """What a row of a table leads to on a page."""
 
     file: str = ""
     picture: bytes = b""
@@ -130,17 +125,12 @@ NOTES = "Notes"
 
 
 def _as_items(statements: Sequence[Statement]) -> tuple[Item, ...]:
-    """Statements in a block: those with a label as facts, the others as sentences."""
     facts = [(one.label, one.text) for one in statements if one.label]
     return (*(one.text for one in statements if not one.label), *([Facts(tuple(facts))] if facts else []))
 
 
 class Later(Sequence[Item]):
-    """Items that are made when they are first read: a report of one screen leaves out some that take long.
-
-    Args:
-        made: makes them.
-    """
+    """Items that are made when they are first read: a report of one screen leaves out some that take long."""
 
     def __init__(self, made: Callable[[], Sequence[Item]]) -> None:
         self._made = made

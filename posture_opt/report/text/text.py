@@ -18,10 +18,7 @@ def terminal_width() -> int:
 
 
 def render(report: Document, width: int = WIDTH) -> str:
-    """A report as text, every line at most ``width`` columns wide: title and answer first, without a gap.
-
-    A block is its title, a line of dashes, and its items; a blank line is between blocks.
-    """
+    """A report as text, every line at most ``width`` columns wide: title and answer first, without a gap."""
     head = [*textwrap.wrap(report.title or "Report", width), *written(report.lines, width)]
     return "\n\n".join(["\n".join(head), *(_block(block, width) for block in report.blocks)]) + "\n"
 
@@ -38,7 +35,6 @@ def paragraph(text: str, width: int = WIDTH) -> str:
 
 
 def _block(block: Block, width: int) -> str:
-    """A block as text: sentences and facts follow each other closely, a table has a blank line on both sides."""
     texts = [_item(item, width) for item in block.items]
     # Sentences and facts follow each other, a table keeps a blank line on both sides.
     body = texts[0] if texts else ""
@@ -52,14 +48,12 @@ def _block(block: Block, width: int) -> str:
 
 
 def _item(item: Item, width: int) -> str:
-    """A sentence, facts or a table as text."""
     if isinstance(item, str):
         return paragraph(item, width)
     return _facts(item, width) if isinstance(item, Facts) else fitted_table(item, width)
 
 
 def _facts(facts: Facts, width: int) -> str:
-    """Facts as two columns, labels and wrapped texts."""
     column = max((len(label) for label, _ in facts.rows), default=0) + 2
     lines = []
     for label, value in facts.rows:
@@ -69,7 +63,6 @@ def _facts(facts: Facts, width: int) -> str:
 
 
 GAP = "  "
-_MAX_ROW_LINES = 4  # of a row: cells that wrap more often are hard to read
 
 
 def fitted_table(table: Table, width: int) -> str:
@@ -82,7 +75,8 @@ def fitted_table(table: Table, width: int) -> str:
     if _width(grid) <= width:
         return grid
     wrapped = _grid(table, width)
-    if _width(wrapped) <= width and _tallest(table, width) <= _MAX_ROW_LINES:
+    # Cells that wrap into more than four lines are hard to read.
+    if _width(wrapped) <= width and _tallest(table, width) <= 4:
         return wrapped
     turned = _grid(table.transposed())
     if _width(turned) <= width:
@@ -98,15 +92,8 @@ def text_table(
     width: int | None = None,
     rule: bool = True,
 ) -> str:
-    """The table of header and rows; where it is wider than ``width``, its widest columns are wrapped.
-
-    Args:
-        headers: (k,) texts.
-        rows: (k,) texts each.
-        text_columns: how many columns from the left are words, aligned on the left; the others are numbers.
-        width: columns of text at most, as far as no word has to be broken; None: as wide as it is.
-        rule: whether dashes are under the header.
-    """
+    """The table of header and rows; where it is wider than ``width``, its widest columns are wrapped; ``headers`` (k,),
+    ``rows`` (k,)."""
     wrapped = _wrapped_rows([headers, *rows], width)
     widths = [max(len(line) for lines in column for line in lines) for column in zip(*wrapped, strict=True)]
     rows_of_text = [_row(cells, widths, text_columns) for cells in wrapped]
@@ -116,29 +103,24 @@ def text_table(
 
 
 def _grid(table: Table, width: int | None = None) -> str:
-    """The whole table as text."""
     return text_table(table.headers, table.rows, table.text_columns, width)
 
 
 def _width(text: str) -> int:
-    """The length of the longest line."""
     return max(map(len, text.splitlines()), default=0)
 
 
 def _tallest(table: Table, width: int) -> int:
-    """Lines of the tallest row below the header."""
     rows = _wrapped_rows([table.headers, *table.rows], width)[1:]
     return max((len(lines) for cells in rows for lines in cells), default=1)
 
 
 def _wrapped_rows(table: Sequence[Sequence[str]], width: int | None) -> list[list[list[str]]]:
-    """The lines of every cell."""
     bounds = _bounds(list(zip(*table, strict=True)), width)
     return [[_wrapped(cell, bound) for cell, bound in zip(cells, bounds, strict=True)] for cells in table]
 
 
 def _groups(table: Table, width: int) -> list[Table]:
-    """The table cut between columns into tables that fit, each beginning with the first column of words."""
     first = min(table.text_columns, 1)
     groups: list[list[int]] = [[]]
     for k in range(first, len(table.headers)):
@@ -149,13 +131,11 @@ def _groups(table: Table, width: int) -> list[Table]:
 
 
 def _columns(table: Table, kept: Sequence[int]) -> Table:
-    """The table of some of its columns."""
     words = sum(k < table.text_columns for k in kept)
     return Table(tuple(table.headers[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in table.rows), words)
 
 
 def _bounds(columns: Sequence[Sequence[str]], width: int | None) -> list[int]:
-    """How wide each column may be: its longest cell, cut at the largest common bound under which the table fits."""
     longest = [max(map(len, cells)) for cells in columns]
     if width is None:
         return longest
@@ -170,14 +150,12 @@ def _bounds(columns: Sequence[Sequence[str]], width: int | None) -> list[int]:
 
 
 def _wrapped(cell: str, size: int) -> list[str]:
-    """The lines of one cell, cut between words."""
     if len(cell) <= size:
         return [cell]
     return textwrap.wrap(cell, size, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def _row(cells: Sequence[Sequence[str]], widths: Sequence[int], text_columns: int) -> str:
-    """The lines of one row: words on the left of their columns, numbers on the right."""
     lines = []
     for parts in zip_longest(*cells, fillvalue=""):
         aligned = [
