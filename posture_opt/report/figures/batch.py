@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from posture_opt.batch.batch_calibration import Batch
+    from posture_opt import Batch, PostureBatch
     from posture_opt.batch.batch_covariance import CorrelatedPair
-    from posture_opt.selection.posture_batch import PostureBatch
     from posture_opt.selection.problem_data import ProblemData
 
 _MAX_NAMED_PROBLEMS = 25  # problems that have room for their names

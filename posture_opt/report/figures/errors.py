@@ -33,9 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from posture_opt.changes.what_changed import Recheck
-    from posture_opt.compensation.compensation import Compensation
-    from posture_opt.selection.comparison.comparison import Comparison
+    from posture_opt import Comparison, Compensation, Recheck
     from posture_opt.selection.comparison.predicted_error import PredictedError
 
 _MARGIN = 1.12

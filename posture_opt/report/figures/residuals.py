@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from posture_opt.calibration.calibration import Calibration
+    from posture_opt import Calibration, Measurements, Robot
     from posture_opt.calibration.estimation.residuals import Residuals
-    from posture_opt.measurements.measurements import Measurements
-    from posture_opt.robot.robot import Robot
 
 
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}

@@ -39,9 +39,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
+    from posture_opt import AccuracyMap, TargetMap
     from posture_opt.selection.maps.map_points import Grid
-    from posture_opt.selection.maps.target_map import TargetMap
-    from posture_opt.validation.accuracy_map import AccuracyMap
 
 _PANELS_WIDTH_INCH = WIDTH - 1.6  # the rest is the scale of colours with its numbers
 _REASONS = {"not reached": "out of reach", "requirement not met": "a requirement is not met"}

@@ -25,12 +25,11 @@ from posture_opt.units import ERROR_UNITS, fixed, number, plus_minus
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from posture_opt import Diagnosis, Measurements
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
-    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan
     from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals
-    from posture_opt.measurements.measurements import Measurements
 
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
 ACTIONS = {

@@ -28,11 +28,10 @@ from posture_opt.statements.notation import (
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
+    from posture_opt import Comparison, Measurements, Robot
     from posture_opt.calibration.estimation.error_statistics import Statistics
     from posture_opt.calibration.second_file import OtherFile
-    from posture_opt.measurements.measurements import Measurements
-    from posture_opt.robot.robot import Robot
-    from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
+    from posture_opt.selection.comparison.comparison import ComparedAnswer
     from posture_opt.selection.problem_data import ProblemData
 
 _ERROR_HEADERS = ("RMS", "interval of RMS", "mean", "95 % below", "max")

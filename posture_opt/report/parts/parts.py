@@ -13,6 +13,7 @@ import numpy as np
 
 from posture_opt.errors import listed
 from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
 from posture_opt.report.text.blocks import Table
 from posture_opt.report.text.words import (
     METHODS,
@@ -302,3 +303,24 @@ def clear_words(scene: Scene) -> str:
     )
     kept = f" by {stated_length(scene.margin)}" if scene.margin else ""
     return f"{' and '.join(parts)}{kept}{radius}"
+
+
+def joint_heads(robot: Robot) -> list[str]:
+    """Heads of columns of joint values, with deg or mm."""
+    return [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+
+
+def joint_cells(robot: Robot, q: Vector, decimals: int = 1) -> list[str]:
+    """Joint values (n,) [rad or m] in the units of their heads."""
+    return [fixed(float(v) * joint_unit(joint.type)[1], decimals) for v, joint in zip(q, robot.joints, strict=True)]
+
+
+def joint_columns(robot: Robot, Q: Array) -> dict[str, Array]:
+    """Postures (N, n) [rad or m] as columns in deg or mm."""
+    factors = [joint_unit(joint.type)[1] for joint in robot.joints]
+    return {head: factors[k] * Q[:, k] for k, head in enumerate(joint_heads(robot))}
+
+
+def point_columns(points: Array) -> dict[str, Array]:
+    """Points (N, 3) [m] as columns in mm."""
+    return {f"{axis} [mm]": 1e3 * points[:, k] for k, axis in enumerate("xyz")}

@@ -7,19 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.parts.parts import (
-    distance_facts,
-    ellipse_facts,
-    first_order_fact,
-    joint_table,
-    joint_values,
-    lean,
-    mean_fact,
-    method_fact,
-    nearest_limit,
-    relative_fact,
-    tool_facts,
-)
+from posture_opt.report.parts import parts
 from posture_opt.report.parts.task_parts import critical_rows, main_fact
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import part_words, source_size
@@ -42,10 +30,10 @@ from posture_opt.units import fixed, number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from posture_opt.model.arm import Arm
+    from posture_opt import Arm, Solution
     from posture_opt.selection.answer.improvements import Improvement
     from posture_opt.selection.answer.prices import Price
-    from posture_opt.selection.answer.solution import Alternative, Solution
+    from posture_opt.selection.answer.solution import Alternative
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
 
@@ -77,14 +65,14 @@ def _sides(bound: Stated) -> str:
 
 def posture_block(solution: Solution, title: str = "Posture") -> Block:
     """The joints, the tool, and how near the arm comes to anything."""
-    facts = tool_facts(solution.spread)
+    facts = parts.tool_facts(solution.spread)
     target, asked, robot = solution.target, solution.optimisation_problem, solution.problem.robot
     if target.tilt and asked.axis_rows:
-        leaning = fixed(math.degrees(lean(solution.spread, asked.task.tool_axis, target.axis)))
+        leaning = fixed(math.degrees(parts.lean(solution.spread, asked.task.tool_axis, target.axis)))
         facts.append(("Tool axis", f"tilted {leaning} deg, {math.degrees(target.tilt):.6g} deg allowed"))
-    facts += distance_facts(solution.problem.scene, solution.clearance)
-    brief = Facts((*nearest_limit(robot, solution.q), *facts))
-    table = joint_table(solution.problem, robot, solution.q)
+    facts += parts.distance_facts(solution.problem.scene, solution.clearance)
+    brief = Facts((*parts.nearest_limit(robot, solution.q), *facts))
+    table = parts.joint_table(solution.problem, robot, solution.q)
     return Block(title, (table, Facts(tuple(facts))), figure="arm", brief=(brief,))
 
 
@@ -100,8 +88,8 @@ def spread_block(solution: Solution) -> Block:
         of = solution.orientation
         turned = [("Orientation", f"tilt {angle(of.tilt)} (worst axis), spin {angle(of.spin)} (standard deviations)")]
     rows = (
-        *seen, *ellipse_facts(spread, among), mean_fact(spread, among),
-        first_order_fact(critical.sigma_max, linear, among), *turned, method_fact(spread), *relative_fact(spread),
+        *seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among),
+        parts.first_order_fact(critical.sigma_max, linear, among), *turned, parts.method_fact(spread), *parts.relative_fact(spread),
     )  # fmt: skip
     contributions = main_fact(solution.task_spread.budget_groups)
     brief = Facts((*seen, contributions))
@@ -234,7 +222,7 @@ def path_checks(found: Solution) -> Block:
     rows = (
         *([("Following the first", onward)] if naive.onward is None else []),
         ("Smallest step", f"{step_text(found, found.smallest_step)}; {angle(naive.each.largest_step)} each alone"),
-        *distance_facts(found.problem.scene, found.clearance),
+        *parts.distance_facts(found.problem.scene, found.clearance),
         ("Off the line", f"up to {length(found.off_line)} with joints interpolated linearly between points"),
         ("Search", f"dynamic programming over {sum(found.candidates)} postures of {len(found.candidates)} points, then "
                    f"one optimisation ({'a local optimum' if motion.optimal else 'not confirmed as an optimum'})"),
@@ -263,5 +251,5 @@ def path_figures(found: Solution) -> list[tuple[str, str]]:
     return [
         ("Points", f"{len(found.stations)}, {length(found.path.lengths[-1], 4)} long"),
         ("Standard deviation", f"at most {length(float(found.motion.sigma.max()))} {ACROSS_PATH}"),
-        ("First posture", joint_values(found.problem, found.motion.Q[0])),
+        ("First posture", parts.joint_values(found.problem, found.motion.Q[0])),
     ]

@@ -31,11 +31,10 @@ from posture_opt.uncertainty.spread.budget_groups import SHARE_TOLERANCE, ShareG
 from posture_opt.units import fixed, shown
 
 if TYPE_CHECKING:
+    from posture_opt import Spread, Task
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.selection.tasks import Task
     from posture_opt.uncertainty.regions.critical import Critical
     from posture_opt.uncertainty.spread.peg_spread import PegSpread
-    from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _MAX_NAMED_SOURCES = 3  # sources of a group that are named

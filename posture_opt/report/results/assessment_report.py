@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from posture_opt.report.figures.residual_trends import plot_residuals_over_input
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
 from posture_opt.report.figures.spread_check import plot_joint_scatter, plot_reliability
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
-from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import MODEL_NAMES, direction_words, line_words
 from posture_opt.statements import p_value
 from posture_opt.statements.notation import angle_error, count, length, lengths, percent, shift, stated_length
@@ -23,10 +23,8 @@ from posture_opt.validation.assessment import NORMAL_TAIL, Assessment
 from posture_opt.validation.spread_check import SpreadCheck
 
 if TYPE_CHECKING:
-    from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.coverage import Coverage
     from posture_opt.validation.model_errors import ModelErrors
-    from posture_opt.validation.repeatability_tests import Distances, Repeats
+    from posture_opt.validation.repeatability_tests import Repeats
 
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
@@ -77,15 +75,12 @@ def goals_block(found: Assessment) -> Block:
     """How far apart the postures of one target land: an error that does not depend on the posture cancels here."""
     goals = found.goals
     assert goals is not None
-    rows = [("measured apart", *_distance_cells(goals.measured))]
-    rows += [(f"predicted apart, {words}", *_distance_cells(goals.said[name])) for name, words in MODELS.items()]
-    rows += [(f"prediction error, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
+    apart = {"measured apart": goals.measured}
+    apart |= {f"predicted apart, {words}": goals.said[name] for name, words in MODELS.items()}
+    apart |= {f"prediction error, {words}": goals.missed[name] for name, words in MODELS.items()}
+    rows = [(what, *(fixed(1e3 * v, 3) for v in (d.median, d.p95, d.max))) for what, d in apart.items()]
     text = f"{count(goals.goals, 'target')} with two postures or more, {count(goals.pairs, 'pair')} of postures."
     return Block("One target, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
-
-
-def _distance_cells(d: Distances) -> tuple[str, ...]:
-    return tuple(fixed(1e3 * value, 3) for value in (d.median, d.p95, d.max))
 
 
 def mean_block(found: Assessment) -> Block:
@@ -184,24 +179,20 @@ class AssessmentPresenter(Presenter[Assessment]):
     """What a model gets wrong, and whether what remains is scatter: one line of answer, then a block for each rule."""
 
     stem = "assessment"
+    title = "Assessment"
+    heading = "Assessment of a calibration"
+    asked = "calibration.request"
 
-    @property
-    def problem(self) -> ProblemData:
-        return problem_of(self.result.calibration.request)
+    def facts(self) -> Iterable[tuple[str, str]]:
+        found, left = self.result, self.result.residual_scatter
+        yield "Rows", f"{found.rows} in {found.poses} poses"
+        for name, words in MODELS.items():
+            yield words.capitalize(), f"{length(getattr(found, name).coordinate)} a coordinate"
+        if left is not None:
+            yield "In its 95 % region", f"{percent(left.inside)} of the rows"
 
-    def summary(self) -> Summary:
-        found = self.result
-        errors = [
-            (words.capitalize(), f"{length(getattr(found, name).coordinate)} a coordinate")
-            for name, words in MODELS.items()
-        ]
-        left = found.residual_scatter
-        inside = [] if left is None else [("In its 95 % region", f"{percent(left.inside)} of the rows")]
-        facts = (("Rows", f"{found.rows} in {found.poses} poses"), *errors, *inside)
-        return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
-
-    def document(self) -> Document:
-        return Document(self.problem.name or "Assessment", self.result.statements, assessment_blocks(self.result))
+    def blocks(self) -> Iterable[Block]:
+        return assessment_blocks(self.result)
 
     def drawings(self) -> Drawings:
         return assessment_drawings(self.result)
@@ -250,14 +241,19 @@ def coverage_block(found: SpreadCheck) -> Block:
       scale by: factor on all standard deviations that would make it true, with its interval.
     """
     how = "Each row is compared with the region that a fit without it predicts for its posture, instrument included."
-    rows = tuple((MODEL_NAMES[name], *_coverage_cells(c)) for name, c in found.coverage.items())
+    rows = tuple(
+        (
+            *(
+                MODEL_NAMES[name],
+                percent(c.share),
+                *(" to ".join(map(percent, ends)) for ends in (c.interval, c.expected)),
+            ),
+            *(number(c.factor), " to ".join(map(number, c.factor_interval))),
+        )
+        for name, c in found.coverage.items()
+    )
     headers = ("95 % region", "contains", "95 % interval", "if correct", "scale by", "95 % interval")
     return Block("Coverage of the predicted spread", (how, Table(headers, rows)), "truth_coverage")
-
-
-def _coverage_cells(c: Coverage) -> tuple[str, ...]:
-    ends = [" to ".join(map(percent, interval)) for interval in (c.interval, c.expected)]
-    return percent(c.share), *ends, number(c.factor), " to ".join(map(number, c.factor_interval))
 
 
 def predicted_repeats_block(found: SpreadCheck) -> Block:
@@ -313,20 +309,20 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
     """Predicted spread against measured errors."""
 
     stem = "spread_check"
+    title = "Spread"
+    heading = "Check of the predicted spread"
+    asked = "calibration.request"
 
-    @property
-    def problem(self) -> ProblemData:
-        return problem_of(self.result.calibration.request)
-
-    def summary(self) -> Summary:
+    def facts(self) -> Iterable[tuple[str, str]]:
         found = self.result
-        shares = [(f"In 95 % regions, {MODEL_NAMES[name]}", percent(p)) for name, p in found.coverage95.items()]
-        repeats = [("Between repeats", length(found.repeat_sigma))] if found.repeat_sigma else []
-        facts = (*shares, *repeats, ("Left by the calibration", f"{length(found.residual_rms)} a coordinate (RMS)"))
-        return Summary(f"Check of the predicted spread: {self.problem.name}", facts)
+        for name, p in found.coverage95.items():
+            yield f"In 95 % regions, {MODEL_NAMES[name]}", percent(p)
+        if found.repeat_sigma:
+            yield "Between repeats", length(found.repeat_sigma)
+        yield "Left by the calibration", f"{length(found.residual_rms)} a coordinate (RMS)"
 
-    def document(self) -> Document:
-        return Document(self.problem.name or "Spread", self.result.statements, spread_check_blocks(self.result))
+    def blocks(self) -> Iterable[Block]:
+        return spread_check_blocks(self.result)
 
     def drawings(self) -> Drawings:
         return spread_check_drawings(self.result)

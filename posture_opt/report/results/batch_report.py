@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
@@ -14,16 +15,14 @@ from posture_opt.report.page.presenter import Columns, Drawings, Presenter, prob
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.model_tables import error_table
 from posture_opt.report.parts.parts import note_facts, robot_facts
-from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements import p_value
 from posture_opt.statements.notation import count, decimals_of, percent
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.batch.batch_calibration import Batch
-    from posture_opt.batch.batch_diagnosis import BatchDiagnosis
-    from posture_opt.selection.problem_data import ProblemData
+    from posture_opt import Batch, BatchDiagnosis
 
 _MAX_ROBOTS = 20
 
@@ -112,23 +111,30 @@ def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
     )
 
 
+def batch_drawings(found: Batch) -> Drawings:
+    """How two parameters vary together, where there are two."""
+    return {"batch": partial(plot_batch, problem_of(found), found)} if found.pairs else {}
+
+
 class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated; ``uncertainty.yaml`` holds how they differ."""
 
     stem = "calibration"
-    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
+    title = "Batch"
+    heading = "Calibration of several robots of one type"
+    delivers = ("uncertainty.yaml",)
 
-    def summary(self) -> Summary:
-        return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))
+    def facts(self) -> Iterable[tuple[str, str]]:
+        return batch_facts(self.result)
 
-    def document(self) -> Document:
-        return Document(self.problem.name or "Batch", self.result.statements, batch_blocks(self.result))
+    def blocks(self) -> Iterable[Block]:
+        return batch_blocks(self.result)
 
     def drawings(self) -> Drawings:
-        found = self.result
-        return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
+        return batch_drawings(self.result)
 
     def columns(self) -> Columns:
+        """Mean and standard deviation of each parameter across the batch, SI units, next to the stated ones."""
         found = self.result
         return {
             "parameter": found.names,
@@ -156,33 +162,23 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     """What several robots of one type show together; ``uncertainty.yaml`` is the section for their problem file."""
 
     stem = "diagnosis"
-    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
+    title = "Diagnosis"
+    heading = "Diagnosis of several robots of one type"
+    asked = "batch"
+    delivers = ("uncertainty.yaml",)
 
-    @property
-    def problem(self) -> ProblemData:
-        return problem_of(self.result.batch)
-
-    def summary(self) -> Summary:
+    def facts(self) -> Iterable[tuple[str, str]]:
         named = "; ".join(f.cause.label for f in self.result.effects) or "none"
-        facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
-        return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
+        return ("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3]
 
-    def document(self) -> Document:
-        found = self.result
-        blocks = (_causes(found), *batch_blocks(found.batch))
-        return Document(self.problem.name or "Diagnosis", found.statements, blocks)
+    def blocks(self) -> Iterable[Block]:
+        return _causes(self.result), *batch_blocks(self.result.batch)
 
     def drawings(self) -> Drawings:
-        found = self.result.batch
-        return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
+        return batch_drawings(self.result.batch)
 
     def columns(self) -> Columns:
-        found = self.result.effects
-        return {
-            "kind": [f.kind for f in found],
-            "target": [f.target for f in found],
-            "p_value": [f.p_value for f in found],
-        }
+        return {name: [getattr(f, name) for f in self.result.effects] for name in ("kind", "target", "p_value")}
 
     def files(self) -> Files:
         noises = [f.noise for f in self.result.effects if f.noise is not None]

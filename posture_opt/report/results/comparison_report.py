@@ -16,8 +16,8 @@ from posture_opt.statements.notation import decimals_of, joint_unit, joint_value
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
-    from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.comparison.comparison import ComparedAnswer, Comparison
+    from posture_opt import Comparison, Solution
+    from posture_opt.selection.comparison.comparison import ComparedAnswer
 
 _MAX_POSTURES = 8  # of one answer
 

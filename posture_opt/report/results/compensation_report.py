@@ -7,7 +7,6 @@ compensation together with what is uncertain.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -16,7 +15,7 @@ from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.errors import plot_compensation
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.presenter import Columns, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import distance_facts, note_facts, robot_facts
 from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
@@ -115,7 +114,8 @@ class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets; ``compensated.csv`` has the joint values to command."""
 
     stem = "compensation"
-    delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
+    plots: ClassVar = {"compensation": plot_compensation}
+    delivers = ("compensated.csv",)
 
     def summary(self) -> Summary:
         found = self.result
@@ -135,9 +135,6 @@ class CompensationPresenter(Presenter["Compensation"]):
         found, name = self.result, self.problem.name
         title = f"Compensated targets: {name}" if name else "Compensated targets"
         return Document(title, found.statements, (*gain_blocks(self.problem, found), rows_block(found)))
-
-    def drawings(self) -> Drawings:
-        return {"compensation": partial(plot_compensation, self.result)}
 
     def view(self) -> ArmView:
         found = self.result

@@ -21,9 +21,7 @@ from posture_opt.statements.notation import place, stated_length
 from posture_opt.units import DIMENSIONS
 
 if TYPE_CHECKING:
-    from posture_opt.measurements.measurements import Measurements
-    from posture_opt.problem.problem import Problem
-    from posture_opt.selection.tasks import Task
+    from posture_opt import Measurements, Problem, Task
 
 
 class ProblemPresenter(SummaryPresenter["Problem"]):

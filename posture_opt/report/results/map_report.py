@@ -7,6 +7,7 @@ A correction of the joint values removes the mean error; nothing removes the sca
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -16,48 +17,41 @@ from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.target_map import plot_bias, plot_spread_map, plot_target_map
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files, map_csv
-from posture_opt.report.parts.parts import (
-    brief_notes,
-    frame_notes,
-    input_facts,
-    joint_values,
-    note_facts,
-    robot_facts,
-    source_facts,
-    workpiece_facts,
-)
+from posture_opt.report.parts import parts
 from posture_opt.report.scene.posture_views import target_key, target_view
-from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line_words, part_words
-from posture_opt.statements.notation import count, joint_unit, length, length_unit, lengths, percent, place
+from posture_opt.statements.notation import count, length, length_unit, lengths, percent, place
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
+    from posture_opt import AccuracyMap, TargetMap
     from posture_opt.report.scene.arm_view import ArmView
-    from posture_opt.selection.maps.map_points import Grid, MapPoint
-    from posture_opt.selection.maps.target_map import TargetMap
+    from posture_opt.selection.maps.map_points import Grid
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.accuracy_map import AccuracyMap
     from posture_opt.validation.measured_errors import MeasuredErrors
+
+
+_OWN = "At the position in the problem"
 
 
 def problem_block(problem: ProblemData, found: TargetMap) -> Block:
     """What was asked, and where: robot, task, direction (world), criterion, grid, collision checks, sources, notes."""
     task = found.optimisation_problem.task
     stated = tuple(note for note in (*problem.notes, *found.notes) if isinstance(note, str))
-    sources = (*source_facts(problem), *workpiece_facts(problem))
+    sources = (*parts.source_facts(problem), *parts.workpiece_facts(problem))
     rows = (
-        *robot_facts(problem),
-        *input_facts(problem),
+        *parts.robot_facts(problem),
+        *parts.input_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
         ("Direction", f"{direction_words(found.target.direction)} in the world"),
         ("Minimised", CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))),
         ("Targets", grid_words(found.grid)),
         *sources,
-        *note_facts(stated),
+        *parts.note_facts(stated),
     )
     targets = ("Targets", grid_words(found.grid))
-    short = (rows[0], ("Task", task.kind), targets, *sources, *brief_notes(problem, stated))
+    short = (rows[0], ("Task", task.kind), targets, *sources, *parts.brief_notes(problem, stated))
     return Block("Problem", (Facts(rows),), brief=(Facts(short),))
 
 
@@ -75,30 +69,21 @@ def grid_words(grid: Grid) -> str:
 
 
 def places_block(found: TargetMap) -> Block:
-    """Best, worst and own place with their postures; the own one where it has a posture."""
-    map_points = {"best target": found.best, "worst target": found.worst}
-    if found.own is not None and found.own.feasible:
-        map_points = {"best target": found.best, "position in the problem": found.own, "worst target": found.worst}
-    table = places_table(found, map_points)
-    return Block("Targets compared", (table,))
-
-
-def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
-    """Target, spread and posture of some places."""
-    joints = found.optimisation_problem.robot.joints
-    unit, factor = length_unit([map_point.sigma_max for map_point in map_points.values()])
-    headers = ["", *(f"{c} [mm]" for c in "xyz"), f"std. dev. [{unit}]"]
-    headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
-    rows = []
-    for name, map_point in map_points.items():
-        cells = [
-            name,
-            *(fixed(1e3 * value, 1) for value in map_point.position),
-            number(factor * map_point.sigma_max),
-        ]
-        cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(map_point.q, joints, strict=True)]
-        rows.append(tuple(cells))
-    return Table(tuple(headers), tuple(rows), views=tuple(target_key(map_point) for map_point in map_points.values()))
+    """Best, worst and own place with spread and posture; the own one where it has a posture."""
+    own = found.own if found.own is not None and found.own.feasible else None
+    named = {"best target": found.best, "position in the problem": own, "worst target": found.worst}
+    points = {name: point for name, point in named.items() if point is not None}
+    robot = found.optimisation_problem.robot
+    unit, factor = length_unit([point.sigma_max for point in points.values()])
+    headers = ("", *(f"{c} [mm]" for c in "xyz"), f"std. dev. [{unit}]", *parts.joint_heads(robot))
+    rows = tuple(
+        (
+            *(name, *(fixed(1e3 * value, 1) for value in point.position), number(factor * point.sigma_max)),
+            *parts.joint_cells(robot, point.q),
+        )
+        for name, point in points.items()
+    )
+    return Block("Targets compared", (Table(headers, rows, views=tuple(map(target_key, points.values()))),))
 
 
 def map_block(found: TargetMap) -> Block:
@@ -107,24 +92,19 @@ def map_block(found: TargetMap) -> Block:
     unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
     oriented = "" if found.optimisation_problem.alignment == "free" else " with the required tool orientation"
     again = f"{solves.again} targets solved again, {solves.better} improved by up to {percent(solves.most)}"
+
+    def counted(n: int, condition: str = "") -> str:
+        return f"{count(n, 'target')}{condition}" if n else ""
+
     rows = (
         ("Feasible", f"{statuses.count('feasible')} of {count(len(statuses), 'target')}"),
-        *_counted("Unreachable", statuses.count("not reached"), oriented),
-        *_counted("Requirement not met", statuses.count("requirement not met")),
-        *_counted("Not confirmed", unsure),
+        ("Unreachable", counted(statuses.count("not reached"), oriented)),
+        ("Requirement not met", counted(statuses.count("requirement not met"))),
+        ("Not confirmed", counted(unsure)),
         ("Neighbours' postures", again),
-        *_counted("Only from a neighbour", solves.found),
+        ("Only from a neighbour", counted(solves.found)),
     )
-    return Block("Map", (Facts(rows), *_small_table(found)), figure="map")
-
-
-def served_sentence(found: TargetMap) -> str:
-    """How many targets have a posture."""
-    return f"{int(found.feasible.sum())} of {count(len(found.feasible), 'target')} have a feasible posture."
-
-
-def _counted(label: str, number_of: int, condition: str = "") -> list[tuple[str, str]]:
-    return [(label, f"{count(number_of, 'target')}{condition}")] if number_of else []
+    return Block("Map", (Facts(tuple(row for row in rows if row[1])), *_small_table(found)), figure="map")
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:
@@ -144,43 +124,41 @@ def _small_table(found: TargetMap) -> tuple[Table, ...]:
     return (Table((f"{unit}: {headers[0]}", *headers[1:]), tuple(cells), text_columns=0),)
 
 
-def place_columns(found: TargetMap) -> dict[str, list[float]]:
+def place_columns(found: TargetMap) -> Columns:
     """Where the targets are [mm, world frame], and 1 where there is a posture, else 0."""
-    points = {f"{c} [mm]": [1e3 * s.position[k] + 0.0 for s in found.map_points] for k, c in enumerate("xyz")}
+    points = parts.point_columns(np.array([s.position for s in found.map_points]) + 0.0)
     return {**points, "feasible": [int(s.feasible) for s in found.map_points]}
 
 
-def posture_columns(found: TargetMap) -> dict[str, list[float]]:
-    """The posture at every target, a column a joint [deg or mm]."""
-    joints = [(joint.name, *joint_unit(joint.type)) for joint in found.optimisation_problem.robot.joints]
-    return {f"{name} [{u}]": [s.q[k] * factor for s in found.map_points] for k, (name, u, factor) in enumerate(joints)}
+def posture_columns(found: TargetMap) -> Columns:
+    return parts.joint_columns(found.optimisation_problem.robot, np.array([s.q for s in found.map_points]))
 
 
 class TargetMapPresenter(Presenter["TargetMap"]):
     """The best posture over a grid of targets; ``map.csv`` has a row a target."""
 
     stem = "map"
-    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
+    title = "Map of targets"
+    plots: ClassVar = {"map": plot_target_map}
+    delivers = ("map.csv",)
 
     def summary(self) -> Summary:
         found, best = self.result, self.result.best
         part = part_words(found.within, found.optimisation_problem.task.kind)
         facts = (
             ("Targets", grid_words(found.grid)),
-            ("Feasible", served_sentence(found)),
+            (
+                "Feasible",
+                f"{int(found.feasible.sum())} of {count(len(found.feasible), 'target')} have a feasible posture.",
+            ),
             ("Best target", f"{place(best.position)}: {length(best.sigma_max)} {part} (1 σ)"),
-            ("Its posture", joint_values(found.problem, best.q)),
+            ("Its posture", parts.joint_values(found.problem, best.q)),
             ("Worst target", f"{place(found.worst.position)}: {length(found.worst.sigma_max)}"),
         )
-        return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
+        return Summary(f"{self.title}: {found.problem.name or found.optimisation_problem.task.kind}", facts)
 
-    def document(self) -> Document:
-        found, problem = self.result, self.problem
-        blocks = (problem_block(problem, found), places_block(found), map_block(found))
-        return Document(problem.name or "Map of targets", found.statements, blocks)
-
-    def drawings(self) -> Drawings:
-        return {"map": partial(plot_target_map, self.result)}
+    def blocks(self) -> Iterable[Block]:
+        return problem_block(self.problem, self.result), places_block(self.result), map_block(self.result)
 
     def view(self) -> ArmView | None:
         return target_view(self.result, [point.sigma_max for point in self.result.map_points], "standard deviation")
@@ -201,28 +179,22 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         return {"map.csv": map_csv(self.columns(), self.result.optimisation_problem.robot.n).encode()}
 
 
-def _range(values: Array) -> str:
-    """Smallest to largest of lengths (N,) [m] over the targets."""
-    ends = [float(np.nanmin(values)), float(np.nanmax(values))]
-    return lengths(ends, " to ")
-
-
 def accuracy_problem_block(problem: ProblemData, found: AccuracyMap) -> Block:
     """What was asked, and where: robot, corrections, task, direction (world), grid, sources of error, notes."""
     targets = found.targets
     task = targets.optimisation_problem.task
     corrected = f"{count(found.corrections, 'parameter')} of the arm, {count(found.effects, 'effect')}"
     rows = [
-        *robot_facts(problem),
-        *input_facts(problem),
+        *parts.robot_facts(problem),
+        *parts.input_facts(problem),
         ("Corrections", corrected if found.corrected else "none in the file"),
         ("Task", f"{task.kind} - {task.summary}"),
         ("Direction", f"{direction_words(targets.target.direction)} in the world"),
         ("Targets", f"{grid_words(found.grid)}, in the best posture for the task"),
-        *source_facts(problem),
-        *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),
+        *parts.source_facts(problem),
+        *parts.note_facts((*problem.notes, *parts.frame_notes(problem.robot), *targets.notes)),
     ]
-    notes = brief_notes(problem, (*problem.notes, *targets.notes))
+    notes = parts.brief_notes(problem, (*problem.notes, *targets.notes))
     short = [row for row in rows if row[0] in ("Robot", "Corrections", "Targets")]
     return Block("Problem", (Facts(tuple(rows)),), brief=(Facts((*short, *notes)),))
 
@@ -233,22 +205,18 @@ def bias_block(found: AccuracyMap) -> Block:
         return Block("Mean error", ())
     rows = [("without the corrections", found.distance)]
     rows += [("with its base refitted", found.settled)] if np.isfinite(found.settled).any() else []
-    own = [] if found.own is None else [_own(length(float(np.linalg.norm(found.own[0]))))]
+    own = [] if found.own is None else [Facts(((_OWN, length(float(np.linalg.norm(found.own[0])))),))]
     text = "The posture is computed with the nominal arm and executed by the calibrated arm."
     title = "Mean error without the corrections"
     return Block(title, (text, _table(found, rows), *own), figure="map_bias")
 
 
-def spread_block(found: AccuracyMap) -> Block:
-    """How far the arm scatters about its mean: 95 % radius and longest semi-axis of the 95 % region, over the grid."""
+def accuracy_block(found: AccuracyMap) -> Block:
+    """How far the arm scatters about its mean: 95 % radius and longest semi-axis of the 95 % region."""
     longest = np.asarray(found.semi_axes95[:, -1])
     rows = [("95 % radius", found.radius95), ("longest semi-axis of the 95 % region", longest)]
-    own = [] if found.own is None else [_own(f"95 % radius {length(found.own[1])}")]
+    own = [] if found.own is None else [Facts(((_OWN, f"95 % radius {length(found.own[1])}"),))]
     return Block("Spread", (_table(found, rows), *own), figure="map_spread")
-
-
-def _own(size: str) -> Facts:
-    return Facts((("At the position in the problem", size),))
 
 
 def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
@@ -283,37 +251,36 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     """Mean error and scatter over a grid of targets: report, two maps, the postures as a view, and ``map.csv``."""
 
     stem = "map"
-    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
+    title = "Map of accuracy"
+    delivers = ("map.csv",)
 
-    def summary(self) -> Summary:
+    def facts(self) -> Iterable[tuple[str, str]]:
         found = self.result
-        off = [("Mean error without corrections", _range(found.distance))] if found.corrected else []
-        seen = [("Measured rows", str(len(found.measured.cell)))] if found.measured is not None else []
-        facts = (
-            ("Targets", grid_words(found.grid)),
-            ("Feasible", f"{int(found.targets.feasible.sum())} of {len(found.targets.map_points)}"),
-            *off,
-            ("95 % radius", f"{_range(found.radius95)} about the mean"),
-            *seen,
+        off, radius = (
+            lengths([float(np.nanmin(v)), float(np.nanmax(v))], " to ") for v in (found.distance, found.radius95)
         )
-        return Summary(f"Map of accuracy: {found.problem.name}", facts)
+        yield "Targets", grid_words(found.grid)
+        yield "Feasible", f"{int(found.targets.feasible.sum())} of {len(found.targets.map_points)}"
+        if found.corrected:
+            yield "Mean error without corrections", off
+        yield "95 % radius", f"{radius} about the mean"
+        if found.measured is not None:
+            yield "Measured rows", str(len(found.measured.cell))
 
-    def document(self) -> Document:
+    def blocks(self) -> Iterable[Block]:
         found = self.result
-        measured = [measured_block(found.measured)] if found.measured is not None else []
-        blocks = (accuracy_problem_block(self.problem, found), bias_block(found), spread_block(found), *measured)
-        return Document(self.problem.name or "Map of accuracy", found.statements, blocks)
+        yield from (accuracy_problem_block(self.problem, found), bias_block(found), accuracy_block(found))
+        if found.measured is not None:
+            yield measured_block(found.measured)
 
     def drawings(self) -> Drawings:
-        found = self.result
-        bias: Drawings = {"map_bias": partial(plot_bias, found)} if found.corrected else {}
-        return {**bias, "map_spread": partial(plot_spread_map, found)}
+        bias: Drawings = {"map_bias": partial(plot_bias, self.result)} if self.result.corrected else {}
+        return {**bias, "map_spread": partial(plot_spread_map, self.result)}
 
     def view(self) -> ArmView | None:
         found = self.result
-        if found.corrected:
-            return target_view(found.targets, found.distance.tolist(), "mean error")
-        return target_view(found.targets, found.radius95.tolist(), "95 % within")
+        sizes, what = (found.distance, "mean error") if found.corrected else (found.radius95, "95 % within")
+        return target_view(found.targets, sizes.tolist(), what)
 
     def columns(self) -> Columns:
         found, axes = self.result, self.result.semi_axes95[:, ::-1]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import partial
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -18,16 +18,16 @@ from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.errors import enumerated
 from posture_opt.report.figures.errors import plot_recheck_changes, plot_recheck_rows
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
 from posture_opt.report.page.save import Files
+from posture_opt.report.parts import parts
 from posture_opt.report.parts.parts import clear_words, note_facts, robot_facts
 from posture_opt.report.scene.arm_view import ArmView, ShownPosture
-from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Summary, Table
 from posture_opt.statements.notation import (
     angle,
     angle_error,
     count,
-    joint_unit,
     length,
     percent,
     place,
@@ -37,10 +37,10 @@ from posture_opt.statements.notation import (
 from posture_opt.units import ERROR_UNITS, fixed, number
 
 if TYPE_CHECKING:
+    from posture_opt import MeasurementPlan, Recheck
     from posture_opt.changes.visibility import Visibility
-    from posture_opt.changes.what_changed import LikelyChange, Recheck
+    from posture_opt.changes.what_changed import LikelyChange
     from posture_opt.experiments.expected_errors import ExpectedErrors
-    from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _MAX_ROWS = 60
 _UNKNOWN = "unknown"
@@ -119,26 +119,22 @@ def observability_block(plan: MeasurementPlan) -> Block:
     """The observability indices O1 to O5 at the three stages. Of the singular values σ₁ ≥ … ≥ σₗ of the scaled Jacobian
     of m rows: O1 ``(σ₁ … σₗ)^(1/l) / sqrt(m)``, O2 ``σₗ/σ₁``, O3 ``σₗ``, O4 ``σₗ²/σ₁``, O5 ``1 / Σ σ⁻²``."""
     names = plan.after.observability
-    rows = tuple((f"{n}, {_INDEX_WORDS[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
+    rows = tuple(
+        (f"{n}, {_INDEX_WORDS[n]}", *(number(v) if (v := s.observability[n]) > 1e-6 else "0" for s in _stages(plan)))
+        for n in names
+    )
     text = "Of the Jacobian, scaled so that each parameter moves the tool point equally; larger is better."
     return Block("Observability", (text, Table(("index", *_STAGES), rows)), brief=())
 
 
-def _index(value: float) -> str:
-    # An index below 1e-6 says that some combination is open.
-    return number(value) if value > 1e-6 else "0"
-
-
 def postures_block(plan: MeasurementPlan) -> Block:
     """The postures in order: joints [deg or mm], nominal tool point [mm]; those beyond the table are in the file."""
-    units = [joint_unit(joint.type) for joint in plan.robot.joints]
-    headers = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
+    headers = parts.joint_heads(plan.robot)
     if len("  ".join([*headers, "no.", *3 * ["-1000.0"]])) > 100:  # they are broken between words
         headers = [head.replace("_", " ") for head in headers]
-    factors = np.array([factor for _, factor in units])
     what = {name: cells for name, cells in (("instrument", plan.instruments), ("at", plan.places)) if any(cells)}
     rows = tuple(
-        (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point),
+        (str(k + 1), *parts.joint_cells(plan.robot, q, 2), *(fixed(float(v), 1) for v in 1e3 * point),
          *(cells[k] for cells in what.values()))
         for k, (q, point) in enumerate(zip(plan.q[:_MAX_ROWS], plan.points, strict=False))
     )  # fmt: skip
@@ -160,7 +156,9 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
     """Which postures to measure next; ``plan.csv`` has their joint values and empty columns for the readings."""
 
     stem = "plan"
-    delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
+    title = "Measurement plan"
+    plots: ClassVar = {"plan_points": plot_plan_points, "plan_errors": plot_plan_errors}
+    delivers = ("plan.csv",)
 
     def summary(self) -> Summary:
         plan = self.result
@@ -176,16 +174,9 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         )
         return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
 
-    def document(self) -> Document:
-        plan = self.result
+    def blocks(self) -> Iterable[Block]:
         makers = (gain_block, postures_block, parameters_block, planned_block, observability_block)
-        return Document(self.problem.name or "Measurement plan", plan.statements, tuple(make(plan) for make in makers))
-
-    def drawings(self) -> Drawings:
-        return {
-            "plan_points": partial(plot_plan_points, self.result),
-            "plan_errors": partial(plot_plan_errors, self.result),
-        }
+        return (make(self.result) for make in makers)
 
     def view(self) -> ArmView:
         plan = self.result
@@ -197,10 +188,7 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
         return ArmView(plan.robot, postures, "Posture", scene, points=True, line=True)
 
     def columns(self) -> Columns:
-        plan = self.result
-        joints = [(joint.name, *joint_unit(joint.type)) for joint in plan.robot.joints]
-        postures = {f"{name} [{unit}]": plan.q[:, k] * factor for k, (name, unit, factor) in enumerate(joints)}
-        return {**postures, **{f"{c} [mm]": 1e3 * plan.points[:, k] for k, c in enumerate("xyz")}}
+        return {**parts.joint_columns(self.result.robot, self.result.q), **parts.point_columns(self.result.points)}
 
     def files(self) -> Files:
         return {"plan.csv": self.result.to_csv().encode(), "plan_points.csv": points_csv(self.result).encode()}
@@ -266,6 +254,8 @@ class RecheckPresenter(Presenter["Recheck"]):
     """What changed on a calibrated arm."""
 
     stem = "recheck"
+    title = "Recheck"
+    plots: ClassVar = {"recheck_changes": plot_recheck_changes, "recheck_rows": plot_recheck_rows}
 
     def summary(self) -> Summary:
         found, among = self.result, [self.result.before, self.result.after]
@@ -278,17 +268,10 @@ class RecheckPresenter(Presenter["Recheck"]):
         )
         return Summary(f"Recheck with {count(len(found.data), 'row')}: {self.problem.name}", facts)
 
-    def document(self) -> Document:
+    def blocks(self) -> Iterable[Block]:
         found = self.result
-        further = (postures_block(found.plan),) if found.plan is not None else ()
-        blocks = (changes_block(found), *further, visible_block(found), measured_block(found))
-        return Document(found.problem.name or "Recheck", found.statements, blocks)
-
-    def drawings(self) -> Drawings:
-        return {
-            "recheck_changes": partial(plot_recheck_changes, self.result),
-            "recheck_rows": partial(plot_recheck_rows, self.result),
-        }
+        further = () if found.plan is None else (postures_block(found.plan),)
+        return changes_block(found), *further, visible_block(found), measured_block(found)
 
     def files(self) -> Files:
         plan = self.result.plan
@@ -299,9 +282,5 @@ class RecheckPresenter(Presenter["Recheck"]):
 
     def columns(self) -> Columns:
         changes = self.result.changes
-        return {
-            "kind": [c.kind for c in changes],
-            "target": [c.target for c in changes],
-            "probability": [c.probability for c in changes],
-            "tool moves [mm]": [1e3 * c.shift for c in changes],
-        }
+        named = {name: [getattr(c, name) for c in changes] for name in ("kind", "target", "probability")}
+        return {**named, "tool moves [mm]": [1e3 * c.shift for c in changes]}

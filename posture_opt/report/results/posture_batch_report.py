@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from base64 import b64decode
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.csv_text import csv_line
 from posture_opt.report.figures.batch import plot_posture_batch
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter
+from posture_opt.report.page.presenter import Columns, Presenter
 from posture_opt.report.page.save import Files, page_name
 from posture_opt.report.text.blocks import Block, Document, Linked, Summary, Table
 from posture_opt.statements.notation import count, length_unit, probability
@@ -30,11 +29,9 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
     """Many problems, one row each; ``answers.csv`` has all of them."""
 
     stem = "answers"
-    delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
-
-    @property
-    def problem_file(self) -> str:
-        return ""
+    plots: ClassVar = {"answers": plot_posture_batch}
+    delivers = ("answers.csv",)
+    problem_file = ""  # each answer has its own, on its own page
 
     def summary(self) -> Summary:
         facts = tuple((one.label or "Solved", one.text) for one in self.result.statements)
@@ -51,9 +48,6 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
             Block("Answers", (whole,), figure="answers", brief=(whole.cut(_MAX_BRIEF_ROWS),)),
         )
         return Document(f"Postures for {count(len(found.answers), 'problem')}", found.statements, blocks)
-
-    def drawings(self) -> Drawings:
-        return {"answers": partial(plot_posture_batch, self.result)}
 
     def columns(self) -> Columns:
         answers = self.result.answers

@@ -10,46 +10,8 @@ import numpy as np
 
 from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import map_csv
-from posture_opt.report.parts.parts import (
-    brief_notes,
-    input_facts,
-    joint_values,
-    note_facts,
-    robot_facts,
-    source_facts,
-    workpiece_facts,
-)
-from posture_opt.report.parts.placement_parts import (
-    features_block,
-    features_checks,
-    features_columns,
-    features_facts,
-    features_figures,
-    order_block,
-    placement_of,
-    placements_block,
-)
-from posture_opt.report.parts.posture_parts import (
-    alternatives_block,
-    bound_text,
-    helps_block,
-    path_checks,
-    path_columns,
-    path_facts,
-    path_figures,
-    points_block,
-    posture_block,
-    spread_block,
-    target_text,
-)
+from posture_opt.report.parts import parts, placement_parts, posture_parts, task_parts
 from posture_opt.report.parts.solution_checks import checks_block, explain_report
-from posture_opt.report.parts.task_parts import (
-    clearance_facts,
-    critical_size,
-    minimised_words,
-    task_budget_block,
-    task_facts,
-)
 from posture_opt.report.results import figures_of, scene_of
 from posture_opt.report.text.blocks import Block, Document, Facts, Summary, Table
 from posture_opt.report.text.text import render
@@ -82,7 +44,13 @@ class SolutionPresenter(Presenter["Solution"]):
         if found.status == "infeasible":
             said = tuple((one.label or "Why", one.text) for one in found.statements[:2])
             return Summary(f"No answer for: {asked}", said)
-        figures = path_figures if found.along_path else features_figures if found.of_features else _figures
+        figures = (
+            posture_parts.path_figures
+            if found.along_path
+            else placement_parts.features_figures
+            if found.of_features
+            else _figures
+        )
         return Summary(f"{_STATUS[found.status]} of: {asked}", tuple(figures(found)))
 
     def document(self) -> Document:
@@ -93,55 +61,81 @@ class SolutionPresenter(Presenter["Solution"]):
 
     def _blocks(self) -> tuple[Block, ...]:
         found, worst = self.result, self.result.worst
-        budget = task_budget_block(self.problem, found.task_spread)
+        budget = task_parts.task_budget_block(self.problem, found.task_spread)
         if found.of_features:
-            stations = (features_block(found), placements_block(found), order_block(found))
-            return (self.problem_block(), *stations, budget, helps_block(found), features_checks(found))
+            stations = (
+                placement_parts.features_block(found),
+                placement_parts.placements_block(found),
+                placement_parts.order_block(found),
+            )
+            return (
+                self.problem_block(),
+                *stations,
+                budget,
+                posture_parts.helps_block(found),
+                placement_parts.features_checks(found),
+            )
         if not found.along_path:
-            own = (posture_block(found), spread_block(found), budget, helps_block(found), alternatives_block(found))
+            own = (
+                posture_parts.posture_block(found),
+                posture_parts.spread_block(found),
+                budget,
+                posture_parts.helps_block(found),
+                posture_parts.alternatives_block(found),
+            )
             return (self.problem_block(), *own, checks_block(found))
         name = f"Posture with the largest standard deviation, {found.path.numbers[found.worst_index]}"
-        stations = (points_block(found), posture_block(worst, name), spread_block(worst))
-        return (self.problem_block(), *stations, budget, helps_block(found), path_checks(found))
+        stations = (
+            posture_parts.points_block(found),
+            posture_parts.posture_block(worst, name),
+            posture_parts.spread_block(worst),
+        )
+        return (
+            self.problem_block(),
+            *stations,
+            budget,
+            posture_parts.helps_block(found),
+            posture_parts.path_checks(found),
+        )
 
     def _failed_blocks(self) -> tuple[Block, ...]:
         found = self.result
         changes = tuple((change.change,) for change in found.relaxations)
         helps = Block("Changes that each make the task feasible", (Table(("change",), changes),) * (len(changes) > 1))
         nearest = () if found.of_features else (
-            points_block(found) if found.along_path else posture_block(found, "Nearest posture"),
+            posture_parts.points_block(found) if found.along_path else posture_parts.posture_block(found, "Nearest posture"),
         )  # fmt: skip
         return (helps, self.problem_block(), *nearest)
 
     def problem_block(self) -> Block:
         found, task, problem = self.result, self.result.optimisation_problem.task, self.problem
         stated = tuple(note for note in (*problem.notes, *found.notes) if isinstance(note, str))
-        every, requirements = stated, [bound_text(term) for term in task.subject_to]
-        asked, sources = self._asked(), (*source_facts(problem), *workpiece_facts(problem))
+        every, requirements = stated, [posture_parts.bound_text(term) for term in task.subject_to]
+        asked, sources = self._asked(), (*parts.source_facts(problem), *parts.workpiece_facts(problem))
         rows = (
-            *robot_facts(problem), ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim()),
-            *input_facts(problem), *([("Requirements", ", ".join(requirements))] if requirements else []),
+            *parts.robot_facts(problem), ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim()),
+            *parts.input_facts(problem), *([("Requirements", ", ".join(requirements))] if requirements else []),
             *self._clearance(), *sources,
-            *note_facts(every),
+            *parts.note_facts(every),
         )  # fmt: skip
         briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece", "Joint steps")]
-        short = (rows[0], ("Task", task.kind), *briefly, *input_facts(problem), *sources)
-        short = (*short, *brief_notes(problem, every))
+        short = (rows[0], ("Task", task.kind), *briefly, *parts.input_facts(problem), *sources)
+        short = (*short, *parts.brief_notes(problem, every))
         return Block("Problem", (Facts(rows),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:
         found = self.result
         if found.along_path:
-            return path_facts(found)
+            return posture_parts.path_facts(found)
         if found.of_features:
-            return features_facts(found)
-        direction = task_facts(found.optimisation_problem.task, found.target.direction)[1]
-        return [direction, ("Target", target_text(found.target))]
+            return placement_parts.features_facts(found)
+        direction = task_parts.task_facts(found.optimisation_problem.task, found.target.direction)[1]
+        return [direction, ("Target", posture_parts.target_text(found.target))]
 
     def _aim(self) -> str:
         task, found = self.result.optimisation_problem.task, self.result
         if not found.points:
-            return ", and ".join(minimised_words(task))
+            return ", and ".join(task_parts.minimised_words(task))
         what = CRITERIA[task.criterion].format(part=part_of(found))
         if found.along_path:
             return f"{what}, at the worst point"
@@ -149,7 +143,7 @@ class SolutionPresenter(Presenter["Solution"]):
 
     def _clearance(self) -> list[tuple[str, str]]:
         if not self.result.of_features:
-            return clearance_facts(self.result.task_spread)
+            return task_parts.clearance_facts(self.result.task_spread)
         clearance = self.result.task.clearance
         return [] if clearance is None else [("Clearance", f"{stated_length(clearance)} (radial)")]
 
@@ -165,7 +159,7 @@ class SolutionPresenter(Presenter["Solution"]):
         drawings: Drawings = {"arm": partial(scene_of("arm_figure").plot_solution, found.first)}
         if found.status == "infeasible":
             return drawings
-        if self.result.of_features and placement_of(found).free.sum() > 1:
+        if self.result.of_features and placement_parts.placement_of(found).free.sum() > 1:
             drawings = {"bench": partial(figures_of("bench").plot_bench, found), **drawings}
         drawings |= {
             "cloud": partial(figures_of("cloud").plot_cross_section, worst.spread, worst.task_spread),
@@ -208,8 +202,8 @@ class SolutionPresenter(Presenter["Solution"]):
     def columns(self) -> Columns:
         found = self.result
         if self.result.along_path:
-            return path_columns(found)
-        return features_columns(found) if self.result.of_features else _one_columns(found)
+            return posture_parts.path_columns(found)
+        return placement_parts.features_columns(found) if self.result.of_features else _one_columns(found)
 
     def delivered(self) -> tuple[str, ...]:
         return ("postures.csv",) if self.result.along_path else ()
@@ -220,7 +214,7 @@ class SolutionPresenter(Presenter["Solution"]):
         found, joints = self.result, self.result.optimisation_problem.robot.joints
         digits = joint_digits(found.problem, found.postures)
         decimals = max(6, *(digits.decimals(joint, 1 / joint_unit(joint.type)[1]) for joint in joints))
-        return {"postures.csv": map_csv(path_columns(found), len(joints), decimals).encode()}
+        return {"postures.csv": map_csv(posture_parts.path_columns(found), len(joints), decimals).encode()}
 
     def explain(self) -> str:
         return render(explain_report(self.result.worst))
@@ -229,9 +223,9 @@ class SolutionPresenter(Presenter["Solution"]):
 def _figures(found: Solution) -> list[tuple[str, str]]:
     critical, p_success = found.critical, found.success_probability
     return [
-        ("Posture", joint_values(found.problem, found.q)),
+        ("Posture", parts.joint_values(found.problem, found.q)),
         ("Tool point", place(found.spread.position)),
-        ("Standard deviation", f"{critical_size(critical)} {part_of(found)}"),
+        ("Standard deviation", f"{task_parts.critical_size(critical)} {part_of(found)}"),
         ("95 % radius", f"{length(critical.radius95)} from the target"),
         *([] if p_success is None else [("Success probability", probability(p_success))]),
     ]

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from posture_opt.selection.answer.solution import Solution
-    from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt import Solution, Spread
 
 MAX_CALLOUTS = 3
 _COLUMN, _ROW, _EDGE, _SCALE = 2.3, 0.175, 0.12, 0.95  # inch: column, line of it, margin, room for axes and scale

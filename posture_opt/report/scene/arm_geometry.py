@@ -17,10 +17,9 @@ from posture_opt.report.text.words import REGIONS
 from posture_opt.statements.notation import stated_length
 
 if TYPE_CHECKING:
+    from posture_opt import Solution, Spread
     from posture_opt.collision.scene import Scene
-    from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.program.task_target import TaskTarget
-    from posture_opt.uncertainty.spread.spread import Spread
 
 ARROW_SHARE = 0.3  # of the arm's extent: the arrow of the direction of the task
 _OBSTACLE_MARGIN = 0.35  # of the arm's extent: so far around it obstacles are drawn

@@ -31,9 +31,8 @@ from posture_opt.statements.notation import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from posture_opt import Robot, Spread
     from posture_opt.collision.scene import Scene
-    from posture_opt.robot.robot import Robot
-    from posture_opt.uncertainty.spread.spread import Spread
 
 _SHAFT_RADIUS, _HEAD_RADIUS = 0.028, 0.075  # radii of an arrow of length 1
 

@@ -20,15 +20,10 @@ from posture_opt.uncertainty.spread.spread import propagate, relative_spread
 from posture_opt.units import ERROR_UNITS, plus_minus
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.calibration import Calibration
+    from posture_opt import Calibration, Comparison, Diagnosis, Solution, Spread, TargetMap
     from posture_opt.diagnosis.causes.causes import Finding
-    from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.comparison.comparison import Comparison
     from posture_opt.selection.maps.map_points import MapPoint
-    from posture_opt.selection.maps.target_map import TargetMap
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.uncertainty.spread.spread import Spread
 
 
 def owner_of(parameter: str, arm: Arm) -> str:
