@@ -88,9 +88,10 @@ def spread_block(solution: Solution) -> Block:
         of = solution.orientation
         turned = [("Orientation", f"tilt {angle(of.tilt)} (worst axis), spin {angle(of.spin)} (standard deviations)")]
     rows = (
-        *seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among),
-        parts.first_order_fact(critical.sigma_max, linear, among), *turned, parts.method_fact(spread), *parts.relative_fact(spread),
-    )  # fmt: skip
+        *(*seen, *parts.ellipse_facts(spread, among), parts.mean_fact(spread, among)),
+        *(parts.first_order_fact(critical.sigma_max, linear, among), *turned),
+        *(parts.method_fact(spread), *parts.relative_fact(spread)),
+    )
     contributions = main_fact(solution.task_spread.budget_groups)
     brief = Facts((*seen, contributions))
     return Block("Spread of the tool point", (Facts(rows),), figure="cloud", brief=(brief,))

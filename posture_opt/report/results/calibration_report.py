@@ -6,17 +6,17 @@ Angles are in deg, their errors in mrad, lengths in mm, with as many decimals as
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.calibration.calibration_statements import CORRELATION_SHOWN
 from posture_opt.numerics import Json
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.model_tables import (
     comparison_blocks,
@@ -36,7 +36,7 @@ from posture_opt.report.results.assessment_report import (
 from posture_opt.report.results.comparison_report import comparison_drawings
 from posture_opt.report.scene.arm_view import VIEWED_ROWS, ArmView, ShownPosture
 from posture_opt.report.scene.posture_views import correction_marks, task_posture
-from posture_opt.report.text.blocks import Block, Document, Facts, Item, Summary, Table
+from posture_opt.report.text.blocks import Block, Facts, Item, Table
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements.notation import count, decimals_of, length, length_unit, sentence
 from posture_opt.units import ERROR_UNITS, fixed, number
@@ -44,7 +44,6 @@ from posture_opt.units import ERROR_UNITS, fixed, number
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.second_file import OtherFile
-    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.evaluation import Evaluation
 
 
@@ -65,7 +64,7 @@ def parameters_block(found: Calibration) -> Block:
     )
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=2)
-    return Block("Parameters", (table, *_correlations(found, shown)), brief=())
+    return Block("Parameters", (table, *_correlations(found, shown)))
 
 
 def places_blocks(found: Calibration) -> list[Block]:
@@ -146,6 +145,10 @@ def _correlations(found: Calibration, shown: list[int]) -> list[Table]:
     return [Table(("estimate", "with", "correlation"), rows, 2)] if rows else []
 
 
+_OPEN = "What the data do not determine"
+"""The only one of the detailed blocks that a short report has."""
+
+
 def undetermined_block(found: Calibration) -> Block:
     """Condition number of the scaled Jacobian and observability indices; the statements name what is undetermined."""
     known = found.identifiability
@@ -156,35 +159,7 @@ def undetermined_block(found: Calibration) -> Block:
         ("Condition", f"{number(known.condition)} (good below 100)"),
         ("Observability", indices),
     )
-    return Block("What the data do not determine", (Facts(facts),))
-
-
-def calibration_document(shown: CalibrationPresenter) -> Document:
-    """The statements of a calibration, and its tables: errors, parameters, residuals, the spread, the planned task."""
-    found, evaluation = shown.result, shown.evaluation
-    data, test = found.request.data, found.test
-    facts = [
-        *robot_facts(shown.problem),
-        ("File", Path(data.file).name or "table"),
-        ("Rows", rows_words(data, shown.problem.robot)),
-        *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
-        ("Instrument", instrument_words(shown.problem, data)),
-        ("Parameters", determined_words(found)),
-    ]
-    models = {MODEL_NAMES[name]: getattr(found, name) for name in ("nominal", "calibrated")}
-    blocks = (
-        Block("What the simulation gets wrong", (error_table(models, data),)),
-        *(replace(block, brief=()) for block in assessment_blocks(evaluation.assessment)),
-        *(replace(block, brief=()) for block in spread_check_blocks(evaluation.spread_check)),
-        parameters_block(found),
-        *(replace(block, brief=()) for block in places_blocks(found)),
-        undetermined_block(found),
-        Block("Outliers", _outliers(found), brief=()),
-        Block("Test file", () if test is None else _test_tables(test), brief=()),
-        *(replace(block, brief=()) for block in comparison_blocks(evaluation.comparison)),
-        Block("Data", (Facts(tuple(facts)),)),
-    )
-    return Document(shown.problem.name or "Calibration", found.statements, blocks)
+    return Block(_OPEN, (Facts(facts),))
 
 
 def _outliers(found: Calibration) -> tuple[Item, ...]:
@@ -206,32 +181,49 @@ class CalibrationPresenter(Presenter["Calibration"]):
     """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
 
     stem = "calibration"
-    delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
-
-    @property
-    def problem(self) -> ProblemData:
-        return problem_of(self.result.request)
+    title = "Calibration"
+    asked = "request"
+    delivers = ("calibrated.yaml",)
 
     @property
     def evaluation(self) -> Evaluation:
         evaluated: Evaluation = self.result.evaluation
         return evaluated
 
-    def summary(self) -> Summary:
-        found = self.result
-        facts = (
+    def facts(self) -> Iterable[tuple[str, str]]:
+        found, (before, after) = self.result, (mm(s.rms) for s in (self.result.nominal, self.result.calibrated))
+        return (
             ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
-            (
-                found.request.data.kind.error_words.capitalize(),
-                f"{mm(found.nominal.rms)} mm RMS before calibration, {mm(found.calibrated.rms)} mm after",
-            ),
+            (found.request.data.kind.error_words.capitalize(), f"{before} mm RMS before calibration, {after} mm after"),
             ("", "(cross-validated)"),
             ("Parameters", determined_words(found)),
         )
-        return Summary(f"Calibration: {self.problem.name}", facts)
 
-    def document(self) -> Document:
-        return calibration_document(self)
+    def blocks(self) -> Iterable[Block]:
+        found, evaluation, problem = self.result, self.evaluation, self.problem
+        data, test = found.request.data, found.test
+        facts = (
+            *robot_facts(problem),
+            ("File", Path(data.file).name or "table"),
+            ("Rows", rows_words(data, problem.robot)),
+            *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
+            ("Instrument", instrument_words(problem, data)),
+            ("Parameters", determined_words(found)),
+        )
+        models = {MODEL_NAMES[name]: getattr(found, name) for name in ("nominal", "calibrated")}
+        detailed = (
+            *assessment_blocks(evaluation.assessment),
+            *spread_check_blocks(evaluation.spread_check),
+            parameters_block(found),
+            *places_blocks(found),
+            undetermined_block(found),
+            Block("Outliers", _outliers(found)),
+            Block("Test file", () if test is None else _test_tables(test)),
+            *comparison_blocks(evaluation.comparison),
+        )
+        yield Block("What the simulation gets wrong", (error_table(models, data),))
+        yield from (block if block.title == _OPEN else replace(block, brief=()) for block in detailed)
+        yield Block("Data", (Facts(facts),))
 
     def drawings(self) -> Drawings:
         return {

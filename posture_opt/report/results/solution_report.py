@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -44,83 +45,70 @@ class SolutionPresenter(Presenter["Solution"]):
         if found.status == "infeasible":
             said = tuple((one.label or "Why", one.text) for one in found.statements[:2])
             return Summary(f"No answer for: {asked}", said)
-        figures = (
-            posture_parts.path_figures
-            if found.along_path
-            else placement_parts.features_figures
-            if found.of_features
-            else _figures
+        return Summary(f"{_STATUS[found.status]} of: {asked}", tuple(self.facts()))
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        found = self.result
+        if found.along_path:
+            return posture_parts.path_figures(found)
+        if found.of_features:
+            return placement_parts.features_figures(found)
+        success = found.success_probability
+        return (
+            ("Posture", parts.joint_values(found.problem, found.q)),
+            ("Tool point", place(found.spread.position)),
+            ("Standard deviation", f"{task_parts.critical_size(found.critical)} {part_of(found)}"),
+            ("95 % radius", f"{length(found.critical.radius95)} from the target"),
+            *([] if success is None else [("Success probability", probability(success))]),
         )
-        return Summary(f"{_STATUS[found.status]} of: {asked}", tuple(figures(found)))
 
     def document(self) -> Document:
-        found = self.result
-        title = self.problem.name or ("Postures along a path" if found.along_path else "Posture selection")
-        blocks = self._failed_blocks() if found.status == "infeasible" else self._blocks()
-        return Document(title, found.statements, blocks)
+        title = "Postures along a path" if self.result.along_path else "Posture selection"
+        return Document(self.problem.name or title, self.result.statements, tuple(self.blocks()))
 
-    def _blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> Iterable[Block]:
         found, worst = self.result, self.result.worst
-        budget = task_parts.task_budget_block(self.problem, found.task_spread)
+        if found.status == "infeasible":
+            # Which changes would help, what was asked, and what comes nearest.
+            changes = tuple((change.change,) for change in found.relaxations)
+            helps = (Table(("change",), changes),) * (len(changes) > 1)
+            yield from (Block("Changes that each make the task feasible", helps), self.problem_block())
+            if found.along_path:
+                yield posture_parts.points_block(found)
+            elif not found.of_features:
+                yield posture_parts.posture_block(found, "Nearest posture")
+            return
+        yield self.problem_block()
+        shared = (task_parts.task_budget_block(self.problem, found.task_spread), posture_parts.helps_block(found))
         if found.of_features:
-            stations = (
-                placement_parts.features_block(found),
-                placement_parts.placements_block(found),
-                placement_parts.order_block(found),
-            )
-            return (
-                self.problem_block(),
-                *stations,
-                budget,
-                posture_parts.helps_block(found),
-                placement_parts.features_checks(found),
-            )
-        if not found.along_path:
-            own = (
-                posture_parts.posture_block(found),
-                posture_parts.spread_block(found),
-                budget,
-                posture_parts.helps_block(found),
-                posture_parts.alternatives_block(found),
-            )
-            return (self.problem_block(), *own, checks_block(found))
-        name = f"Posture with the largest standard deviation, {found.path.numbers[found.worst_index]}"
-        stations = (
-            posture_parts.points_block(found),
-            posture_parts.posture_block(worst, name),
-            posture_parts.spread_block(worst),
-        )
-        return (
-            self.problem_block(),
-            *stations,
-            budget,
-            posture_parts.helps_block(found),
-            posture_parts.path_checks(found),
-        )
-
-    def _failed_blocks(self) -> tuple[Block, ...]:
-        found = self.result
-        changes = tuple((change.change,) for change in found.relaxations)
-        helps = Block("Changes that each make the task feasible", (Table(("change",), changes),) * (len(changes) > 1))
-        nearest = () if found.of_features else (
-            posture_parts.points_block(found) if found.along_path else posture_parts.posture_block(found, "Nearest posture"),
-        )  # fmt: skip
-        return (helps, self.problem_block(), *nearest)
+            yield from (placement_parts.features_block(found), placement_parts.placements_block(found))
+            yield from (placement_parts.order_block(found), *shared, placement_parts.features_checks(found))
+        elif found.along_path:
+            name = f"Posture with the largest standard deviation, {found.path.numbers[found.worst_index]}"
+            yield from (posture_parts.points_block(found), posture_parts.posture_block(worst, name))
+            yield from (posture_parts.spread_block(worst), *shared, posture_parts.path_checks(found))
+        else:
+            yield from (posture_parts.posture_block(found), posture_parts.spread_block(found), *shared)
+            yield from (posture_parts.alternatives_block(found), checks_block(found))
 
     def problem_block(self) -> Block:
+        """What was asked."""
         found, task, problem = self.result, self.result.optimisation_problem.task, self.problem
         stated = tuple(note for note in (*problem.notes, *found.notes) if isinstance(note, str))
-        every, requirements = stated, [posture_parts.bound_text(term) for term in task.subject_to]
+        requirements = [posture_parts.bound_text(term) for term in task.subject_to]
         asked, sources = self._asked(), (*parts.source_facts(problem), *parts.workpiece_facts(problem))
+        robot, inputs = parts.robot_facts(problem), parts.input_facts(problem)
+        clearances = task_parts.clearance_facts(found.task_spread)
+        if found.of_features:  # only the clearance that is theirs by default
+            clearance = found.task.clearance
+            clearances = [] if clearance is None else [("Clearance", f"{stated_length(clearance)} (radial)")]
         rows = (
-            *parts.robot_facts(problem), ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim()),
-            *parts.input_facts(problem), *([("Requirements", ", ".join(requirements))] if requirements else []),
-            *self._clearance(), *sources,
-            *parts.note_facts(every),
-        )  # fmt: skip
+            *(*robot, ("Task", f"{task.kind} - {task.summary}"), *asked, ("Minimised", self._aim()), *inputs),
+            *([("Requirements", ", ".join(requirements))] if requirements else []),
+            *(*clearances, *sources, *parts.note_facts(stated)),
+        )
         briefly = [row for row in asked if row[0] not in ("Direction", "Features", "Workpiece", "Joint steps")]
-        short = (rows[0], ("Task", task.kind), *briefly, *parts.input_facts(problem), *sources)
-        short = (*short, *parts.brief_notes(problem, every))
+        short = (robot[0], ("Task", task.kind), *briefly, *inputs, *sources, *parts.brief_notes(problem, stated))
         return Block("Problem", (Facts(rows),), brief=(Facts(short),))
 
     def _asked(self) -> list[tuple[str, str]]:
@@ -140,12 +128,6 @@ class SolutionPresenter(Presenter["Solution"]):
         if found.along_path:
             return f"{what}, at the worst point"
         return COMBINED["success"] if found.combine == "success" else f"{what}: {COMBINED[found.combine]}"
-
-    def _clearance(self) -> list[tuple[str, str]]:
-        if not self.result.of_features:
-            return task_parts.clearance_facts(self.result.task_spread)
-        clearance = self.result.task.clearance
-        return [] if clearance is None else [("Clearance", f"{stated_length(clearance)} (radial)")]
 
     def drawings(self) -> Drawings:
         found, worst = self.result, self.result.worst
@@ -170,40 +152,46 @@ class SolutionPresenter(Presenter["Solution"]):
         return drawings
 
     def view(self) -> ArmView:
-        found, scene = self.result, self.problem.scene
-        kind, stem = "Posture", "alternative"
-        every, names = self._shown_alternatives() if not found.points else (found.stations, found.names)
-        if self.result.of_features:
-            kind, stem = "Feature", "feature"
-        elif self.result.along_path:
-            kind, stem, names = "Point of the path", "point", [f"point {k}" for k in range(1, len(every) + 1)]
+        """The answer and its alternatives; a posture for each feature; the listed points, coloured by their scatter."""
+        found, path, values = self.result, self.result.along_path, ""
+        kind, stem, names = "Feature", "feature", found.names
+        every: Sequence[Solution] = found.stations
+        if path:
+            kind, stem, names = "Point of the path", "point", tuple(f"point {k}" for k in range(1, len(every) + 1))
+        elif not found.points:
+            kind, stem = "Posture", "alternative"
+            failed, joints = found.status == "infeasible", found.optimisation_problem.robot.joint_names
+            others = () if failed else found.alternatives[1:]
+            every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
+            ranked = (f"alternative {rank}" for rank in range(2, len(every) + 1))
+            names = ("nearest posture" if failed else "best posture", *ranked)
         postures = scene_of("posture_views").solution_postures(every, names, stem)
-        values = ""
-        if self.result.along_path:
+        if path:
             unit, factor = length_unit([float(s) for s in found.motion.sigma])
             postures = tuple(
                 replace(posture, value=round(factor * station.critical.sigma_max, 5))
                 for posture, station in zip(postures, found.stations, strict=True)
             )
             values = f"standard deviation [{unit}]"
-        robot, several = found.optimisation_problem.robot, bool(found.points)
+        robot, points = found.optimisation_problem.robot, bool(found.points)
         view: ArmView = scene_of("arm_view").ArmView(
-            robot, postures, kind, scene, points=several, line=self.result.along_path, values=values
+            robot, postures, kind, self.problem.scene, points=points, line=path, values=values
         )
         return view
 
-    def _shown_alternatives(self) -> tuple[list[Solution], list[str]]:
-        found, joints = self.result, self.result.optimisation_problem.robot.joint_names
-        others = found.alternatives[1:] if found.status != "infeasible" else ()
-        every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
-        names = ["best posture" if found.status != "infeasible" else "nearest posture"]
-        return every, [*names, *(f"alternative {rank}" for rank in range(2, len(every) + 1))]
-
     def columns(self) -> Columns:
         found = self.result
-        if self.result.along_path:
+        if found.along_path:
             return posture_parts.path_columns(found)
-        return placement_parts.features_columns(found) if self.result.of_features else _one_columns(found)
+        if found.of_features:
+            return placement_parts.features_columns(found)
+        # The distinct postures that are locally best, the best first.
+        best, robot = found.alternatives, found.optimisation_problem.robot
+        return {
+            **parts.joint_columns(robot, np.array([[a.posture[name] for name in robot.joint_names] for a in best])),
+            **parts.point_columns(np.array([a.position for a in best])),
+            "sigma_max [mm]": [1e3 * a.sigma_max for a in best],
+        }
 
     def delivered(self) -> tuple[str, ...]:
         return ("postures.csv",) if self.result.along_path else ()
@@ -218,22 +206,3 @@ class SolutionPresenter(Presenter["Solution"]):
 
     def explain(self) -> str:
         return render(explain_report(self.result.worst))
-
-
-def _figures(found: Solution) -> list[tuple[str, str]]:
-    critical, p_success = found.critical, found.success_probability
-    return [
-        ("Posture", parts.joint_values(found.problem, found.q)),
-        ("Tool point", place(found.spread.position)),
-        ("Standard deviation", f"{task_parts.critical_size(critical)} {part_of(found)}"),
-        ("95 % radius", f"{length(critical.radius95)} from the target"),
-        *([] if p_success is None else [("Success probability", probability(p_success))]),
-    ]
-
-
-def _one_columns(solution: Solution) -> dict[str, list[float]]:
-    found = solution.alternatives
-    joints = {joint.name: joint_unit(joint.type) for joint in solution.optimisation_problem.robot.joints}
-    postures = {f"{name} [{unit}]": [a.posture[name] * k for a in found] for name, (unit, k) in joints.items()}
-    points = {f"{c} [mm]": [1e3 * float(a.position[i]) for a in found] for i, c in enumerate("xyz")}
-    return {**postures, **points, "sigma_max [mm]": [1e3 * a.sigma_max for a in found]}
