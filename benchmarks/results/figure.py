@@ -6,17 +6,8 @@ import math
 from typing import Any
 
 from benchmarks.results.section import Chart, Section
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    legend_below,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.page.style import legend_below, new_figure, styled
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 MARKERS = ("o", "s", "^", "D", "v")

@@ -11,7 +11,7 @@ from posture_opt.collision.narrowest import Gap
 from posture_opt.collision.scene import Scene
 from posture_opt.explore.drawing import add_handle, add_lines, add_solid
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import VERMILLION
+from posture_opt.report.page.colours import VERMILLION
 from posture_opt.report.scene.arm_geometry import ArmGeometry, obstacles_near
 
 if TYPE_CHECKING:

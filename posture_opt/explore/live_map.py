@@ -15,7 +15,7 @@ from posture_opt.explore.heat import Heat, heat_of, passes_of
 from posture_opt.explore.other_process import OtherProcess
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
-from posture_opt.report.page.style import VERMILLION, mapped_colours
+from posture_opt.report.page.colours import VERMILLION, mapped_colours
 from posture_opt.statements.notation import sentence, stated
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from posture_opt.explore.drawing import (
 from posture_opt.explore.live_cell import LiveCell
 from posture_opt.explore.viewpoint import look_at
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import BLUE, PURPLE, VERMILLION
+from posture_opt.report.page.colours import BLUE, PURPLE, VERMILLION
 from posture_opt.report.scene.arm_geometry import (
     ARROW_SHARE,
     ArmGeometry,

@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 from posture_opt.problem.problem import Problem
-from posture_opt.report.page.style import mapped_colours
+from posture_opt.report.page.colours import mapped_colours
 from posture_opt.report.scene.arm_geometry import enlargement
 from posture_opt.report.scene.arm_solids import ArmSolids
 

@@ -21,7 +21,7 @@ from posture_opt.explore.stations import Stations
 from posture_opt.explore.task_panel import TaskPanel
 from posture_opt.numerics import Array
 from posture_opt.problem.problem import Problem
-from posture_opt.report.page.style import BLUE, LIGHT
+from posture_opt.report.page.colours import BLUE, LIGHT
 from posture_opt.statements.notation import length, sentence
 
 if TYPE_CHECKING:

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.report.page.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    VERMILLION,
-    legend_below,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREY, ORANGE, VERMILLION
+from posture_opt.report.page.style import legend_below, legend_beside, new_figure, styled
 from posture_opt.report.text.words import source_words
 from posture_opt.statements.notation import length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, new_figure, styled
+from posture_opt.report.page.colours import COLOUR_MAP, GREY, VERMILLION
+from posture_opt.report.page.style import legend_beside, new_figure, styled
 from posture_opt.selection.answer.placement import COORDINATES
 from posture_opt.statements.notation import length_unit
 

@@ -13,18 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import (
-    BLUE,
-    CLEARANCE_COLOUR,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    legend_below,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.page.style import legend_below, legend_beside, new_figure, styled
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.statements.notation import length, length_unit, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor

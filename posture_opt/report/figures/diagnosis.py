@@ -20,17 +20,8 @@ from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import TURN, Array, rms
 from posture_opt.report.figures.cloud import decimals
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    MODEL_COLOURS,
-    MODEL_DASHES,
-    Look,
-    legend_below,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS
+from posture_opt.report.page.style import MODEL_DASHES, Look, legend_below, new_figure, styled
 from posture_opt.report.parts.diagnosis_tables import MODELS
 from posture_opt.report.text.words import p_value
 from posture_opt.units import number

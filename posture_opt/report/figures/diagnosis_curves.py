@@ -19,7 +19,8 @@ from posture_opt.model.effects.base.multiples import cycles_text
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import MEAN, draw_trend
-from posture_opt.report.page.style import BLUE, GREEN, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.page.style import legend_below, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

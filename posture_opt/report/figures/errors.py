@@ -10,20 +10,8 @@ import numpy as np
 
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.cloud import clearance_lines, decimals, frame_target, mark_origin, view_basis
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    LIGHT,
-    MODEL_COLOURS,
-    MODEL_DASHES,
-    ORANGE,
-    PURPLE,
-    Look,
-    legend_below,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREEN, LIGHT, MODEL_COLOURS, ORANGE, PURPLE
+from posture_opt.report.page.style import MODEL_DASHES, Look, legend_below, legend_beside, new_figure, styled
 from posture_opt.report.parts.model_tables import distinct_columns
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements.notation import length, length_unit

@@ -10,18 +10,8 @@ import numpy as np
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
 from posture_opt.report.figures.cloud import decimals
-from posture_opt.report.page.style import (
-    BLUE,
-    GREY,
-    LIGHT,
-    LIMIT_COLOUR,
-    ORANGE,
-    Look,
-    legend_below,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREY, LIGHT, LIMIT_COLOUR, ORANGE
+from posture_opt.report.page.style import Look, legend_below, legend_beside, new_figure, styled
 from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:

@@ -13,18 +13,8 @@ from posture_opt.measurements.measurements import rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILLION,
-    Look,
-    legend_below,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from posture_opt.report.page.style import Look, legend_below, legend_beside, new_figure, styled
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
 from posture_opt.validation.prediction import ErrorSources

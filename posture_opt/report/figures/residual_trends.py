@@ -14,19 +14,8 @@ import numpy as np
 from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residuals import TITLES, chosen_rows, dots_look
-from posture_opt.report.page.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    MODEL_COLOURS,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    Look,
-    legend_below,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.page.style import Look, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

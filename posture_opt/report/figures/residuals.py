@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, round_below, stacked_rows
-from posture_opt.report.page.style import MODEL_COLOURS, new_figure, styled
+from posture_opt.report.page.colours import MODEL_COLOURS
+from posture_opt.report.page.style import new_figure, styled
 from posture_opt.report.scene.arm_geometry import enlargement
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number

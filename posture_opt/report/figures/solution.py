@@ -10,20 +10,8 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.cloud import critical_axis, with_letter
-from posture_opt.report.page.style import (
-    BLUE,
-    COLOUR_MAP,
-    GREEN,
-    GREY,
-    LIGHT,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    label_of,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, COLOUR_MAP, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
+from posture_opt.report.page.style import label_of, legend_beside, new_figure, styled
 from posture_opt.report.parts.task_parts import main_groups, named, others_words
 from posture_opt.report.text.words import PARTS
 from posture_opt.statements.notation import joint_unit, length_unit, percent

@@ -7,18 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.report.page.style import (
-    BLUE,
-    GREY,
-    LIGHT,
-    MODEL_COLOURS,
-    MODEL_DASHES,
-    VERMILLION,
-    legend_below,
-    legend_beside,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, GREY, LIGHT, MODEL_COLOURS, VERMILLION
+from posture_opt.report.page.style import MODEL_DASHES, legend_below, legend_beside, new_figure, styled
 from posture_opt.report.text.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import RELIABILITY_LEVELS
 

@@ -16,18 +16,8 @@ from numpy.typing import NDArray
 
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import (
-    BLUE,
-    COLOUR_MAP,
-    LIGHT,
-    ORANGE,
-    VERMILLION,
-    WIDTH,
-    Look,
-    legend_below,
-    new_figure,
-    styled,
-)
+from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
+from posture_opt.report.page.style import WIDTH, Look, legend_below, new_figure, styled
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.selection.maps.map_collisions import SELF_COLLISION
 from posture_opt.statements.notation import length_unit

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array, Mask, round_below
-from posture_opt.report.page.style import GREY, VERMILLION, WIDTH, Look, new_figure, styled
+from posture_opt.report.page.colours import GREY, VERMILLION
+from posture_opt.report.page.style import WIDTH, Look, new_figure, styled
 from posture_opt.report.scene.arm_geometry import ARROW_SHARE, ArmGeometry
 from posture_opt.report.scene.arm_solids import COLOURS, ArmSolids, Solid
 from posture_opt.report.scene.shaded_picture import Camera, best_camera, picture_of

@@ -16,7 +16,7 @@ import numpy as np
 from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_facets
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import BLUE, GREEN, ORANGE, VERMILLION
+from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, VERMILLION
 from posture_opt.robot.link_capsules import STAND_IN_RADIUS_RATIO, stand_in, tool_capsule
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
