@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.report.page.colours import BLUE, GREY, ORANGE, VERMILLION
-from posture_opt.report.page.style import legend_below, legend_beside, new_figure, styled
+from posture_opt.report.page.style import legend, new_axes, new_figure, styled
 from posture_opt.report.text.words import source_words
 from posture_opt.statements.notation import length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid
@@ -36,7 +36,7 @@ def plot_batch(problem: ProblemData, found: Batch) -> Figure:
     figure = new_figure({1: 5.0, 2: 4.6}.get(len(pairs), 3.8))
     for k, pair in enumerate(pairs):
         _panel(figure.add_subplot(1, len(pairs), k + 1), problem, found, pair)
-    (legend_beside if len(pairs) == 1 else legend_below)(figure)
+    legend(figure, beside=len(pairs) == 1)
     return figure
 
 
@@ -92,8 +92,7 @@ def plot_posture_batch(found: PostureBatch) -> Figure:
     logarithmic where answers differ by orders of magnitude; problems without a solution are in the report only."""
     answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
     unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
-    figure = new_figure(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
-    axes = figure.add_subplot()
+    figure, axes = new_axes(max(2.0, 0.25 * min(len(answers), _MAX_NAMED_PROBLEMS) + 1.2))
     axes.plot([factor * answer.sigma_max for answer in answers], range(len(answers)), "o", color=BLUE, ms=4)
     axes.set_ylim(-0.5, max(len(answers), 1) - 0.5)  # no dot on the frame
     if len(answers) <= _MAX_NAMED_PROBLEMS:

@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import COLOUR_MAP, GREY, VERMILLION
-from posture_opt.report.page.style import legend_beside, new_figure, styled
+from posture_opt.report.page.style import legend, new_axes, styled
 from posture_opt.selection.answer.placement import COORDINATES
 from posture_opt.statements.notation import length_unit
 
@@ -36,8 +36,7 @@ def plot_bench(found: Solution) -> Figure:
     bench = found.bench
     assert bench is not None, "a map has two axes"
     assert found.placement is not None
-    figure = new_figure(5.2)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(5.2)
     _draw_map(figure, axes, found, bench)
     level = bench.axes == (0, 1)
     if level:
@@ -54,7 +53,7 @@ def plot_bench(found: Solution) -> Figure:
             f"{COORDINATES[k]} {_UNIT_FACTORS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others
         )
         axes.set_title(f"at {held}, as in the answer")
-    legend_beside(figure)
+    legend(figure, beside=True)
     return figure
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, CLEARANCE_COLOUR, GREY, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.style import legend_below, legend_beside, new_figure, styled
+from posture_opt.report.page.style import Look, legend, new_axes, new_figure, square, styled
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.statements.notation import length, length_unit, stated_length
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _PARALLEL_SINE = 1e-6  # sine of the angle below which two lines are one
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 def axis_name(axis: Array, direction: Array | None = None) -> str:
@@ -38,7 +37,7 @@ def axis_name(axis: Array, direction: Array | None = None) -> str:
     letter = line_words(axis)
     if len(letter) == 1:
         return letter
-    if direction is not None and _parallel(axis, direction):
+    if direction is not None and np.linalg.norm(np.cross(axis, direction)) < _PARALLEL_SINE:
         return "along the direction of the task"
     across = direction is not None and abs(float(axis @ direction)) < _PARALLEL_SINE
     where = "horizontally" if abs(float(axis[2])) < _PARALLEL_SINE else "upwards"
@@ -53,7 +52,7 @@ def levelled(plane: Array) -> Array:
     letters = [e for e in np.eye(3) if abs(float(e @ normal)) < _PARALLEL_SINE]
     if len(letters) == 2:
         return np.array(letters)
-    first = np.cross(_UP, normal)
+    first = np.cross([0.0, 0.0, 1.0], normal)
     first = first / np.linalg.norm(first)
     first = first * np.sign(first[np.argmax(np.abs(first))])
     second = np.cross(normal, first)
@@ -70,11 +69,6 @@ def with_letter(words: str, axis: Array) -> str:
     """Words for an axis, and its letter where it is one of the world's."""
     letter = line_words(axis)
     return f"{words} ({letter})" if len(letter) == 1 else words
-
-
-def _parallel(a: Array, b: Array) -> bool:
-    """Whether two unit vectors (3,) lie along one line."""
-    return bool(np.linalg.norm(np.cross(a, b)) < _PARALLEL_SINE)
 
 
 def decimals(axis: Axis) -> None:
@@ -109,12 +103,15 @@ def plot_cloud(cloud: Cloud) -> Figure:
         if k == 1 and len(views) > 1 and seen is not None and seen.critical.within != "all":
             axes.set_title("seen along the direction of the task")
         _view(axes, cloud, B, offsets @ B.T, scale)
-        _task_marks(axes, seen, B, scale, half)
+        # What the task counts is drawn in a view that shows all of it.
+        if seen is not None and np.allclose(seen.critical.basis @ B.T @ B, seen.critical.basis, atol=1e-9):
+            if len(seen.critical.covariance) == 1:
+                _band(axes, seen, B, scale, half)
+            clearance_lines(axes, seen, B, scale, half)
         direction = None if seen is None else seen.direction
-        axes.set(xlabel=f"{axis_name(B[0], direction)} [{unit}]", ylabel=f"{axis_name(B[1], direction)} [{unit}]")
-        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        square(axes, half, *(f"{axis_name(b, direction)} [{unit}]" for b in B))
         axes.locator_params(nbins=5 if len(views) > 1 else 9)
-    (legend_beside if len(views) == 1 else legend_below)(figure)
+    legend(figure, beside=len(views) == 1)
     return figure
 
 
@@ -131,15 +128,6 @@ def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
     if seen is not None and seen.critical.within != "all":
         frame = np.vstack([levelled(seen.axes[:2]), seen.direction])
     return [frame[list(pair)] for pair in combinations(range(3), 2)]
-
-
-def _task_marks(axes: Axes, seen: TaskSpread | None, B: Array, scale: float, half: float) -> None:
-    """The direction that counts and the clearance, in a view that shows all that counts; ``B`` (2, 3)."""
-    if seen is None or not np.allclose(seen.critical.basis @ B.T @ B, seen.critical.basis, atol=1e-9):
-        return
-    if len(seen.critical.covariance) == 1:
-        _band(axes, seen, B, scale, half)
-    clearance_lines(axes, seen, B, scale, half)
 
 
 def _view(axes: Axes, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
@@ -169,8 +157,7 @@ def plot_cross_section(
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
     ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
     unit, scale = length_unit([float(ellipse.semi_axes[-1])])
-    figure = new_figure(5.0)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(5.0)
     label = f"{n} simulated tool points"
     axes.plot(*(scale * points).T, ".", color=BLUE, ms=4, alpha=0.45, mew=0, rasterized=True, zorder=2, label=label)
     boundary = scale * ellipse.points(0.95)
@@ -183,7 +170,7 @@ def plot_cross_section(
         _band(axes, seen, B, scale, half)
     clearance_lines(axes, seen, B, scale, half)
     frame_target(axes, seen, B, half, unit, origin)
-    legend_beside(figure)
+    legend(figure, beside=True)
     return figure
 
 
@@ -207,78 +194,56 @@ def mark_origin(axes: Axes, label: str) -> None:
 
 def frame_target(axes: Axes, seen: TaskSpread, B: Array, half: float, unit: str, origin: str = "target") -> None:
     """The square about the target that is shown, with its axes named: one unit about a point without any spread."""
-    half = half or 1.0
-    names = [f"{axis_name(b, seen.direction)}, off the {origin} [{unit}]" for b in B]
-    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=names[0], ylabel=names[1])
+    square(axes, half or 1.0, *(f"{axis_name(b, seen.direction)}, off the {origin} [{unit}]" for b in B))
 
 
 def view_basis(spread: Spread, seen: TaskSpread) -> Array:
-    """What is looked at, (2, 3), rows orthonormal in the world frame."""
-    critical = seen.critical
-    basis: Array
+    """What is looked at, (2, 3), rows orthonormal in the world frame: across the direction where that is a plane, a line
+    and the direction where one axis counts, the plane of both longest axes, the plane of a planar arm."""
+    basis = seen.critical.basis
     if len(spread.basis) == 2:
-        basis = spread.basis
-    elif len(critical.basis) == 2:
-        basis = levelled(critical.basis)
-    elif len(critical.basis) == 1:
-        basis = np.array([levelled(seen.axes[:2])[0], seen.direction])
-    else:
-        basis = levelled(spread.axes[::-1][:2])
-    return basis
+        return np.asarray(spread.basis)
+    if len(basis) == 1:
+        return np.array([levelled(seen.axes[:2])[0], seen.direction])
+    return levelled(basis if len(basis) == 2 else spread.axes[::-1][:2])
 
 
 def _band(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
     """The 95 % interval of the one direction that counts, as a band through the plane. Its half width is ``1.960 σ``
     about the bias along that direction; an arrow near the edge shows the direction."""
     along = B @ seen.critical.basis[0]
+    side = np.array([-along[1], along[0]])
     centre = float(seen.critical.bias[0]) * scale
     width = coverage_factor(0.95, 1) * seen.critical.sigma_max * scale
-    strip = _strip(along, centre - width, centre + width, 3 * half)
+    ends, reach = (centre - width, centre + width), 3 * half * side
+    strip = np.array(
+        [ends[0] * along - reach, ends[1] * along - reach, ends[1] * along + reach, ends[0] * along + reach]
+    )
     name = {"across": "across the direction", "along": "along the direction"}.get(seen.critical.within, "")
     label = f"95 % interval {name}: \N{PLUS-MINUS SIGN}{length(width / scale)}"
     axes.fill(*strip.T, facecolor=ORANGE, alpha=0.18, edgecolor=ORANGE, lw=1, zorder=1, label=label)
-    aside = -0.88 * half * np.array([-along[1], along[0]])  # near the edge, where it hides no point
-    ends = (aside + along * 0.45 * half, aside - along * 0.45 * half)
-    axes.annotate("", *ends, zorder=7, arrowprops={"arrowstyle": "<|-|>", "color": "black", "lw": 2.0})
+    aside = -0.88 * half * side  # near the edge, where it hides no point
+    arrow = {"arrowstyle": "<|-|>", "color": "black", "lw": 2.0}
+    axes.annotate("", aside + along * 0.45 * half, aside - along * 0.45 * half, zorder=7, arrowprops=arrow)
     axes.plot([], [], color="black", lw=2.0, label="the direction that counts")
 
 
-def _strip(along: Array, low: float, high: float, reach: float) -> Array:
-    """(4, 2) corners of the band ``low ≤ along · y ≤ high``, as long as ``reach`` both ways."""
-    side = np.array([-along[1], along[0]])
-    return np.array([low * along - reach * side, high * along - reach * side, high * along + reach * side,
-                     low * along + reach * side])  # fmt: skip
-
-
 def clearance_lines(axes: Axes, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
-    """The clearance of the hole about the target: a circle, or two lines where one direction counts."""
-    clearance = seen.clearance
-    if math.isnan(clearance) or seen.critical.within == "all":
+    """The clearance of the hole about the target: a circle, or two lines where one direction counts; nothing without a
+    clearance, or where all directions count. The legend alone names one that is larger than the picture."""
+    if math.isnan(seen.clearance) or seen.critical.within == "all":
         return
-    r = clearance * scale
-    label = f"clearance {stated_length(clearance)}"
-    if len(seen.critical.covariance) == 1:
-        along = B @ seen.critical.basis[0]
-        side = np.array([-along[1], along[0]])
-        inside = r < half * (abs(along).sum())
-        for sign in (1, -1):
-            line = np.array([sign * r * along - 3 * half * side, sign * r * along + 3 * half * side])
-            axes.plot(
-                *line.T, "--", color=CLEARANCE_COLOUR, zorder=3, label=_seen(label, inside) if sign == 1 else None
-            )
+    r, one = seen.clearance * scale, len(seen.critical.covariance) == 1
+    along = B @ seen.critical.basis[0]
+    inside = r < half * abs(along).sum() if one else r < 1.41 * half
+    label = f"clearance {stated_length(seen.clearance)}" + " (outside the picture)" * (not inside)
+    look: Look = {"ls": "--", "color": CLEARANCE_COLOUR, "zorder": 3}
+    if one:
+        reach = 3 * half * np.array([-along[1], along[0]])
+        for sign, name in ((1, label), (-1, None)):
+            axes.plot(*np.array([sign * r * along - reach, sign * r * along + reach]).T, **look, label=name)
         return
     angle = np.linspace(0, 2 * math.pi, 181)
-    axes.plot(
-        r * np.cos(angle),
-        r * np.sin(angle),
-        "--",
-        color=CLEARANCE_COLOUR,
-        zorder=3,
-        label=_seen(label, r < 1.41 * half),
-    )
+    axes.plot(r * np.cos(angle), r * np.sin(angle), **look, label=label)
     axes.axhline(0, color=GREY, lw=0.6, zorder=0)
     axes.axvline(0, color=GREY, lw=0.6, zorder=0)
-
-
-def _seen(label: str, inside: bool) -> str:
-    return label if inside else f"{label} (outside the picture)"

@@ -21,7 +21,7 @@ from posture_opt.numerics import TURN, Array, rms
 from posture_opt.report.figures.cloud import decimals
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS
-from posture_opt.report.page.style import MODEL_DASHES, Look, legend_below, new_figure, styled
+from posture_opt.report.page.style import MODEL_DASHES, Look, legend, name_rows, new_axes, new_figure, styled
 from posture_opt.report.parts.diagnosis_tables import MODELS
 from posture_opt.report.text.words import p_value
 from posture_opt.units import number
@@ -87,8 +87,7 @@ def plot_scores(found: Diagnosis) -> Figure:
     rows, count = scored_rows(found)
     own = [row for row in rows if row.p_value is not None]
     others = rows[len(own) :]
-    figure = new_figure(1.3 + 0.22 * (len(rows) + 3))
-    axes = figure.add_subplot()
+    figure, axes = new_axes(1.3 + 0.22 * (len(rows) + 3))
     right = 1.04 * max([*(math.sqrt(row.evidence) for row in rows), 1.5])
     names: dict[int, str] = {}
     at = 0
@@ -113,14 +112,12 @@ def plot_scores(found: Diagnosis) -> Figure:
         f"significant beyond this line ({100 * FIRST_EFFECT_LEVEL:.1f} % by chance)", (1, at), xytext=(4, 0),
         textcoords="offset points", va="center", zorder=4,
     )  # fmt: skip
-    axes.set_yticks(list(names), list(names.values()))
+    name_rows(axes, names)
     axes.set(ylim=(at + 0.6, -0.7), xlim=(0, right))
     ticks = _spaced_ticks(right)
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
     axes.set_xlabel("evidence of each cause tested alone: log p-value over that of the dashed line")
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -210,7 +207,7 @@ def plot_errors(found: Diagnosis) -> Figure:
         ylabel="position error of held-out rows [mm]",
     )
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -249,7 +246,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     grid[-1].minorticks_off()
     grid[-1].set_xlabel("cycles per revolution of the joint")
     figure.suptitle("Share of the errors left that one sine wave in a joint's angle explains")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 

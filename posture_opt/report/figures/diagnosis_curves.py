@@ -20,7 +20,7 @@ from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import MEAN, draw_trend
 from posture_opt.report.page.colours import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.style import legend_below, new_figure, styled
+from posture_opt.report.page.style import legend, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def plot_curves(found: Diagnosis) -> Figure:
         axes.set_title(fill(_title(finding, line), 44))
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -204,7 +204,7 @@ def plot_left(found: Diagnosis) -> Figure:
     for spare in grid[len(moving) + 1 :]:
         spare.set_visible(False)
     figure.supylabel("error left, along the joint's own motion [mm]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 

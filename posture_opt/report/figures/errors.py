@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.numerics import Array, rms
 from posture_opt.report.figures.cloud import clearance_lines, decimals, frame_target, mark_origin, view_basis
 from posture_opt.report.page.colours import BLUE, GREEN, LIGHT, MODEL_COLOURS, ORANGE, PURPLE
-from posture_opt.report.page.style import MODEL_DASHES, Look, legend_below, legend_beside, new_figure, styled
+from posture_opt.report.page.style import MODEL_DASHES, Look, legend, new_axes, new_figure, styled
 from posture_opt.report.parts.model_tables import distinct_columns
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.statements.notation import length, length_unit
@@ -25,16 +23,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.comparison.predicted_error import PredictedError
 
 _MARGIN = 1.12
-
-
-@dataclass(frozen=True)
-class _Look:
-    """The line, the mark and the legend of one answer."""
-
-    label: str
-    colour: str
-    dashes: str
-    mark: str
 
 
 _LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, "-.", "D"), (PURPLE, ":", "^"))
@@ -58,9 +46,17 @@ def plot_comparison(found: Comparison) -> Figure:
         judge: {name: column.judged[judge].worst for name, column in columns.items() if judge in column.judged}
         for judge in found.judges
     }
-    half = _MARGIN * _half_width(found, panels, B)
+    extents = [_extent(predicted, B) for shown in panels.values() for predicted in shown.values()]
+    if not found.reference:
+        # Farther off than 30 times the largest own ellipse, only the legend states it.
+        own = max(_extent(column.judged[name].worst, B) for name, column in found.answered.items())
+        extents = [extent for extent in extents if extent <= 30.0 * own]
+    half = _MARGIN * max(extents)
     unit, scale = length_unit([half])
-    looks, figure = _looks(found), new_figure(5.0 if found.reference else 4.9)
+    figure = new_figure(5.0 if found.reference else 4.9)
+    looks = {name: (f"planned with {name}", *_LOOKS[k % len(_LOOKS)]) for k, name in enumerate(found.answers)}
+    if found.reference and set(found.answers) <= set(_MARKS):
+        looks = {n: (MODEL_NAMES[n], MODEL_COLOURS[n], MODEL_DASHES[n], _MARKS[n]) for n in found.answers}
     for axes, (judge, shown) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True):
         for name, predicted in shown.items():
             _draw(axes, predicted, B, (scale, half), looks[name])
@@ -69,27 +65,8 @@ def plot_comparison(found: Comparison) -> Figure:
         frame_target(axes, station.task_spread, B, half * scale, unit)
         if not found.reference:
             axes.set_title(f"predicted by {judge}")
-    (legend_beside if found.reference else legend_below)(figure)
+    legend(figure, beside=found.reference)
     return figure
-
-
-def _half_width(found: Comparison, panels: Mapping[str, Mapping[str, PredictedError]], B: Array) -> float:
-    """Half the width of the picture [m]: all ellipses of models of one arm; those of other arms that are not far."""
-    extents = [_extent(predicted, B) for shown in panels.values() for predicted in shown.values()]
-    if found.reference:
-        return max(extents)
-    own = max(_extent(column.judged[name].worst, B) for name, column in found.answered.items())
-    # Farther off than 30 times the largest own ellipse, only the legend states it.
-    return max(extent for extent in extents if extent <= 30.0 * own)
-
-
-def _looks(found: Comparison) -> dict[str, _Look]:
-    if found.reference and set(found.answers) <= set(_MARKS):
-        return {
-            name: _Look(MODEL_NAMES[name], MODEL_COLOURS[name], MODEL_DASHES[name], _MARKS[name])
-            for name in found.answers
-        }
-    return {name: _Look(f"planned with {name}", *_LOOKS[k % len(_LOOKS)]) for k, name in enumerate(found.answers)}
 
 
 def _region(predicted: PredictedError, B: Array) -> Ellipsoid:
@@ -102,23 +79,24 @@ def _extent(predicted: PredictedError, B: Array) -> float:
     return float(np.abs(_region(predicted, B).points(0.95)).max())
 
 
-def _draw(axes: Axes, predicted: PredictedError, B: Array, frame: tuple[float, float], look: _Look) -> None:
-    """One ellipse with its centre, ``frame`` the scale and half the width [m]; outside of it, its distance alone."""
-    scale, half = frame
+def _draw(
+    axes: Axes, predicted: PredictedError, B: Array, frame: tuple[float, float], look: tuple[str, str, Any, str]
+) -> None:
+    """One ellipse with its centre, ``frame`` the scale and half the width [m]; outside of it, its distance alone.
+    ``look`` is label, colour, dashes and mark."""
+    (scale, half), (label, colour, dashes, mark) = frame, look
     region = _region(predicted, B)
     if _extent(predicted, B) > _MARGIN * half:
-        label = f"{look.label}: {length(predicted.distance)} off, outside"
-        axes.plot([], [], look.mark, color=look.colour, label=label)
+        axes.plot([], [], mark, color=colour, label=f"{label}: {length(predicted.distance)} off, outside")
         return
     boundary = (scale * region.points(0.95)).T
     # An ellipse below 3 % of the picture hides behind the mark of its centre.
     large = float(np.ptp(boundary, axis=1).max()) > 0.03 * 2 * scale * half
-    label = f"{look.label}: 95 % ellipse"
-    axes.fill(*boundary, facecolor=look.colour, alpha=0.12, lw=0)
-    axes.plot(*boundary, color=look.colour, ls=look.dashes, label=label if large else None)
+    label = f"{label}: 95 % ellipse"
+    axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)
+    axes.plot(*boundary, color=colour, ls=dashes, label=label if large else None)
     hidden = None if large else f"{label} smaller than this mark"
-    centre = scale * region.center
-    axes.plot(*centre, look.mark, color=look.colour, ms=7, mec="white", ls="none", zorder=7, label=hidden)
+    axes.plot(*(scale * region.center), mark, color=colour, ms=7, mec="white", ls="none", zorder=7, label=hidden)
 
 
 _STAGE_LOOKS: tuple[Look, ...] = ({"color": ORANGE, "marker": "s"}, {"color": BLUE, "marker": "o"})
@@ -135,7 +113,7 @@ def plot_compensation(found: Compensation) -> Figure:
     axes.set_yscale("log")
     axes.margins(x=0.02, y=0.12)
     decimals(axes.yaxis)
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -147,7 +125,7 @@ def plot_recheck_rows(found: Recheck) -> Figure:
         sizes["with what changed"] = np.linalg.norm(found.errors_after, axis=1)
     figure, axes = _rows_figure(sizes, "row", "position error")
     axes.set_ylim(bottom=0)
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -157,8 +135,7 @@ def _rows_figure(sizes: dict[str, Array], rows: str, what: str, least: float | N
 
     among = [rms(size) for size in sizes.values()]
     unit, factor = length_unit(among)
-    figure = new_figure(3.8)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(3.8)
     shown = [factor * np.maximum(size, least or 0.0) for size in sizes.values()]
     number = np.arange(1, len(shown[0]) + 1)
     if least is not None:
@@ -177,8 +154,7 @@ def plot_recheck_changes(found: Recheck) -> Figure:
     changes = found.changes[:8]
     labels = ["unchanged", *(change.name for change in changes)]
     values = np.array([found.unchanged, *(c.probability for c in changes)])
-    figure = new_figure(0.35 * len(labels) + 1.2)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(0.35 * len(labels) + 1.2)
     axes.barh(np.arange(len(labels)), 100 * values, color=[LIGHT, *[BLUE] * len(changes)])
     axes.set(xlabel="probability [%]", xlim=(0, 100), yticks=range(len(labels)), yticklabels=labels)
     axes.invert_yaxis()

@@ -11,7 +11,7 @@ from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
 from posture_opt.report.figures.cloud import decimals
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, LIMIT_COLOUR, ORANGE
-from posture_opt.report.page.style import Look, legend_below, legend_beside, new_figure, styled
+from posture_opt.report.page.style import Look, legend, new_figure, styled
 from posture_opt.units import ERROR_UNITS
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
         names = [f"{'xyz'[k]} [mm]" for k in pair]
         axes.set(xlabel=names[0], ylabel=names[1], aspect="equal")
         axes.locator_params(nbins=6)
-    (legend_beside if len(pairs) == 1 else legend_below)(figure)
+    legend(figure, beside=len(pairs) == 1)
     return figure
 
 
@@ -81,7 +81,7 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
         axes.set_xlabel(f"expected standard error [{written}]")
         if number == 0:
             axes.set_title(_PARAMETER_TITLES[plan.purpose], loc="left")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 

@@ -14,7 +14,7 @@ from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, ORANGE, VERMILLION
-from posture_opt.report.page.style import Look, legend_below, legend_beside, new_figure, styled
+from posture_opt.report.page.style import Look, legend, new_figure, styled
 from posture_opt.report.text.words import line_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor, hotelling_factor
 from posture_opt.validation.prediction import ErrorSources
@@ -48,7 +48,7 @@ def plot_shape(shown: Shown) -> Figure:
         column[1].set_xlabel("normal quantile [std. dev.]")
     grid[0][0].set_ylabel("rows")
     grid[1][0].set_ylabel("measured [std. dev.]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -118,7 +118,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
         axes.set(xlabel=shown.error_label(pair[0]), ylabel=shown.error_label(pair[1]))
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.locator_params(nbins=5 if len(pairs) > 1 else 9)
-    (legend_beside if len(pairs) == 1 else legend_below)(figure)
+    legend(figure, beside=len(pairs) == 1)
     return figure
 
 
@@ -158,7 +158,7 @@ def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figur
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]")
         axes.locator_params(nbins=5)
-    (legend_beside if columns == 1 else legend_below)(figure)
+    legend(figure, beside=columns == 1)
     return figure
 
 

@@ -15,7 +15,7 @@ from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residuals import TITLES, chosen_rows, dots_look
 from posture_opt.report.page.colours import BLUE, GREEN, GREY, MODEL_COLOURS, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.style import Look, legend_below, new_figure, styled
+from posture_opt.report.page.style import Look, legend, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,7 +99,7 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
             axes.locator_params(axis="y", nbins=4)
         column[0].set_title(TITLES[name])
     figure.supylabel("error along the joint's own motion [mm]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -160,7 +160,7 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
         axes.set_ylabel("mean error [mm]")
     if sided:
         grid[-1][0].set_ylabel("mean error along\nthe joint's motion [mm]")
-    legend_below(figure)
+    legend(figure)
     return figure
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.cloud import critical_axis, with_letter
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION
-from posture_opt.report.page.style import label_of, legend_beside, new_figure, styled
+from posture_opt.report.page.style import label_of, legend, name_rows, new_axes, new_figure, styled
 from posture_opt.report.parts.task_parts import main_groups, named, others_words
 from posture_opt.report.text.words import PARTS
 from posture_opt.statements.notation import joint_unit, length_unit, percent
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt import Solution, Spread
-    from posture_opt.robot.robot import Joint
     from posture_opt.uncertainty.spread.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
@@ -50,19 +49,16 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
     if rest:
         names.append(others_words(rest))
         values.append(sum(s.share for s in rest))
-    figure = new_figure(0.75 + 0.28 * len(names))
-    axes = figure.add_subplot()
+    figure, axes = new_axes(0.75 + 0.28 * len(names))
     colours = [BLUE] * len(shown) + [LIGHT] * bool(rest)
     axes.barh(range(len(names)), [100 * v for v in values], color=colours, height=0.68)
     for k, value in enumerate(values):
         end = (100 * max(value, 0.0), k)
         axes.annotate(percent(value), end, xytext=(4, 0), textcoords="offset points", va="center")
-    axes.set_yticks(range(len(names)), names)
+    name_rows(axes, dict(enumerate(names)))
     axes.invert_yaxis()
     axes.set_xlim(min(0.0, 110 * min(values)), 113 * (max(values) or 1.0))
     axes.set_xlabel(f"share of the variance {along} [%]")
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
     return figure
 
 
@@ -70,17 +66,19 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
 def plot_joint_map(solution: Solution) -> Figure:
     """Largest standard deviation of the part that counts over both joint values; answer and optima marked. Of arms with
     two joints. Where the target is in a box, a line encloses the postures that reach it."""
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import MaxNLocator, MultipleLocator
 
     joints = solution.optimisation_problem.robot.joints
     assert len(joints) == 2, "a map has two axes"
     units = [joint_unit(joint.type) for joint in joints]
     factors = [factor for _, factor in units]
-    grid = [_values(joint) for joint in joints]
+    # More than a turn repeats itself, so one about zero does.
+    turns = [joint.type == "revolute" and joint.lower <= -math.pi and joint.upper >= math.pi for joint in joints]
+    ends = [(-math.pi, math.pi) if turn else (j.lower, j.upper) for turn, j in zip(turns, joints, strict=True)]
+    grid = [np.linspace(*end, _GRID_VALUES) for end in ends]
     sigma, position = _evaluate(solution, *np.meshgrid(*grid, indexing="ij"))
     unit, scale = length_unit([float(sigma.max())])
-    figure = new_figure(5.2)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(5.2)
     shown = [g * f for g, f in zip(grid, factors, strict=True)]
     mesh = axes.contourf(*shown, scale * sigma.T, levels=20, cmap=COLOUR_MAP)
     mesh.set_rasterized(True)  # as paths, hairlines show between the bands
@@ -92,16 +90,12 @@ def plot_joint_map(solution: Solution) -> Figure:
     names = [f"{joint.name} [{written}]" for joint, (written, _) in zip(joints, units, strict=True)]
     axes.set(xlabel=names[0], ylabel=names[1])
     axes.grid(visible=False)
-    _ticks(axes, joints, shown)
-    legend_beside(figure)
+    for axis, joint, values in zip((axes.xaxis, axes.yaxis), joints, shown, strict=True):
+        turn = float(np.ptp(values))
+        if joint.type == "revolute" and 170 <= turn <= 400:  # whole turns are divided by 45 or 60 degrees
+            axis.set_major_locator(MultipleLocator(45 if turn <= 190 else 60))
+    legend(figure, beside=True)
     return figure
-
-
-def _values(joint: Joint) -> Array:
-    """(181,) values over the range of a joint [rad or m]; more than a turn repeats itself, so one about zero does."""
-    if joint.type == "revolute" and joint.lower <= -math.pi and joint.upper >= math.pi:
-        return np.linspace(-math.pi, math.pi, _GRID_VALUES)
-    return np.linspace(joint.lower, joint.upper, _GRID_VALUES)
 
 
 def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
@@ -135,15 +129,6 @@ def _mark(axes: Axes, solution: Solution, shown: list[Array], position: Array, f
     best = np.array(solution.q) * factors
     axes.plot(*best[:, None], "*", color=ORANGE, mec="black", ms=17, clip_on=False, zorder=6, label="answer", ls="none")
     axes.spines[:].set_color(GREY)
-
-
-def _ticks(axes: Axes, joints: Sequence[Joint], shown: list[Array]) -> None:
-    from matplotlib.ticker import MultipleLocator
-
-    for axis, joint, values in zip((axes.xaxis, axes.yaxis), joints, shown, strict=True):
-        turn = float(np.ptp(values))
-        if joint.type == "revolute" and 170 <= turn <= 400:
-            axis.set_major_locator(MultipleLocator(45 if turn <= 190 else 60))
 
 
 _MIN_CORNER_COSINE = math.cos(math.radians(20.0))  # of the angle at a point up to which it is no corner
@@ -180,10 +165,15 @@ def _spread(axes: Axes, found: Solution) -> None:
     labels = [label_of(name) for name in names]
     axes.stackplot(way[every], heights, labels=labels, colors=colours, alpha=0.9, lw=0.8, edgecolor="white")
     axes.plot(way, factor * sigma, color="black", lw=1.4)
-    for k, corner in enumerate(_corners(found)):
+    along = np.diff(found.path.points, axis=0)
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    # Where the direction of travel turns at once, and with it what is across it, shares jump.
+    corners = np.flatnonzero(np.sum(along[:-1] * along[1:], axis=1) < _MIN_CORNER_COSINE) + 1
+    for k, corner in enumerate(corners.tolist()):
         label = None if k else "corner: another direction counts"
         axes.axvline(way[corner], color="black", lw=0.8, ls=":", zorder=3, label=label)
-    axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
+    listed = found.path.listed
+    axes.plot(way[listed], factor * sigma[listed], "o", color="black", ms=3.5, ls="none", label="listed points")
     worst = found.worst_index
     star: dict[str, Any] = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
     axes.plot(way[worst], factor * sigma[worst], "*", **star, label="worst")
@@ -191,18 +181,6 @@ def _spread(axes: Axes, found: Solution) -> None:
         axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
     axes.set_ylim(0.0, 1.12 * factor * float(sigma.max()))
     axes.set_ylabel(f"standard deviation across the path [{unit}]")
-
-
-def _corners(found: Solution) -> list[int]:
-    along = np.diff(found.path.points, axis=0)
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    turns = np.sum(along[:-1] * along[1:], axis=1) < _MIN_CORNER_COSINE
-    return (np.flatnonzero(turns) + 1).tolist()
-
-
-def _listed(found: Solution, way: Array, values: Array) -> tuple[Array, Array]:
-    """Way and value (k,) of the points that the problem file lists; further ones were inserted between them."""
-    return way[found.path.listed], values[found.path.listed]
 
 
 def _shares(found: Solution, points: Codes) -> tuple[list[str], Array]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.report.page.colours import BLUE, GREY, LIGHT, MODEL_COLOURS, VERMILLION
-from posture_opt.report.page.style import MODEL_DASHES, legend_below, legend_beside, new_figure, styled
+from posture_opt.report.page.style import MODEL_DASHES, legend, name_rows, new_axes, new_figure, styled
 from posture_opt.report.text.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import RELIABILITY_LEVELS
 
@@ -24,8 +24,7 @@ def plot_reliability(found: SpreadCheck) -> Figure:
     """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true. Below
     it errors are larger than predicted. The grey band is where 95 % of data sets would lie, were it true; the dots are
     at the 95 % region with the interval of the share."""
-    figure = new_figure(5.0)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(5.0)
     nominal = found.coverage["nominal"]
     true = "the file's spread true" if found.stated else "the instrument all there is"
     levels = 100 * np.array([0.0, *RELIABILITY_LEVELS, 1.0])
@@ -47,7 +46,7 @@ def plot_reliability(found: SpreadCheck) -> Figure:
     axes.set(xlim=(0, 101), ylim=(0, 101), aspect="equal")
     axes.set_xlabel(f"predicted: probability of the {region} [%] (dotted: 95 %)")
     axes.set_ylabel("measured: rows inside it [%]")
-    legend_beside(figure)
+    legend(figure, beside=True)
     return figure
 
 
@@ -73,7 +72,7 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     grid = figure.add_gridspec(len(panels), 1, height_ratios=[h + 0.8 for h in heights])
     for k, (part, unit, factor) in enumerate(panels):
         _bars(figure.add_subplot(grid[k]), part, unit, factor)
-    legend_below(figure)
+    legend(figure)
     return figure
 
 
@@ -104,7 +103,5 @@ def _bars(axes: Axes, rows: list[tuple[Any, ...]], unit: str, factor: float) -> 
         if stated > 0:
             label = "stated" if labels.pop("stated", 0) else None
             axes.plot(factor * stated, k, "D", color=VERMILLION, ms=6, mec="white", zorder=5, label=label)
-    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    name_rows(axes, {k: row[0] for k, row in enumerate(rows)})
     axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, edge), xlabel=f"standard deviation [{unit}]")
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)

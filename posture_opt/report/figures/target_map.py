@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.page.colours import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION
-from posture_opt.report.page.style import WIDTH, Look, legend_below, new_figure, styled
+from posture_opt.report.page.style import WIDTH, Look, legend, new_axes, new_figure, styled
 from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.selection.maps.map_collisions import SELF_COLLISION
 from posture_opt.statements.notation import length_unit
@@ -249,14 +249,13 @@ def finish(figure: Figure, panels: Sequence[tuple[Axes, int]], mesh: QuadMesh, l
     bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], aspect=25, ticks=MaxNLocator(7))
     bar.set_label(label)
     bar.outline.set_visible(False)
-    legend_below(figure)
+    legend(figure)
 
 
 def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     """Lengths (U,) [m] along a line of targets; stretches without a posture are hatched; ``values`` (U,) [m]."""
     unit, scale = length_unit([float(np.nanmax(values))])
-    figure = new_figure(3.8)
-    axes = figure.add_subplot()
+    figure, axes = new_axes(3.8)
     axes.plot(1e3 * grid.values[0], scale * values, "o-", ms=4, color=BLUE)
     (left, right), _ = edges_of(grid)
     step, nowhere = (right - left) / len(values), np.flatnonzero(~np.isfinite(values))
@@ -267,7 +266,7 @@ def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     axes.set(xlabel=f"{line_words(grid.axes[0])} [mm]", ylabel=f"{label} [{unit}]", xlim=(left, right))
     axes.set_ylim(bottom=0)
     if len(nowhere):
-        legend_below(figure)
+        legend(figure)
     return figure
 
 

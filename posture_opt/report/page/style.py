@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 from posture_opt.report.page.colours import GREY
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 P = ParamSpec("P")
@@ -30,7 +31,6 @@ WIDTH = 8.0
 """Of every figure [inch]: a page scales them all alike, so that their type comes out in one size."""
 FONT = 9.0
 """Of every text in a figure [pt]."""
-_LETTER_WIDTH_INCH = 0.56 * FONT / 72  # mean width of a letter [inch]
 
 STYLE: Look = {
     "font.family": "DejaVu Sans",  # travels with matplotlib
@@ -77,70 +77,48 @@ def in_style() -> Iterator[None]:
         yield
 
 
-def label_of(name: str) -> str:
-    """A name as a label: matplotlib leaves those out of legends that begin with an underscore."""
-    return f" {name}" if name.startswith("_") else name
-
-
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all."""
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with in_style():
-            return _settled(draw(*args, **kwargs))
+            figure = draw(*args, **kwargs)
+            # Twice, because ticks follow from the first; by the layout engine alone: drawing takes as long again.
+            for _ in range(2):
+                if engine := figure.get_layout_engine():
+                    engine.execute(figure)
+            figure.set_layout_engine("none")
+            return figure
 
     return drawn
 
 
-def _settled(figure: Figure) -> Figure:
-    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again."""
-    for _ in range(2):
-        if engine := figure.get_layout_engine():
-            engine.execute(figure)
-    figure.set_layout_engine("none")
-    return figure
+def label_of(name: str) -> str:
+    """A name as a label: matplotlib leaves those out of legends that begin with an underscore."""
+    return f" {name}" if name.startswith("_") else name
 
 
-def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
-    """One legend of all axes under them, each entry once, in as many columns as fit."""
-    entries = legend_entries(figure) if entries is None else entries
-    if not entries:
-        return
-    # A mark with its gaps is 0.55 inch wide.
-    column = 0.55 + _LETTER_WIDTH_INCH * max(map(len, entries))
-    columns = min(max(int((WIDTH - 0.3) / column), 1), len(entries))
-    rows = -(-len(entries) // columns)
-    figure.legend(
-        [_handle(h) for h in entries.values()],
-        list(entries),
-        loc="outside lower center",
-        ncols=-(-len(entries) // rows),
-    )
-
-
-def legend_beside(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
-    """One legend to the right of axes that are about as wide as high, long entries on several lines."""
-    entries = legend_entries(figure) if entries is None else entries
-    labels = [textwrap.fill(label, 34) for label in entries]
-    figure.legend([_handle(h) for h in entries.values()], labels, loc="outside right upper", labelspacing=0.9)
-
-
-def _handle(handle: Any) -> Any:
+def legend(figure: Figure, *, beside: bool = False) -> None:
+    """One legend of all axes, each entry once: under them in as many columns as fit, or beside square ones."""
     from matplotlib.lines import Line2D
 
-    if not isinstance(handle, Line2D) or handle.get_marker() != "." or handle.get_linestyle() != "None":
-        return handle
-    return Line2D([], [], ls="none", marker="o", ms=4.5, mew=0, color=handle.get_color())
-
-
-def legend_entries(figure: Figure) -> dict[str, Any]:
-    """Label -> handle of all that is labelled in any of the axes, once."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label.lstrip(), handle)
-    return found
+            # Dots that are small because they are many are large in the legend.
+            if isinstance(handle, Line2D) and handle.get_marker() == "." and handle.get_linestyle() == "None":
+                handle = Line2D([], [], ls="none", marker="o", ms=4.5, mew=0, color=handle.get_color())
+            entries.setdefault(label.lstrip(), handle)
+    handles = list(entries.values())
+    if beside:
+        labels = [textwrap.fill(label, 34) for label in entries]
+        figure.legend(handles, labels, loc="outside right upper", labelspacing=0.9)
+    elif entries:
+        # A mark with its gaps is 0.55 inch wide, a letter on the mean 0.56 times as wide as high.
+        column = 0.55 + 0.56 * FONT / 72 * max(map(len, entries))
+        rows = -(-len(entries) // min(max(int((WIDTH - 0.3) / column), 1), len(entries)))
+        figure.legend(handles, list(entries), loc="outside lower center", ncols=-(-len(entries) // rows))
 
 
 def image(figure: Figure, kind: str, dpi: int = DPI) -> bytes:
@@ -164,3 +142,21 @@ def _png_and_size(figure: Figure) -> tuple[bytes, dict[str, Any]]:
     """The picture, and how wide it is to be shown [pixels at 100 an inch]."""
     width, height = (round(100 * float(size)) for size in figure.get_size_inches())
     return image(figure, "png"), {"width": width, "height": height}
+
+
+def new_axes(height: float) -> tuple[Figure, Axes]:
+    """A new figure with one pair of axes."""
+    figure = new_figure(height)
+    return figure, figure.add_subplot()
+
+
+def square(axes: Axes, half: float, xlabel: str, ylabel: str) -> None:
+    """Axes about the origin, as far as ``half`` either way."""
+    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=xlabel, ylabel=ylabel)
+
+
+def name_rows(axes: Axes, names: Mapping[int, str]) -> None:
+    """The names of horizontal bars, without ticks and lines."""
+    axes.set_yticks(list(names), list(names.values()))
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
